@@ -10,7 +10,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::{Context, NoAnswer, Policy, Seen, planner::DOOR_WORDS, policy, random};
+use crate::{Context, NoAnswer, PerceivedItem, Policy, planner::DOOR_WORDS, policy, random};
 
 /// Fewest calls before it finishes.
 const LENGTH_MIN: usize = 10;
@@ -79,18 +79,18 @@ impl Explorer {
             _ => {}
         }
         self.old_numbers
-            .extend(context.seen.iter().filter_map(|thing| thing.marker));
-        let objects = || context.seen.iter().filter(|thing| !thing.furniture);
+            .extend(context.perceived.iter().filter_map(|thing| thing.marker));
+        let objects = || context.perceived.iter().filter(|thing| !thing.furniture);
         self.laden
             .extend(objects().filter_map(|thing| thing.receptacle_hint.clone()));
         self.categories
-            .extend(context.seen.iter().map(|thing| thing.category.clone()));
+            .extend(context.perceived.iter().map(|thing| thing.category.clone()));
     }
 
     /// Chooses by weights that make episodes in which much happens: what is possible is likely, the
     /// rest is tried too.
     fn choose_deed(&mut self, context: &Context<'_>) -> Deed {
-        let any = |fits: fn(&Seen) -> bool| context.seen.iter().any(fits);
+        let any = |fits: fn(&PerceivedItem) -> bool| context.perceived.iter().any(fits);
         let objects = any(|thing| !thing.furniture && thing.marker.is_some());
         let unmarked = any(|thing| !thing.furniture && thing.marker.is_none());
         let furniture = any(|thing| thing.furniture && thing.marker.is_some());
@@ -129,7 +129,7 @@ impl Explorer {
     fn call(&mut self, deed: Deed, context: &Context<'_>) -> ToolCall {
         let numbered = |furniture: bool| {
             context
-                .seen
+                .perceived
                 .iter()
                 .filter(move |thing| thing.furniture == furniture)
         };
@@ -141,7 +141,7 @@ impl Explorer {
             },
             Deed::ShowReceptacles => Tool::ShowReceptacles,
             Deed::Gaze => Tool::GazeAt {
-                marker: self.number(context.seen.iter().collect()),
+                marker: self.number(context.perceived.iter().collect()),
             },
             Deed::Pick => Tool::Pick {
                 marker: self.number(numbered(false).collect()),
@@ -194,7 +194,7 @@ impl Explorer {
     /// A category in view, one it saw before, or a word of the instruction.
     fn category(&mut self, context: &Context<'_>) -> String {
         let in_view = context
-            .seen
+            .perceived
             .iter()
             .filter(|thing| !thing.furniture)
             .map(|thing| thing.category.clone());
@@ -217,7 +217,7 @@ impl Explorer {
     }
 
     /// The number of one of these things; now and then another one.
-    fn number(&mut self, things: Vec<&Seen>) -> u32 {
+    fn number(&mut self, things: Vec<&PerceivedItem>) -> u32 {
         let numbers: Vec<u32> = things.iter().filter_map(|thing| thing.marker).collect();
         if numbers.is_empty() || random::below(&mut self.rng, ODD_NUMBER_EVERY) == 0 {
             let old: Vec<u32> = self.old_numbers.iter().copied().chain([0, 97]).collect();
@@ -229,8 +229,8 @@ impl Explorer {
     }
 
     /// The number of a thing that looks as if it had a door, most of the time.
-    fn door(&mut self, things: Vec<&Seen>) -> u32 {
-        let doors: Vec<&Seen> = things
+    fn door(&mut self, things: Vec<&PerceivedItem>) -> u32 {
+        let doors: Vec<&PerceivedItem> = things
             .iter()
             .filter(|thing| has_door(&thing.category))
             .copied()
@@ -310,7 +310,7 @@ impl Policy for Explorer {
             },
             _ => call,
         };
-        Ok(StepInput::bare(call))
+        Ok(StepInput::from_call(call))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {

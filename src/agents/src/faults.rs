@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::{
     Context, NoAnswer, Policy,
-    oracle::{Habits, Oracle},
+    oracle::{Oracle, OracleOptions},
     policy, random,
 };
 
@@ -22,7 +22,7 @@ use crate::{
 /// the source; where there is none it goes to the destination with empty hands.
 pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
     let mut rng = random::stream(seed, "wrong-object", 0);
-    let dest = task.goal.place_of(&task.target);
+    let dest = task.goal.receptacle_of(&task.target);
     let others: Vec<&ObjectInstance> = task
         .objects
         .iter()
@@ -49,7 +49,7 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
         Some(object) => Oracle::faulty(
             "wrong-object",
             Arc::new(mistaken_task(task, Some(object), None)),
-            Habits::default(),
+            OracleOptions::default(),
             seed,
         ),
         None => {
@@ -62,9 +62,9 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
             Oracle::faulty(
                 "wrong-object",
                 task.clone(),
-                Habits {
+                OracleOptions {
                     replans: false,
-                    ..Habits::default()
+                    ..OracleOptions::default()
                 },
                 seed,
             )
@@ -78,7 +78,7 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
 pub fn wrong_receptacle(task: &Arc<Task>, scene: &Scene, seed: u64) -> Oracle {
     let mut rng = random::stream(seed, "wrong-receptacle", 0);
     let start = &task.target_object().receptacle;
-    let right = task.goal.place_of(&task.target).unwrap_or(&task.dest);
+    let right = task.goal.receptacle_of(&task.target).unwrap_or(&task.dest);
     let category = scene
         .receptacle(right)
         .map(|receptacle| &receptacle.category);
@@ -107,7 +107,7 @@ pub fn wrong_receptacle(task: &Arc<Task>, scene: &Scene, seed: u64) -> Oracle {
     Oracle::faulty(
         "wrong-receptacle",
         Arc::new(mistaken_task(task, None, wrong)),
-        Habits::default(),
+        OracleOptions::default(),
         seed,
     )
 }
@@ -115,10 +115,10 @@ pub fn wrong_receptacle(task: &Arc<Task>, scene: &Scene, seed: u64) -> Oracle {
 /// Never asks: in a fuzzy task it takes any object that fits the instruction. In the others it does
 /// not probe before it searches.
 pub fn no_ask(task: &Arc<Task>, seed: u64) -> Oracle {
-    let habits = Habits {
+    let habits = OracleOptions {
         asks: false,
         probes_first: task.fuzzy,
-        ..Habits::default()
+        ..OracleOptions::default()
     };
     if !task.fuzzy {
         return Oracle::faulty("no-ask", task.clone(), habits, seed);
@@ -142,9 +142,9 @@ pub fn forgets_door(task: &Arc<Task>, seed: u64) -> Oracle {
     Oracle::faulty(
         "forgets-door",
         task.clone(),
-        Habits {
+        OracleOptions {
             minds_doors: false,
-            ..Habits::default()
+            ..OracleOptions::default()
         },
         seed,
     )
@@ -161,7 +161,7 @@ pub fn mistaken_task(
     let target = task.target_object();
     let right = task
         .goal
-        .place_of(&task.target)
+        .receptacle_of(&task.target)
         .unwrap_or(&task.dest)
         .clone();
     believed.goal.remove(&right, &task.target);
@@ -248,7 +248,7 @@ impl Policy for Oscillating {
         let turn = self.turns.map_or(0, |turn| turn + 1);
         self.turns = Some(turn);
         let receptacle = self.between[turn % 2].clone();
-        Ok(StepInput::bare(Tool::NavTo { receptacle }.to_call()))
+        Ok(StepInput::from_call(Tool::NavTo { receptacle }.to_call()))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
@@ -344,7 +344,7 @@ impl Policy for Gibberish {
         }
         self.talking_nonsense = random::below(&mut self.rng, 4) == 0;
         if self.talking_nonsense {
-            return Ok(StepInput::bare(self.nonsense(context)));
+            return Ok(StepInput::from_call(self.nonsense(context)));
         }
         let observation = self.kept.as_ref().unwrap_or(context.observation);
         self.oracle.act(&Context {
@@ -356,7 +356,7 @@ impl Policy for Gibberish {
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
         self.old_markers.extend(
             context
-                .seen
+                .perceived
                 .iter()
                 .filter(|thing| !thing.furniture)
                 .filter_map(|thing| thing.marker),

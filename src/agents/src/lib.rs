@@ -28,14 +28,14 @@ pub use injection::{
     Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions,
     Unfit, admitted, cluttered, paper_mix, sample,
 };
-pub use oracle::{Habits, Oracle};
-pub use outside::{Asked, Matcher, NoAnswer, Outside, User};
+pub use oracle::{Oracle, OracleOptions};
+pub use outside::{Matcher, NoAnswer, Responders, User, UserQuestion};
 pub use planner::{GoalHint, Planner};
-pub use policy::{Context, POLICIES, Policy, Seen, policy};
+pub use policy::{Context, POLICIES, PerceivedItem, Policy, policy};
 pub use record::{RecordTo, TraceSink};
-pub use runner::{EpisodeReport, Job, Seats, builtin, run_all, run_episode, run_injected};
-pub use running::{Running, retrace};
-pub use sink::{NoSink, Recorded, Sink, SinkError};
+pub use runner::{EpisodeReport, Job, Participants, builtin, run_all, run_episode, run_injected};
+pub use running::{RunningEpisode, retrace};
+pub use sink::{NoSink, RecordedTrace, Sink, SinkError};
 
 /// What can go wrong around an episode; never what goes wrong in it, which is feedback for the
 /// policy.
@@ -69,7 +69,7 @@ pub enum AgentError {
     },
     /// The task does not admit what shall go wrong.
     #[error("task {task}: this cannot go wrong there")]
-    Unfit {
+    Injection {
         /// The task.
         task: String,
         /// Why.

@@ -16,7 +16,7 @@ use reel_world::{
 };
 use serde_json::Value;
 
-use crate::{Context, NoAnswer, Policy, Seen, narration::Narration, policy, random};
+use crate::{Context, NoAnswer, PerceivedItem, Policy, narration::Narration, policy, random};
 
 /// Failed calls after which it gives up: a replanned pick and place may each fail twice.
 const FAILURES_MAX: u32 = 5;
@@ -25,7 +25,7 @@ const SLACK: u32 = 4;
 
 /// What the oracle does well; a faulty policy lacks one of them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Habits {
+pub struct OracleOptions {
     /// Probes with `show_object_by_category` before the first search.
     pub probes_first: bool,
     /// Asks once when the instruction is underspecified.
@@ -36,7 +36,7 @@ pub struct Habits {
     pub replans: bool,
 }
 
-impl Default for Habits {
+impl Default for OracleOptions {
     fn default() -> Self {
         Self {
             probes_first: true,
@@ -54,7 +54,7 @@ pub struct Oracle {
     seed: u64,
     /// The task as it believes it to be.
     task: Arc<Task>,
-    habits: Habits,
+    habits: OracleOptions,
     rng: ChaCha8Rng,
     intents: VecDeque<Intent>,
     started: bool,
@@ -92,11 +92,11 @@ enum Search {
 impl Oracle {
     /// An oracle for a task. `seed` shuffles the candidates of a search.
     pub fn new(task: Arc<Task>, seed: u64) -> Self {
-        Self::faulty("oracle", task, Habits::default(), seed)
+        Self::faulty("oracle", task, OracleOptions::default(), seed)
     }
 
     /// An oracle that takes a task for another one or lacks a habit.
-    pub fn faulty(name: &'static str, task: Arc<Task>, habits: Habits, seed: u64) -> Self {
+    pub fn faulty(name: &'static str, task: Arc<Task>, habits: OracleOptions, seed: u64) -> Self {
         let task = if habits.minds_doors {
             task
         } else {
@@ -224,7 +224,7 @@ impl Oracle {
                 let place = self
                     .task
                     .goal
-                    .place_of(&self.task.target)
+                    .receptacle_of(&self.task.target)
                     .map_or("the destination", ReceptacleId::as_str);
                 self.give_up(format!("nothing can be placed on {place}"));
             }
@@ -429,7 +429,7 @@ impl Oracle {
         }
         self.asked = true;
         Some(Tool::Ask {
-            question: question(context.seen, self.task.purpose.as_deref()),
+            question: question(context.perceived, self.task.purpose.as_deref()),
         })
     }
 
@@ -531,7 +531,7 @@ impl Policy for Oracle {
         let output = self
             .narration
             .tell(&tool, &self.intents, context.observation);
-        Ok(StepInput::said(tool.to_call(), output))
+        Ok(StepInput::with_policy_output(tool.to_call(), output))
     }
 
     /// It comes in when something was done already, and plans from what it finds.
@@ -555,7 +555,7 @@ impl Policy for Oracle {
 }
 
 /// A question that names what was seen, in the words one sees it by.
-pub(crate) fn question(seen: &[Seen], purpose: Option<&str>) -> String {
+pub(crate) fn question(seen: &[PerceivedItem], purpose: Option<&str>) -> String {
     let things = seen.iter().filter(|thing| !thing.furniture);
     which(
         things.map(|thing| thing.caption.as_deref().unwrap_or(&thing.category)),
@@ -566,9 +566,9 @@ pub(crate) fn question(seen: &[Seen], purpose: Option<&str>) -> String {
 fn objects_here<'a>(
     context: &'a Context<'_>,
     truth: &'a Privileged<'_>,
-) -> impl Iterator<Item = &'a Seen> {
+) -> impl Iterator<Item = &'a PerceivedItem> {
     context
-        .seen
+        .perceived
         .iter()
         .filter(|thing| !thing.furniture && thing.receptacle_hint.as_ref() == truth.landmark)
 }

@@ -28,13 +28,13 @@ pub trait User {
     ///
     /// # Errors
     /// When it cannot be reached.
-    fn answer(&mut self, asked: &Asked<'_>) -> Result<UserReply, NoAnswer>;
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer>;
 }
 
 /// A question, and what a user knows of the world when it is asked (SPEC section 3): never a pose,
 /// never a picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct UserQuestion<'a> {
     /// The question.
     pub question: &'a str,
     /// The task, goal included: it is the user's.
@@ -49,7 +49,7 @@ pub struct Asked<'a> {
     pub seen_at_start: &'a [InstanceId],
 }
 
-impl Asked<'_> {
+impl UserQuestion<'_> {
     /// What the robot sees now: in the picture, or told in words.
     pub fn sees(&self) -> Vec<&InstanceId> {
         match self.steps.last() {
@@ -85,7 +85,7 @@ pub trait Matcher {
 
 /// Who answers from outside. Without a user the rules answer, without a matcher the vocabulary.
 #[derive(Default)]
-pub struct Outside {
+pub struct Responders {
     /// Answers `ask`.
     pub user: Option<Box<dyn User + Send>>,
     /// Says what `show_object_by_category` shall look for.
@@ -112,7 +112,7 @@ pub(crate) fn broken_rules(
         .filter_map(|(index, step)| Some((index, step.input.user_reply.as_ref()?)));
     let broken = replies.flat_map(|(index, reply)| {
         let (initial, steps) = (&start.graphs.physics, &steps[..index]);
-        let asked = Asked {
+        let asked = UserQuestion {
             question: "",
             task,
             scene,

@@ -8,17 +8,22 @@ use reel_world::{
     record::{Marker, MarkerTarget, StartRecord, StepRecord},
 };
 
-use crate::Seen;
+use crate::PerceivedItem;
 
 /// What is in view before the first decision.
-pub fn at_start(task: &Task, scene: &Scene, start: &StartRecord) -> Vec<Seen> {
+pub fn at_start(task: &Task, scene: &Scene, start: &StartRecord) -> Vec<PerceivedItem> {
     let visible: Vec<&InstanceId> = start.visible.iter().map(|object| &object.object).collect();
     see(task, scene, &start.graphs.physics, &[], &visible)
 }
 
 /// What is in view, numbered or told of after a step; `graph` is where physics says the objects
 /// are.
-pub fn after_step(task: &Task, scene: &Scene, graph: &WorldGraph, step: &StepRecord) -> Vec<Seen> {
+pub fn after_step(
+    task: &Task,
+    scene: &Scene,
+    graph: &WorldGraph,
+    step: &StepRecord,
+) -> Vec<PerceivedItem> {
     let objects: Vec<&InstanceId> = step
         .visible
         .iter()
@@ -34,7 +39,7 @@ fn see(
     graph: &WorldGraph,
     markers: &[Marker],
     objects: &[&InstanceId],
-) -> Vec<Seen> {
+) -> Vec<PerceivedItem> {
     let mut seen = Vec::new();
     let mut numbered = BTreeSet::new();
     for marker in markers {
@@ -59,16 +64,21 @@ fn see(
     seen
 }
 
-fn object(task: &Task, graph: &WorldGraph, id: &InstanceId, marker: Option<u32>) -> Option<Seen> {
+fn object(
+    task: &Task,
+    graph: &WorldGraph,
+    id: &InstanceId,
+    marker: Option<u32>,
+) -> Option<PerceivedItem> {
     let known = task.object(id)?;
-    Some(Seen {
+    Some(PerceivedItem {
         marker,
         furniture: false,
         category: known.category.clone(),
         caption: known.caption.clone(),
         attributes: known.attributes.clone(),
-        receptacle_hint: graph.place_of(id).cloned(),
-        thing: task
+        receptacle_hint: graph.receptacle_of(id).cloned(),
+        object: task
             .objects
             .iter()
             .position(|object| object.instance == *id)
@@ -76,14 +86,14 @@ fn object(task: &Task, graph: &WorldGraph, id: &InstanceId, marker: Option<u32>)
     })
 }
 
-fn receptacle(task: &Task, scene: &Scene, id: &ReceptacleId, marker: u32) -> Option<Seen> {
+fn receptacle(task: &Task, scene: &Scene, id: &ReceptacleId, marker: u32) -> Option<PerceivedItem> {
     let known = scene.receptacle(id)?;
     let instruction = task.instruction.to_lowercase();
     let told = known
         .captions
         .keys()
         .find(|caption| instruction.contains(&caption.to_lowercase()));
-    Some(Seen {
+    Some(PerceivedItem {
         marker: Some(marker),
         furniture: true,
         category: known.category.clone(),
@@ -93,7 +103,7 @@ fn receptacle(task: &Task, scene: &Scene, id: &ReceptacleId, marker: u32) -> Opt
             .map(str::to_owned),
         attributes: Attributes::new(),
         receptacle_hint: Some(id.clone()),
-        thing: None,
+        object: None,
     })
 }
 

@@ -4,13 +4,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::plan::{Belief, Deed, Errand, Move, Objection, Thing, View};
+use crate::plan::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, View};
 use reel_world::{
     ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{Context, NoAnswer, Policy, Seen, oracle::question, policy};
+use crate::{Context, NoAnswer, PerceivedItem, Policy, oracle::question, policy};
 
 /// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
@@ -36,7 +36,7 @@ pub struct GoalHint {
     pub caption: Option<String>,
     /// Where it may stand and may have to go, in identifier order, and which of these the words
     /// mean.
-    pub errand: Errand,
+    pub goal: DeliveryGoal,
 }
 
 impl GoalHint {
@@ -46,15 +46,18 @@ impl GoalHint {
             let all: BTreeSet<ReceptacleId> = others.iter().chain([one]).cloned().collect();
             all.into_iter().collect::<Vec<_>>()
         };
-        let mut moved: Vec<_> = task.moved().collect();
+        let mut moved: Vec<_> = task.goal_objects().collect();
         moved.sort_by_key(|object| object.instance != task.target);
         let hint = |object: &&ObjectInstance| {
             let is_target = object.instance == task.target;
-            let to = task.goal.place_of(&object.instance).unwrap_or(&task.dest);
+            let to = task
+                .goal
+                .receptacle_of(&object.instance)
+                .unwrap_or(&task.dest);
             let purpose = task.purpose.clone().filter(|_| task.fuzzy && is_target);
             GoalHint {
                 caption: object.caption.clone().filter(|_| purpose.is_none()),
-                errand: Errand {
+                goal: DeliveryGoal {
                     sources: sorted(
                         &object.receptacle,
                         if is_target {
@@ -84,20 +87,20 @@ impl GoalHint {
     /// The same for one who knows which receptacles are meant.
     #[must_use]
     pub fn in_hindsight(&self) -> GoalHint {
-        let errand = Errand {
-            sources: vec![self.errand.source.clone()],
-            destinations: vec![self.errand.destination.clone()],
-            ..self.errand.clone()
+        let errand = DeliveryGoal {
+            sources: vec![self.goal.source.clone()],
+            destinations: vec![self.goal.destination.clone()],
+            ..self.goal.clone()
         };
         GoalHint {
-            errand,
+            goal: errand,
             ..self.clone()
         }
     }
 
     /// Whether the instruction may mean a thing that looks like this.
-    fn fits(&self, seen: &Seen, instruction: &str) -> bool {
-        match self.errand.vague {
+    fn fits(&self, seen: &PerceivedItem, instruction: &str) -> bool {
+        match self.goal.vague {
             false => {
                 seen.category == self.category
                     && (self.caption.is_none() || seen.caption == self.caption)
@@ -120,7 +123,7 @@ pub struct Planner {
     /// What it knows; none before it saw anything.
     belief: Option<Belief>,
     /// How the things look that it saw.
-    looks: BTreeMap<Thing, Seen>,
+    looks: BTreeMap<ObjectIndex, PerceivedItem>,
     replies: Vec<String>,
     failures: u32,
     /// The last call, if it was one of a tool, and what was in view when it was made.
@@ -130,7 +133,7 @@ pub struct Planner {
 #[derive(Debug)]
 struct Last {
     tool: Option<Tool>,
-    seen: Vec<Seen>,
+    seen: Vec<PerceivedItem>,
     /// Whether it made the call itself.
     own: bool,
 }
@@ -162,8 +165,8 @@ impl Planner {
         {
             self.replies.push(context.observation.text.clone());
         }
-        for seen in context.seen {
-            if let Some(thing) = seen.thing {
+        for seen in context.perceived {
+            if let Some(thing) = seen.object {
                 self.looks.insert(thing, seen.clone());
             }
         }
@@ -191,16 +194,19 @@ impl Planner {
     /// The call it would make now.
     pub fn advice(&mut self, context: &Context<'_>) -> Tool {
         let next = self.belief(context).next();
-        let number = |is_it: &dyn Fn(&Seen) -> bool| {
+        let number = |is_it: &dyn Fn(&PerceivedItem) -> bool| {
             context
-                .seen
+                .perceived
                 .iter()
                 .filter(|seen| is_it(seen))
                 .find_map(|seen| seen.marker)
         };
-        let of_thing = |thing: Thing| number(&|seen: &Seen| seen.thing == Some(thing));
+        let of_thing =
+            |thing: ObjectIndex| number(&|seen: &PerceivedItem| seen.object == Some(thing));
         let of_place = |id: &ReceptacleId| {
-            number(&|seen: &Seen| seen.furniture && seen.receptacle_hint.as_ref() == Some(id))
+            number(&|seen: &PerceivedItem| {
+                seen.furniture && seen.receptacle_hint.as_ref() == Some(id)
+            })
         };
         let tool = match &next {
             Move::NavTo(receptacle) => Some(Tool::NavTo {
@@ -222,7 +228,7 @@ impl Planner {
             Move::Ask(errand) => {
                 let category = self.hints.get(*errand).map(|hint| hint.category.as_str());
                 Some(Tool::Ask {
-                    question: question(context.seen, category),
+                    question: question(context.perceived, category),
                 })
             }
             Move::Finish(_) => None,
@@ -233,7 +239,7 @@ impl Planner {
 
     /// What speaks against a call that somebody else makes now.
     pub fn objection(&mut self, context: &Context<'_>, call: &ToolCall) -> Option<Objection> {
-        let seen = context.seen;
+        let seen = context.perceived;
         let made = match Tool::parse(call).ok()? {
             Tool::NavTo { receptacle } => Move::NavTo(receptacle),
             Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
@@ -256,11 +262,11 @@ impl Planner {
             .receptacles
             .iter()
             .filter(|(_, category, _)| has_door(category));
-        let errands = self.hints.iter().map(|hint| hint.errand.clone()).collect();
+        let errands = self.hints.iter().map(|hint| hint.goal.clone()).collect();
         Belief::new(errands, doors.map(|(id, ..)| id.clone()).collect())
     }
 
-    fn fits(&self, seen: &Seen, context: &Context<'_>) -> Vec<bool> {
+    fn fits(&self, seen: &PerceivedItem, context: &Context<'_>) -> Vec<bool> {
         let object = seen.described();
         // What an answer names is meant, whatever one took the instruction to mean.
         let mut named = self
@@ -274,7 +280,7 @@ impl Planner {
             .then(|| named.all(|reply| language::fits(reply, &object, None)));
         let instruction = &context.briefing.instruction;
         let fits = |hint: &GoalHint| {
-            told.filter(|_| hint.errand.vague)
+            told.filter(|_| hint.goal.vague)
                 .unwrap_or_else(|| hint.fits(seen, instruction))
         };
         self.hints.iter().map(fits).collect()
@@ -282,14 +288,14 @@ impl Planner {
 
     fn view(&self, context: &Context<'_>) -> View {
         let mut view = View::default();
-        for seen in context.seen {
+        for seen in context.perceived {
             let place = seen
                 .receptacle_hint
                 .clone()
                 .filter(|place| place.as_str() != FLOOR);
-            match (seen.thing, place) {
+            match (seen.object, place) {
                 (Some(thing), place) => {
-                    view.things.push((thing, place, self.fits(seen, context)));
+                    view.objects.push((thing, place, self.fits(seen, context)));
                     view.numbered.extend(seen.marker.map(|_| thing));
                 }
                 (None, Some(place)) if seen.marker.is_some() => _ = view.receptacles.insert(place),
@@ -305,56 +311,58 @@ impl Planner {
         tool: &Tool,
         at: Option<ReceptacleId>,
         context: &Context<'_>,
-        seen: &[Seen],
-    ) -> Vec<Deed> {
+        seen: &[PerceivedItem],
+    ) -> Vec<CallEffect> {
         let (thing, place) = (
             |marker: &u32| thing_at(seen, *marker),
             |marker: &u32| place_at(seen, *marker),
         );
         let deed = match (tool, context.observation.error) {
-            (Tool::NavTo { receptacle }, None) => Some(Deed::NavTo(receptacle.clone())),
-            (Tool::NavTo { receptacle }, Some(_)) => Some(Deed::Useless(receptacle.clone())),
+            (Tool::NavTo { receptacle }, None) => Some(CallEffect::NavTo(receptacle.clone())),
+            (Tool::NavTo { receptacle }, Some(_)) => Some(CallEffect::Useless(receptacle.clone())),
             (Tool::ShowReceptacles, error) => {
-                let is_here = |seen: &Seen| seen.furniture && seen.receptacle_hint == at;
+                let is_here = |seen: &PerceivedItem| seen.furniture && seen.receptacle_hint == at;
                 let unseen = at
                     .clone()
-                    .filter(|_| !context.seen.iter().any(is_here))
-                    .map(Deed::Useless);
+                    .filter(|_| !context.perceived.iter().any(is_here))
+                    .map(CallEffect::Useless);
                 return error
                     .is_none()
-                    .then_some(Deed::ShowReceptacles)
+                    .then_some(CallEffect::ShowReceptacles)
                     .into_iter()
                     .chain(unseen)
                     .collect();
             }
             (Tool::ShowObjectByCategory { .. }, None | Some(ErrorCode::NothingFound)) => {
-                Some(Deed::Find)
+                Some(CallEffect::Find)
             }
-            (Tool::WalkAround, None | Some(ErrorCode::NothingFound)) => Some(Deed::WalkAround),
+            (Tool::WalkAround, None | Some(ErrorCode::NothingFound)) => {
+                Some(CallEffect::WalkAround)
+            }
             (Tool::GazeAt { marker }, None) => thing(marker)
-                .map(Deed::Gaze)
-                .or_else(|| place(marker).map(Deed::NavTo)),
+                .map(CallEffect::Gaze)
+                .or_else(|| place(marker).map(CallEffect::NavTo)),
             // It may be in reach all the same.
             (Tool::GazeAt { marker }, Some(ErrorCode::NoViewpoint)) => {
-                thing(marker).map(Deed::Gaze)
+                thing(marker).map(CallEffect::Gaze)
             }
-            (Tool::Pick { marker }, None) => thing(marker).map(Deed::Pick),
+            (Tool::Pick { marker }, None) => thing(marker).map(CallEffect::Pick),
             (Tool::Pick { marker }, Some(ErrorCode::MarkerNotInView | ErrorCode::OutOfReach)) => {
-                thing(marker).map(Deed::Lost)
+                thing(marker).map(CallEffect::Lost)
             }
-            (Tool::Place { marker }, None) => place(marker).map(Deed::Place),
+            (Tool::Place { marker }, None) => place(marker).map(CallEffect::Place),
             (Tool::Place { marker }, Some(ErrorCode::DoorClosed)) => {
-                place(marker).map(Deed::DoorClosed)
+                place(marker).map(CallEffect::DoorClosed)
             }
             (Tool::Place { marker }, Some(ErrorCode::NotASurface)) => {
-                place(marker).map(Deed::Useless)
+                place(marker).map(CallEffect::Useless)
             }
-            (Tool::Open { marker }, None) => place(marker).map(Deed::Open),
-            (Tool::Close { marker }, None) => place(marker).map(Deed::Close),
+            (Tool::Open { marker }, None) => place(marker).map(CallEffect::Open),
+            (Tool::Close { marker }, None) => place(marker).map(CallEffect::Close),
             (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => {
-                place(marker).map(Deed::NoDoor)
+                place(marker).map(CallEffect::NoDoor)
             }
-            (Tool::Ask { .. }, None) => Some(Deed::Ask(names_it(&context.observation.text))),
+            (Tool::Ask { .. }, None) => Some(CallEffect::Ask(names_it(&context.observation.text))),
             _ => None,
         };
         deed.into_iter().collect()
@@ -363,19 +371,19 @@ impl Planner {
     fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
         self.last = Some(Last {
             tool,
-            seen: context.seen.to_vec(),
+            seen: context.perceived.to_vec(),
             own,
         });
     }
 }
 
 /// The thing with that number.
-fn thing_at(seen: &[Seen], marker: u32) -> Option<Thing> {
-    seen.iter().find(|seen| seen.marker == Some(marker))?.thing
+fn thing_at(seen: &[PerceivedItem], marker: u32) -> Option<ObjectIndex> {
+    seen.iter().find(|seen| seen.marker == Some(marker))?.object
 }
 
 /// The receptacle with that number.
-fn place_at(seen: &[Seen], marker: u32) -> Option<ReceptacleId> {
+fn place_at(seen: &[PerceivedItem], marker: u32) -> Option<ReceptacleId> {
     seen.iter()
         .find(|seen| seen.marker == Some(marker) && seen.furniture)?
         .receptacle_hint
@@ -401,7 +409,7 @@ impl Policy for Planner {
         let tool = self.advice(context);
         let call = tool.to_call();
         self.remember(Some(tool), context, true);
-        Ok(StepInput::bare(call))
+        Ok(StepInput::from_call(call))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::plan::Thing;
+use crate::plan::ObjectIndex;
 use reel_episode::{Briefing, Observation, Privileged};
 use reel_world::{
     Attributes, ObjectInstance, ReceptacleId, Scene, Task,
@@ -45,7 +45,7 @@ pub struct Context<'a> {
     /// What its last call gave.
     pub observation: &'a Observation,
     /// What a perfect eye reads from the picture and the text of the last call.
-    pub seen: &'a [Seen],
+    pub perceived: &'a [PerceivedItem],
     /// The simulator's truth, only for a policy that wants it.
     pub truth: Option<&'a Privileged<'a>>,
     /// Decisions taken so far.
@@ -55,7 +55,7 @@ pub struct Context<'a> {
 /// One thing in view, numbered or told of: the stand-in for perception of the built-in policies.
 /// It holds no identifier of an object and no position.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Seen {
+pub struct PerceivedItem {
     /// Its number, where it has one.
     pub marker: Option<u32>,
     /// Whether it is a receptacle; else it is an object.
@@ -71,10 +71,10 @@ pub struct Seen {
     pub receptacle_hint: Option<ReceptacleId>,
     /// For an object a number that it keeps for the whole episode: who follows things with the eyes
     /// knows them again.
-    pub thing: Option<Thing>,
+    pub object: Option<ObjectIndex>,
 }
 
-impl Seen {
+impl PerceivedItem {
     /// As an object that has a look and no name.
     pub(crate) fn described(&self) -> ObjectInstance {
         ObjectInstance {

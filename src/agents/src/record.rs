@@ -8,7 +8,7 @@ use reel_world::{
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
-use crate::sink::{Recorded, Sink, SinkError};
+use crate::sink::{RecordedTrace, Sink, SinkError};
 
 /// Where and how to record an episode.
 #[derive(Clone, Debug)]
@@ -52,9 +52,9 @@ impl Sink for TraceSink {
         Ok(self.recorder.step(step, frame)?)
     }
 
-    fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<Recorded>, SinkError> {
+    fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<RecordedTrace>, SinkError> {
         let summary = self.recorder.end(end)?;
-        Ok(Some(Recorded {
+        Ok(Some(RecordedTrace {
             path: summary.path,
             bytes: summary.bytes,
         }))

@@ -16,8 +16,8 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Injected, Injection, Label, Outside, Policy, outside::broken_rules, policy,
-    record::RecordTo, running::Running,
+    AgentError, Injected, Injection, Label, Policy, Responders, outside::broken_rules, policy,
+    record::RecordTo, running::RunningEpisode,
 };
 
 /// How an episode went.
@@ -134,27 +134,27 @@ pub struct Job {
 }
 
 /// Who takes part in an episode: who decides, and who answers from outside.
-pub struct Seats {
+pub struct Participants {
     /// Who decides.
     pub policy: Box<dyn Policy + Send>,
     /// Who answers from outside.
-    pub outside: Outside,
+    pub outside: Responders,
 }
 
 /// The built-in policy that a job names, with the episode's seed, and nobody outside.
 ///
 /// # Errors
 /// When no policy is called so.
-pub fn builtin(job: &Job) -> Result<Seats, AgentError> {
+pub fn builtin(job: &Job) -> Result<Participants, AgentError> {
     let policy = policy(
         &job.policy,
         &job.config.task,
         &job.config.scene,
         job.config.seed,
     )?;
-    Ok(Seats {
+    Ok(Participants {
         policy,
-        outside: Outside::default(),
+        outside: Responders::default(),
     })
 }
 
@@ -166,12 +166,12 @@ pub fn builtin(job: &Job) -> Result<Seats, AgentError> {
 pub fn run_episode(
     mut config: EpisodeConfig,
     policy: &mut dyn Policy,
-    outside: Outside,
+    outside: Responders,
     record: Option<&RecordTo>,
 ) -> Result<EpisodeReport, AgentError> {
     config.policy = policy.info();
     config.policy.parameters.extend(outside.settings.clone());
-    let mut running = Running::start(config, record)?.with_outside(outside);
+    let mut running = RunningEpisode::start(config, record)?.with_responders(outside);
     match running.play(policy) {
         Err(unanswered @ AgentError::NoAnswer { .. }) => {
             running.end(None)?;
@@ -197,11 +197,11 @@ pub fn run_injected(
 ) -> Result<(EpisodeReport, Label), AgentError> {
     let task = config.task.clone();
     let mut policy =
-        Injected::new(&task, &config.scene, injection).map_err(|source| AgentError::Unfit {
+        Injected::new(&task, &config.scene, injection).map_err(|source| AgentError::Injection {
             task: task.task_id.clone(),
             source,
         })?;
-    let report = run_episode(config, &mut policy, Outside::default(), record)?;
+    let report = run_episode(config, &mut policy, Responders::default(), record)?;
     let label = policy.label(&report.episode_id, report.success);
     if let Some(trace) = &report.trace {
         let mut path = trace.clone().into_os_string();
@@ -223,7 +223,7 @@ pub fn run_injected(
 pub fn run_all(
     jobs: Vec<Job>,
     workers: usize,
-    seat: impl Fn(&Job) -> Result<Seats, AgentError> + Sync,
+    seat: impl Fn(&Job) -> Result<Participants, AgentError> + Sync,
     on_done: impl Fn(&EpisodeReport) + Sync,
 ) -> Vec<Result<EpisodeReport, AgentError>> {
     let pool = match rayon::ThreadPoolBuilder::new()
@@ -243,7 +243,7 @@ pub fn run_all(
     };
     let play = |job: &Job| {
         let report = contained(job, || {
-            let Seats {
+            let Participants {
                 mut policy,
                 outside,
             } = seat(job)?;

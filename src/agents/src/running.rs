@@ -14,21 +14,22 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Asked, Context, EpisodeReport, NoAnswer, Outside, Policy, Seen, perception,
+    AgentError, Context, EpisodeReport, NoAnswer, PerceivedItem, Policy, Responders, UserQuestion,
+    perception,
     record::{RecordTo, TraceSink},
     sink::{NoSink, Sink, SinkError},
 };
 
 /// An episode under way.
-pub struct Running {
+pub struct RunningEpisode {
     episode: Episode,
     sink: Box<dyn Sink>,
     path: PathBuf,
     known: Known,
-    outside: Outside,
+    outside: Responders,
 }
 
-impl Running {
+impl RunningEpisode {
     /// Starts an episode, and its recording.
     ///
     /// # Errors
@@ -49,12 +50,12 @@ impl Running {
             sink,
             path,
             known,
-            outside: Outside::default(),
+            outside: Responders::default(),
         })
     }
 
     /// Lets these answer from now on.
-    pub fn with_outside(self, outside: Outside) -> Self {
+    pub fn with_responders(self, outside: Responders) -> Self {
         Self { outside, ..self }
     }
 
@@ -102,7 +103,7 @@ impl Running {
             sink,
             path,
             known,
-            outside: Outside::default(),
+            outside: Responders::default(),
         })
     }
 
@@ -115,7 +116,7 @@ impl Running {
     ///
     /// # Errors
     /// When the trace cannot be written, or nobody answers from outside.
-    pub fn make(
+    pub fn execute(
         &mut self,
         input: StepInput,
         witness: Option<&mut dyn Policy>,
@@ -192,7 +193,7 @@ impl Running {
                     .iter()
                     .map(|object| object.object.clone())
                     .collect();
-                let asked = Asked {
+                let asked = UserQuestion {
                     question: &question,
                     task: episode.task(),
                     scene: episode.scene(),
@@ -234,7 +235,7 @@ impl Running {
     fn step(&mut self, input: StepInput) -> Result<(), AgentError> {
         let profile = self.episode.header().profile;
         let input = StepInput {
-            call: profile.spoken(input.call),
+            call: profile.to_server_call(input.call),
             ..input
         };
         let input = self
@@ -288,7 +289,7 @@ pub fn retrace(
 struct Known {
     briefing: Briefing,
     observation: Observation,
-    seen: Vec<Seen>,
+    seen: Vec<PerceivedItem>,
     calls: u32,
 }
 
@@ -311,7 +312,7 @@ impl Known {
         Context {
             briefing: &self.briefing,
             observation: &self.observation,
-            seen: &self.seen,
+            perceived: &self.seen,
             truth: None,
             step: self.calls,
         }

@@ -12,7 +12,7 @@ pub type SinkError = Box<dyn Error + Send + Sync>;
 
 /// A finished recording.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Recorded {
+pub struct RecordedTrace {
     /// The trace.
     pub path: PathBuf,
     /// Its length in bytes.
@@ -28,7 +28,7 @@ pub trait Sink {
     /// What came of it.
     fn step(&mut self, step: &StepRecord, frame: Option<&Frame>) -> Result<(), SinkError>;
     /// The end; none where nothing was written.
-    fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<Recorded>, SinkError>;
+    fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<RecordedTrace>, SinkError>;
 }
 
 /// Keeps nothing.
@@ -48,7 +48,7 @@ impl Sink for NoSink {
         Ok(())
     }
 
-    fn end(self: Box<Self>, _: &EndRecord) -> Result<Option<Recorded>, SinkError> {
+    fn end(self: Box<Self>, _: &EndRecord) -> Result<Option<RecordedTrace>, SinkError> {
         Ok(None)
     }
 }

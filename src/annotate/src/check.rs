@@ -1,17 +1,20 @@
 //! The History of a note beside the validator of Histories. Never judges by itself.
 
-use reel_history::{Checker, Deed, Setting, Verdict};
+use reel_history::{Checker, Setting, StepFacts, Verdict};
 
 /// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the deeds before
 /// its decision.
-pub fn history_check(setting: Setting, deeds: Vec<Deed>) -> impl Fn(usize, &str) -> Option<String> {
+pub fn history_check(
+    setting: Setting,
+    deeds: Vec<StepFacts>,
+) -> impl Fn(usize, &str) -> Option<String> {
     move |index, history| {
         let mut checker = Checker::new(setting.clone());
         deeds
             .iter()
             .take(index)
             .cloned()
-            .for_each(|deed| checker.did(deed));
+            .for_each(|deed| checker.push_step(deed));
         checker
             .check(history)
             .into_iter()

@@ -6,7 +6,7 @@ use reel_world::ErrorCode;
 use crate::{
     english,
     memory::{Memory, description},
-    step::{Call, Marked, Step, Thing},
+    step::{Call, MarkedItem, ObservedObject, Step},
     voice::Voice,
     wordings::history as say,
 };
@@ -46,7 +46,7 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
     }
     let target = memory.marked(call);
     let receptacle = match target {
-        Some(Marked::Receptacle(id)) => id,
+        Some(MarkedItem::Receptacle(id)) => id,
         _ => step.receptacle.unwrap_or("the receptacle"),
     };
     match call.tool {
@@ -71,10 +71,11 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
                 say::LOOKED,
                 &gaps.each_ref().map(|(gap, text)| (*gap, text.as_str())),
             );
-            let unnumbered =
-                |thing: &&Thing<'_>| !numbers(&step.markers, thing) && memory.may_be_meant(thing);
+            let unnumbered = |thing: &&ObservedObject<'_>| {
+                !numbers(&step.markers, thing) && memory.may_be_meant(thing)
+            };
             let others: Vec<String> = step
-                .seen
+                .visible
                 .iter()
                 .filter(unnumbered)
                 .map(|it| english::indefinite(&description(it)))
@@ -103,7 +104,7 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
         "gaze_at" => tell(say::GAZED, &[("it", &marked_in_words(memory, call))]),
         "pick" => {
             let it = match target {
-                Some(Marked::Object(thing)) => english::definite(&description(&thing)),
+                Some(MarkedItem::Object(thing)) => english::definite(&description(&thing)),
                 _ => format!("the object with marker {}", call.argument),
             };
             // An object may stand on the neighbouring furniture, which the agent cannot tell.
@@ -137,7 +138,7 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
 pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
     let it = || marked_in_words(memory, call);
     match call.tool {
-        "nav_to" if memory.task.place(call.argument).is_some() => {
+        "nav_to" if memory.task.receptacle(call.argument).is_some() => {
             format!("go to {}", call.argument)
         }
         tool if call.lacks_argument() => {
@@ -226,7 +227,7 @@ pub(crate) fn last_sentence(question: &str) -> &str {
 }
 
 /// `marker 1 (a large red mug) and marker 2 (desk_1)`.
-fn numbered(markers: &[(u32, Marked<'_>)]) -> String {
+fn numbered(markers: &[(u32, MarkedItem<'_>)]) -> String {
     let mut items: Vec<String> = markers
         .iter()
         .take(LISTED_MAX)
@@ -238,18 +239,18 @@ fn numbered(markers: &[(u32, Marked<'_>)]) -> String {
     english::list(&items, "and")
 }
 
-fn in_words(marked: &Marked<'_>) -> String {
+fn in_words(marked: &MarkedItem<'_>) -> String {
     match marked {
-        Marked::Object(thing) => english::indefinite(&description(thing)),
-        Marked::Receptacle(id) => (*id).to_owned(),
+        MarkedItem::Object(thing) => english::indefinite(&description(thing)),
+        MarkedItem::Receptacle(id) => (*id).to_owned(),
     }
 }
 
 /// Whether a map numbers an object.
-fn numbers(markers: &[(u32, Marked<'_>)], thing: &Thing<'_>) -> bool {
+fn numbers(markers: &[(u32, MarkedItem<'_>)], thing: &ObservedObject<'_>) -> bool {
     markers
         .iter()
-        .any(|(_, marked)| matches!(marked, Marked::Object(other) if other.key == thing.key))
+        .any(|(_, marked)| matches!(marked, MarkedItem::Object(other) if other.key == thing.key))
 }
 
 #[cfg(test)]

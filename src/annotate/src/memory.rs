@@ -7,7 +7,7 @@ use reel_world::{ErrorCode, language};
 
 use crate::{
     english,
-    step::{Call, Marked, Step, Thing},
+    step::{Call, MarkedItem, ObservedObject, Step},
     task::PublicTask,
 };
 
@@ -22,20 +22,20 @@ pub(crate) struct Memory<'a> {
     /// Every place it went to, in order.
     pub visited: Vec<&'a str>,
     /// The current map.
-    pub markers: Vec<(u32, Marked<'a>)>,
+    pub markers: Vec<(u32, MarkedItem<'a>)>,
     /// What the last picture or inventory showed.
-    pub in_view: Vec<Thing<'a>>,
+    pub in_view: Vec<ObservedObject<'a>>,
     /// Everything that was ever seen.
-    pub seen: Vec<Thing<'a>>,
+    pub seen: Vec<ObservedObject<'a>>,
     /// Keys of what was marked when the robot searched for what shall be moved, in the words of the
     /// instruction.
     pub matched: Vec<&'a str>,
     /// What is in the hand.
-    pub held: Option<Thing<'a>>,
+    pub held: Option<ObservedObject<'a>>,
     /// From where it was taken, where that is known.
     pub held_from: Option<&'a str>,
     /// What was put where, the last one last.
-    pub placed: Vec<(Thing<'a>, &'a str)>,
+    pub placed: Vec<(ObservedObject<'a>, &'a str)>,
     /// Doors that were moved: whether they are open.
     pub doors: BTreeMap<&'a str, bool>,
     /// Places whose door was found closed.
@@ -93,7 +93,7 @@ impl<'a> Memory<'a> {
             }
             Some(code) => {
                 self.failures_in_a_row = if again { self.failures_in_a_row + 1 } else { 1 };
-                if let (ErrorCode::DoorClosed, Some(Marked::Receptacle(id))) = (code, target) {
+                if let (ErrorCode::DoorClosed, Some(MarkedItem::Receptacle(id))) = (code, target) {
                     self.shut.push(id);
                 }
             }
@@ -107,9 +107,9 @@ impl<'a> Memory<'a> {
         self.step += 1;
     }
 
-    fn succeed(&mut self, step: &'a Step<'a>, target: Option<Marked<'a>>) {
+    fn succeed(&mut self, step: &'a Step<'a>, target: Option<MarkedItem<'a>>) {
         let place = match target {
-            Some(Marked::Receptacle(id)) => Some(id),
+            Some(MarkedItem::Receptacle(id)) => Some(id),
             _ => step.receptacle,
         };
         match step.tool {
@@ -118,7 +118,7 @@ impl<'a> Memory<'a> {
                 self.visited.extend(self.at);
             }
             "gaze_at" => {
-                if let Some(Marked::Receptacle(id)) = target {
+                if let Some(MarkedItem::Receptacle(id)) = target {
                     self.at = Some(id);
                     self.visited.push(id);
                 }
@@ -128,8 +128,8 @@ impl<'a> Memory<'a> {
             {
                 self.matched
                     .extend(step.markers.iter().filter_map(|(_, marked)| match marked {
-                        Marked::Object(thing) => Some(thing.key),
-                        Marked::Receptacle(_) => None,
+                        MarkedItem::Object(thing) => Some(thing.key),
+                        MarkedItem::Receptacle(_) => None,
                     }));
             }
             "pick" => self.held_from = step.receptacle,
@@ -143,8 +143,8 @@ impl<'a> Memory<'a> {
             _ => {}
         }
         if !["ask", "finish", "list_receptacles", "list_tasks"].contains(&step.tool) {
-            self.in_view.clone_from(&step.seen);
-            for thing in &step.seen {
+            self.in_view.clone_from(&step.visible);
+            for thing in &step.visible {
                 if !self.seen.contains(thing) {
                     self.seen.push(*thing);
                 }
@@ -153,7 +153,7 @@ impl<'a> Memory<'a> {
     }
 
     /// What the number of a call stands for.
-    pub fn marked(&self, call: Call<'_>) -> Option<Marked<'a>> {
+    pub fn marked(&self, call: Call<'_>) -> Option<MarkedItem<'a>> {
         let number = call.marker()?;
         self.markers
             .iter()
@@ -162,17 +162,17 @@ impl<'a> Memory<'a> {
     }
 
     /// The numbered objects.
-    pub fn numbered(&self) -> impl Iterator<Item = (u32, Thing<'a>)> {
+    pub fn numbered(&self) -> impl Iterator<Item = (u32, ObservedObject<'a>)> {
         self.markers
             .iter()
             .filter_map(|(number, marked)| match marked {
-                Marked::Object(thing) => Some((*number, *thing)),
-                Marked::Receptacle(_) => None,
+                MarkedItem::Object(thing) => Some((*number, *thing)),
+                MarkedItem::Receptacle(_) => None,
             })
     }
 
     /// Whether a thing may be the one to move, by the instruction and what the user said.
-    pub fn may_be_meant(&self, thing: &Thing<'_>) -> bool {
+    pub fn may_be_meant(&self, thing: &ObservedObject<'_>) -> bool {
         match self
             .replies
             .iter()
@@ -188,7 +188,7 @@ impl<'a> Memory<'a> {
     }
 
     /// Things seen that fit the instruction, whatever was said since.
-    pub fn candidates(&self) -> Vec<Thing<'a>> {
+    pub fn candidates(&self) -> Vec<ObservedObject<'a>> {
         self.seen
             .iter()
             .filter(|thing| self.fits_instruction(thing))
@@ -196,14 +196,14 @@ impl<'a> Memory<'a> {
             .collect()
     }
 
-    fn fits_instruction(&self, thing: &Thing<'_>) -> bool {
+    fn fits_instruction(&self, thing: &ObservedObject<'_>) -> bool {
         self.matched.contains(&thing.key)
             || thing.fits(&self.task.instruction, self.task.purpose.as_deref())
     }
 
     /// Whether what shall be moved lies where it shall go, as far as one can tell.
     pub fn is_done(&self) -> bool {
-        let right = |(thing, place): &&(Thing<'_>, &str)| {
+        let right = |(thing, place): &&(ObservedObject<'_>, &str)| {
             self.task.destination.may_be(place)
                 && self.may_be_meant(thing)
                 && self.held.is_none_or(|held| held.key != thing.key)
@@ -245,18 +245,18 @@ impl<'a> Memory<'a> {
 
     fn is_of_kind(&self, id: &str, kinds: &[&str]) -> bool {
         self.task
-            .place(id)
+            .receptacle(id)
             .is_some_and(|place| kinds.contains(&place.kind().as_str()))
     }
 }
 
 /// A thing by its looks: `large beige oval bread`, or by its category.
-pub(crate) fn looks(thing: &Thing<'_>) -> String {
+pub(crate) fn looks(thing: &ObservedObject<'_>) -> String {
     english::noun(thing.caption.unwrap_or(thing.category))
 }
 
 /// Its looks, with the category where they do not say it.
-pub(crate) fn description(thing: &Thing<'_>) -> String {
+pub(crate) fn description(thing: &ObservedObject<'_>) -> String {
     let looks = looks(thing);
     if language::quotes(&looks, thing.category) {
         looks

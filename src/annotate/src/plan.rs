@@ -4,7 +4,7 @@ use crate::{
     english,
     history::marked_in_words,
     memory::Memory,
-    step::{Call, Marked},
+    step::{Call, MarkedItem},
     voice::Voice,
     wordings::plan as say,
 };
@@ -28,11 +28,11 @@ pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Str
 pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> String {
     let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, memory.step, gaps);
     let it = || match memory.marked(call) {
-        Some(Marked::Receptacle(id)) => id.to_owned(),
+        Some(MarkedItem::Receptacle(id)) => id.to_owned(),
         _ => marked_in_words(memory, call),
     };
     let short = || match memory.marked(call) {
-        Some(Marked::Object(thing)) => {
+        Some(MarkedItem::Object(thing)) => {
             format!(
                 "{} with marker {}",
                 english::definite(&english::noun(thing.category)),

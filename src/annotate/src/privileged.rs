@@ -4,11 +4,11 @@
 use reel_world::{Task, language};
 use serde_json::{Value, json};
 
-use crate::{Note, Step, step::Marked};
+use crate::{Note, Step, step::MarkedItem};
 
 /// The truth about a task, for the annotator's eyes only.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Secrets {
+pub struct PrivilegedFacts {
     ids: Vec<String>,
     things: Vec<Secret>,
     instruction: String,
@@ -26,7 +26,7 @@ struct Secret {
     receptacle: String,
 }
 
-impl Secrets {
+impl PrivilegedFacts {
     /// What is true of a task.
     pub fn of(task: &Task) -> Self {
         let raw = |id: &str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
@@ -34,7 +34,7 @@ impl Secrets {
             .objects
             .iter()
             .flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
-        Secrets {
+        PrivilegedFacts {
             ids: ids.filter(|id| raw(id)).map(str::to_owned).collect(),
             things: task
                 .objects
@@ -83,8 +83,8 @@ impl Secrets {
         let shown = |secret: &Secret| {
             before.iter().filter(|step| step.error.is_none()).any(|step| {
                 let marked =
-                    step.markers.iter().any(|(_, marked)| matches!(marked, Marked::Object(thing) if thing.key == secret.key));
-                marked || step.seen.iter().any(|thing| thing.key == secret.key)
+                    step.markers.iter().any(|(_, marked)| matches!(marked, MarkedItem::Object(thing) if thing.key == secret.key));
+                marked || step.visible.iter().any(|thing| thing.key == secret.key)
             })
         };
         let said = |words: &str| {
@@ -133,8 +133,8 @@ impl Secrets {
     }
 
     /// Whether a marker stands for what is meant.
-    pub(crate) fn is_target(&self, marked: &Marked<'_>) -> bool {
-        matches!(marked, Marked::Object(thing) if thing.key == self.target)
+    pub(crate) fn is_target(&self, marked: &MarkedItem<'_>) -> bool {
+        matches!(marked, MarkedItem::Object(thing) if thing.key == self.target)
     }
 }
 

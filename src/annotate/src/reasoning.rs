@@ -7,8 +7,8 @@ use crate::{
     english,
     history::{last_sentence, why},
     memory::{Memory, description, looks},
-    step::{Call, Marked, Thing},
-    task::{Place, Role},
+    step::{Call, MarkedItem, ObservedObject},
+    task::{PublicReceptacle, Role},
     voice::{Voice, Wording},
     wordings::reasoning as say,
 };
@@ -65,7 +65,7 @@ impl Reasoner<'_> {
 
     /// What shall be moved, where a thing is described in the same sentence: not in the same words
     /// twice.
-    fn object_beside(&self, thing: &Thing<'_>) -> &str {
+    fn object_beside(&self, thing: &ObservedObject<'_>) -> &str {
         let object = &self.memory.task.object;
         let said_already = language::quotes(object, &looks(thing))
             || language::quotes(&looks(thing), object.trim_start_matches("the "));
@@ -100,7 +100,7 @@ impl Reasoner<'_> {
 
     fn going(&self, said: &mut Vec<String>) {
         let (memory, task, id) = (self.memory, self.memory.task, self.call.argument);
-        let Some(place) = task.place(id) else {
+        let Some(place) = task.receptacle(id) else {
             said.push(self.tell(say::UNKNOWN_PLACE, &[("place", id)]));
             return;
         };
@@ -155,11 +155,11 @@ impl Reasoner<'_> {
     }
 
     /// Why this of all receptacles.
-    fn choice(&self, role: &Role, place: &Place) -> String {
+    fn choice(&self, role: &Role, place: &PublicReceptacle) -> String {
         let (memory, id) = (self.memory, place.id.as_str());
         let gap = [("place", id)];
         let seen_before = memory.visited.contains(&id);
-        let Some(at) = memory.at.and_then(|at| memory.task.place(at)) else {
+        let Some(at) = memory.at.and_then(|at| memory.task.receptacle(at)) else {
             return self.first_choice(role, place);
         };
         if at.id == id {
@@ -179,7 +179,7 @@ impl Reasoner<'_> {
         }
     }
 
-    fn first_choice(&self, role: &Role, place: &Place) -> String {
+    fn first_choice(&self, role: &Role, place: &PublicReceptacle) -> String {
         let id = place.id.as_str();
         let kind = place.kind();
         let (place_gap, kind_gap) = (("place", id), ("kind", kind.as_str()));
@@ -214,7 +214,11 @@ impl Reasoner<'_> {
         let arrived = memory
             .last
             .is_some_and(|last| last.call.tool == "nav_to" && last.error.is_none());
-        if let Some(place) = memory.at.and_then(|at| task.place(at)).filter(|_| arrived) {
+        if let Some(place) = memory
+            .at
+            .and_then(|at| task.receptacle(at))
+            .filter(|_| arrived)
+        {
             let gap = ("place", place.id.as_str());
             let phrase = ("phrase", task.source.phrase.as_str());
             said.push(match () {
@@ -226,7 +230,7 @@ impl Reasoner<'_> {
             });
         }
         let what = english::sought(query);
-        let matches = |thing: &&Thing<'_>| {
+        let matches = |thing: &&ObservedObject<'_>| {
             language::is_a(thing.category, query) && memory.may_be_meant(thing)
         };
         said.push(if let Some(thing) = memory.in_view.iter().find(matches) {
@@ -301,11 +305,11 @@ impl Reasoner<'_> {
     fn gazing(&self) -> String {
         let (memory, marker) = (self.memory, ("marker", self.call.argument));
         let thing = match memory.marked(self.call) {
-            Some(Marked::Object(_)) if memory.held.is_some() => {
+            Some(MarkedItem::Object(_)) if memory.held.is_some() => {
                 return self.tell(say::GAZE_BLIND, &[marker]);
             }
-            Some(Marked::Object(thing)) => thing,
-            Some(Marked::Receptacle(id)) => {
+            Some(MarkedItem::Object(thing)) => thing,
+            Some(MarkedItem::Receptacle(id)) => {
                 return self.tell(say::GAZE_PLACE, &[marker, ("place", id)]);
             }
             None => return self.tell(say::GAZE_BLIND, &[marker]),
@@ -328,7 +332,7 @@ impl Reasoner<'_> {
                 &[("reply", &english::quoted(reply)), marker, looks],
             );
         }
-        let others: Vec<(u32, Thing<'_>)> = memory
+        let others: Vec<(u32, ObservedObject<'_>)> = memory
             .numbered()
             .filter(|(_, other)| other.key != thing.key)
             .collect();
@@ -358,7 +362,7 @@ impl Reasoner<'_> {
 
     fn picking(&self) -> String {
         let (memory, marker) = (self.memory, ("marker", self.call.argument));
-        let Some(Marked::Object(thing)) =
+        let Some(MarkedItem::Object(thing)) =
             memory.marked(self.call).filter(|_| memory.held.is_none())
         else {
             return self.tell(say::PICK_BLIND, &[marker]);
@@ -388,7 +392,7 @@ impl Reasoner<'_> {
             english::definite(&english::noun(held.category))
         });
         let it = ("it", it.as_str());
-        let (Some(_), Some(Marked::Receptacle(id))) = (memory.held, memory.marked(self.call))
+        let (Some(_), Some(MarkedItem::Receptacle(id))) = (memory.held, memory.marked(self.call))
         else {
             return self.tell(say::PLACE_BLIND, &[marker, it]);
         };
@@ -407,14 +411,14 @@ impl Reasoner<'_> {
     fn opening(&self) -> String {
         let (memory, task) = (self.memory, self.memory.task);
         let marker = ("marker", self.call.argument);
-        let Some(Marked::Receptacle(id)) =
+        let Some(MarkedItem::Receptacle(id)) =
             memory.marked(self.call).filter(|_| memory.held.is_none())
         else {
             return self.tell(say::OPEN_BLIND, &[marker]);
         };
         let source = task.source.may_be(id)
             && task
-                .place(id)
+                .receptacle(id)
                 .is_some_and(|place| task.source.describes(place));
         let wording = if task.destination.may_be(id) && !source {
             say::OPEN_FOR_IT
@@ -427,7 +431,7 @@ impl Reasoner<'_> {
     fn closing(&self) -> String {
         let marker = ("marker", self.call.argument);
         match self.memory.marked(self.call) {
-            Some(Marked::Receptacle(id)) => self.tell(say::CLOSE_IT, &[marker, ("place", id)]),
+            Some(MarkedItem::Receptacle(id)) => self.tell(say::CLOSE_IT, &[marker, ("place", id)]),
             _ => self.tell(say::CLOSE_BLIND, &[marker]),
         }
     }
@@ -441,7 +445,7 @@ impl Reasoner<'_> {
         };
         if asks_where(
             self.call.argument,
-            task.places.iter().map(|place| place.category.as_str()),
+            task.receptacles.iter().map(|place| place.category.as_str()),
         ) {
             return self.tell(say::ASK_WHERE, &[("phrase", &role.phrase)]);
         }
@@ -466,7 +470,7 @@ impl Reasoner<'_> {
 
     fn finishing(&self) -> String {
         let memory = self.memory;
-        let name = |thing: &Thing<'_>| english::definite(&english::noun(thing.category));
+        let name = |thing: &ObservedObject<'_>| english::definite(&english::noun(thing.category));
         match (memory.held, memory.placed.last()) {
             (Some(held), _) => self.tell(say::FINISH_HOLDING, &[("it", &name(&held))]),
             (None, Some((thing, place))) if memory.is_done() => {

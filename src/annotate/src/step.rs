@@ -27,27 +27,27 @@ pub struct Step<'a> {
     /// What the user answered.
     pub reply: Option<&'a str>,
     /// The numbers of the map after the call.
-    pub markers: Vec<(u32, Marked<'a>)>,
+    pub markers: Vec<(u32, MarkedItem<'a>)>,
     /// Objects that picture and text of the outcome showed.
-    pub seen: Vec<Thing<'a>>,
+    pub visible: Vec<ObservedObject<'a>>,
     /// The receptacle that the call acted on.
     pub receptacle: Option<&'a str>,
     /// What the gripper holds after the call.
-    pub held: Option<Thing<'a>>,
+    pub held: Option<ObservedObject<'a>>,
 }
 
 /// What a number stands for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Marked<'a> {
+pub enum MarkedItem<'a> {
     /// An object.
-    Object(Thing<'a>),
+    Object(ObservedObject<'a>),
     /// The id of a receptacle.
     Receptacle(&'a str),
 }
 
 /// An object as one sees it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Thing<'a> {
+pub struct ObservedObject<'a> {
     /// Which one it is: compared, never written.
     pub key: &'a str,
     /// e.g. `alarm clock`
@@ -76,16 +76,16 @@ impl<'a> Step<'a> {
 
     /// A recorded decision of a task.
     pub fn from_record(task: &'a Task, record: &'a StepRecord) -> Self {
-        let thing = |id: &InstanceId| task.object(id).map(Thing::of);
+        let thing = |id: &InstanceId| task.object(id).map(ObservedObject::of);
         let marked = |target: &'a MarkerTarget| match target {
-            MarkerTarget::Object(id) => thing(id).map(Marked::Object),
-            MarkerTarget::Receptacle(id) => Some(Marked::Receptacle(id.as_str())),
+            MarkerTarget::Object(id) => thing(id).map(MarkedItem::Object),
+            MarkerTarget::Receptacle(id) => Some(MarkedItem::Receptacle(id.as_str())),
         };
         let markers = record
             .markers
             .iter()
             .filter_map(|marker| Some((marker.id, marked(&marker.target)?)));
-        let mut seen: Vec<Thing<'_>> = Vec::new();
+        let mut seen: Vec<ObservedObject<'_>> = Vec::new();
         for id in record
             .listed
             .iter()
@@ -100,7 +100,7 @@ impl<'a> Step<'a> {
             outcome: &record.outcome.text,
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
             markers: markers.collect(),
-            seen,
+            visible: seen,
             receptacle: record.receptacle.as_ref().map(|id| id.as_str()),
             held: record.held.as_ref().and_then(thing),
         }
@@ -121,10 +121,10 @@ impl<'a> Step<'a> {
     }
 }
 
-impl<'a> Thing<'a> {
+impl<'a> ObservedObject<'a> {
     /// An object of a task.
     pub fn of(object: &'a ObjectInstance) -> Self {
-        Thing {
+        ObservedObject {
             key: object.instance.as_str(),
             category: &object.category,
             caption: object.caption.as_deref(),

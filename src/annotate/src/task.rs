@@ -26,7 +26,7 @@ pub struct PublicTask {
     /// Where it shall go.
     pub destination: Role,
     /// Every receptacle.
-    pub places: Vec<Place>,
+    pub receptacles: Vec<PublicReceptacle>,
 }
 
 /// A part that a receptacle plays in the task.
@@ -40,7 +40,7 @@ pub struct Role {
 
 /// A receptacle.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Place {
+pub struct PublicReceptacle {
     /// Its id, which agents know.
     pub id: String,
     /// e.g. `cabinet`
@@ -67,13 +67,13 @@ impl PublicTask {
         let purpose = task.purpose.as_deref().filter(quoted);
         let named =
             |words: Option<&str>| words.map(|words| english::definite(&english::noun(words)));
-        let places = scene.receptacles.iter().map(|receptacle| Place {
+        let places = scene.receptacles.iter().map(|receptacle| PublicReceptacle {
             id: receptacle.id.to_string(),
             category: receptacle.category.clone(),
             room: receptacle.room_name().to_owned(),
             names: receptacle.captions.keys().cloned().collect(),
         });
-        let places: Vec<Place> = places.collect();
+        let places: Vec<PublicReceptacle> = places.collect();
         let moved = task.goal_changes();
         let moved = moved
             .iter()
@@ -99,17 +99,17 @@ impl PublicTask {
                 &task.instruction,
                 "the place where it shall go",
             ),
-            places,
+            receptacles: places,
         }
     }
 
     /// Finds a receptacle.
-    pub fn place(&self, id: &str) -> Option<&Place> {
-        self.places.iter().find(|place| place.id == id)
+    pub fn receptacle(&self, id: &str) -> Option<&PublicReceptacle> {
+        self.receptacles.iter().find(|place| place.id == id)
     }
 }
 
-impl Place {
+impl PublicReceptacle {
     /// What the furniture is called: `washing machine`.
     pub(crate) fn kind(&self) -> String {
         if self.category == "washingmachine" {
@@ -121,7 +121,12 @@ impl Place {
 }
 
 impl Role {
-    fn of(id: &ReceptacleId, places: &[Place], instruction: &str, unnamed: &str) -> Self {
+    fn of(
+        id: &ReceptacleId,
+        places: &[PublicReceptacle],
+        instruction: &str,
+        unnamed: &str,
+    ) -> Self {
         let Some(place) = places.iter().find(|place| place.id == id.as_str()) else {
             return Role {
                 phrase: unnamed.to_owned(),
@@ -156,7 +161,7 @@ impl Role {
     /// Receptacles of that kind: of those in the room that the phrase names, if it names one.
     pub(crate) fn possible<'a>(&'a self, task: &PublicTask) -> Vec<&'a str> {
         let in_room = |id: &&String| {
-            task.place(id).is_some_and(|place| {
+            task.receptacle(id).is_some_and(|place| {
                 !place.room.is_empty() && language::quotes(&self.phrase, &place.room)
             })
         };
@@ -175,7 +180,7 @@ impl Role {
 
     /// Whether the phrase says more than the kind.
     pub(crate) fn is_description(&self, task: &PublicTask) -> bool {
-        task.places.iter().any(|place| self.describes(place))
+        task.receptacles.iter().any(|place| self.describes(place))
     }
 
     /// Whether a receptacle is of the kind that is named.
@@ -184,7 +189,7 @@ impl Role {
     }
 
     /// Whether people call a receptacle so: what one sees on arrival.
-    pub(crate) fn describes(&self, place: &Place) -> bool {
+    pub(crate) fn describes(&self, place: &PublicReceptacle) -> bool {
         let phrase = self.phrase.to_lowercase();
         place
             .names

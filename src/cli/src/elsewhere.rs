@@ -5,18 +5,18 @@
 use std::path::PathBuf;
 
 #[cfg(feature = "cluster")]
-use reel_cluster::{Address, Cluster, Work};
+use reel_cluster::{Address, Cluster, TraceJob};
 
 /// Where a command's work is done, if not here.
 #[derive(clap::Args, Default)]
-pub struct Elsewhere {
+pub struct ClusterArguments {
     /// Let the cluster of this scheduler do the work (`reel cluster`)
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "HOST:PORT", env = "REEL_CLUSTER")]
     cluster: Option<String>,
 }
 
-impl Elsewhere {
+impl ClusterArguments {
     /// Whether it is elsewhere.
     pub fn is_some(&self) -> bool {
         #[cfg(feature = "cluster")]
@@ -27,7 +27,7 @@ impl Elsewhere {
 }
 
 #[cfg(feature = "cluster")]
-impl Elsewhere {
+impl ClusterArguments {
     /// The cluster, if one is named.
     ///
     /// # Errors
@@ -45,7 +45,7 @@ impl Elsewhere {
     ///
     /// # Errors
     /// When the cluster does not answer or refuses.
-    pub fn each<T: serde::de::DeserializeOwned>(
+    pub fn map_traces<T: serde::de::DeserializeOwned>(
         &self,
         work: &str,
         options: &impl serde::Serialize,
@@ -82,7 +82,7 @@ impl Elsewhere {
 }
 
 #[cfg(not(feature = "cluster"))]
-impl Elsewhere {
+impl ClusterArguments {
     /// This build knows no clusters.
     #[expect(
         clippy::unused_self,
@@ -101,7 +101,7 @@ impl Elsewhere {
 }
 
 #[cfg(feature = "analytics")]
-impl Elsewhere {
+impl ClusterArguments {
     /// A session over a store, whose plans run at the cluster if one is named.
     ///
     /// # Errors
@@ -110,16 +110,16 @@ impl Elsewhere {
         &self,
         store: reel_tables::Store,
         limits: reel_query::Limits,
-    ) -> anyhow::Result<reel_query::Session> {
+    ) -> anyhow::Result<reel_query::QuerySession> {
         #[cfg(feature = "cluster")]
         if let Some(cluster) = self.open()? {
-            return Ok(reel_query::Session::elsewhere(
+            return Ok(reel_query::QuerySession::with_remote_engine(
                 store,
                 limits,
                 cluster.engine(),
             )?);
         }
-        Ok(reel_query::Session::with_limits(store, limits)?)
+        Ok(reel_query::QuerySession::with_limits(store, limits)?)
     }
 }
 
@@ -153,13 +153,13 @@ pub fn named_from_root(traces: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 pub fn work<O: serde::de::DeserializeOwned, A: serde::Serialize>(
     name: &'static str,
     run: impl Fn(&[PathBuf], O) -> Result<Vec<A>, String> + Send + Sync + 'static,
-) -> Work {
+) -> TraceJob {
     let told = |error: serde_json::Error| error.to_string();
     let run = move |traces: &[PathBuf], options: &str| {
         let answers = run(traces, serde_json::from_str(options).map_err(told)?)?;
         serde_json::to_vec(&answers).map_err(told)
     };
-    Work {
+    TraceJob {
         name,
         traces: true,
         run: std::sync::Arc::new(run),

@@ -13,7 +13,7 @@ use reel_replay::SnapshotCache;
 #[cfg(feature = "analytics")]
 use reel_tables::buckets::Buckets;
 use reel_tasks::assets::Folder;
-use reel_tasks::{Listed, SceneSource};
+use reel_tasks::{ObjectOrder, SceneSource};
 use reel_trace::{Trace, is_remote, list_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
@@ -31,7 +31,7 @@ pub fn skills(name: &str) -> Result<Skills, String> {
 /// either, the home.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     let Some(path) = path else {
-        return Ok(Arc::new(reel_tasks::home()));
+        return Ok(Arc::new(reel_tasks::home_scene()));
     };
     let name = path.to_str().unwrap_or_default();
     if let Some(scene) = reel_tasks::generate::scene::built_in(name) {
@@ -83,7 +83,7 @@ impl Tasks {
 
 /// The tasks of a file or folder, in the scene given, or each in the scene of its `scene_id`: one
 /// beside the tasks, or one that comes with Reel. Files that fail to load are named and left out.
-pub fn tasks(path: &Path, scene: Option<&Path>, listed: Listed) -> anyhow::Result<Tasks> {
+pub fn tasks(path: &Path, scene: Option<&Path>, listed: ObjectOrder) -> anyhow::Result<Tasks> {
     let loaded = reel_tasks::load_with(path, &scene_source(scene)?, listed);
     for warning in &loaded.warnings {
         eprintln!("reel: {warning}");
@@ -118,7 +118,7 @@ pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
     let given = scene.map(|path| self::scene(Some(path))).transpose()?;
     Ok(given.map_or(
         SceneSource::ById(reel_tasks::generate::scene::by_id),
-        SceneSource::Given,
+        SceneSource::Fixed,
     ))
 }
 

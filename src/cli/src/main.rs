@@ -173,7 +173,7 @@ enum Command {
 fn main() -> ExitCode {
     end_with_the_reader();
     #[cfg(feature = "analytics")]
-    reel_trace::reach(Box::new(inputs::buckets()));
+    reel_trace::install_remote_fs(Box::new(inputs::buckets()));
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
         #[cfg(feature = "service")]
@@ -256,7 +256,7 @@ fn main() -> ExitCode {
         }
         Err(error) => {
             eprintln!("reel: {error:#}");
-            Answer::BadInput.into()
+            ExitStatus::BadInput.into()
         }
     }
 }
@@ -277,24 +277,24 @@ fn end_with_the_reader() {
 
 /// What a command came to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Answer {
+pub enum ExitStatus {
     /// Fine.
-    Yes,
+    Success,
     /// The answer is "no": a replay diverged, a check failed.
-    No,
+    CheckFailed,
     /// Wrong usage or input.
     BadInput,
     /// Done, but something was lost or left out.
-    Loss,
+    Partial,
 }
 
-impl From<Answer> for ExitCode {
-    fn from(answer: Answer) -> Self {
+impl From<ExitStatus> for ExitCode {
+    fn from(answer: ExitStatus) -> Self {
         ExitCode::from(match answer {
-            Answer::Yes => 0,
-            Answer::No => 1,
-            Answer::BadInput => 2,
-            Answer::Loss => 3,
+            ExitStatus::Success => 0,
+            ExitStatus::CheckFailed => 1,
+            ExitStatus::BadInput => 2,
+            ExitStatus::Partial => 3,
         })
     }
 }

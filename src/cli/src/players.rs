@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, Job, Outside, POLICIES, Seats, builtin};
+use reel_agents::{AgentError, Job, POLICIES, Participants, Responders, builtin};
 use reel_llm::agent::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
 use reel_llm::client::{ApiKey, CallLog, Client, Endpoint};
 use reel_prompt::Prompt;
@@ -13,7 +13,7 @@ use crate::{model::RealClock, prompt::PromptArguments};
 
 /// Who plays, and whom they ask.
 #[derive(clap::Args)]
-pub struct Players {
+pub struct AgentArguments {
     /// Who decides: a built-in policy, real-agent or function-calling
     #[arg(long, value_name = "NAME", default_value = "oracle")]
     pub agent: String,
@@ -61,7 +61,7 @@ pub struct Players {
 }
 
 /// Players that can be seated at an episode.
-pub struct Cast {
+pub struct AgentSet {
     agent: String,
     deciding: Option<(AgentStyle, Arc<Client>)>,
     prompt: Arc<Prompt>,
@@ -69,12 +69,12 @@ pub struct Cast {
     matcher: Option<(Arc<Client>, f32)>,
 }
 
-impl Players {
+impl AgentArguments {
     /// The players, with a log of their calls where models are asked.
     ///
     /// # Errors
     /// When there is no such agent, or what it needs is missing.
-    pub fn cast(&self, log: &Path) -> anyhow::Result<Cast> {
+    pub fn agent_set(&self, log: &Path) -> anyhow::Result<AgentSet> {
         let style = AgentStyle::parse(&self.agent);
         if style.is_none() && !POLICIES.iter().any(|(name, _)| *name == self.agent) {
             let models =
@@ -129,7 +129,7 @@ impl Players {
             .map(|model| client(model, 0, false))
             .transpose()?;
         let prompt = self.prompt.prompt()?;
-        Ok(Cast {
+        Ok(AgentSet {
             agent: self.agent.clone(),
             deciding,
             prompt,
@@ -149,7 +149,7 @@ impl Players {
 /// Most tokens that a user may write.
 const USER_TOKENS: u32 = 1024;
 
-impl Cast {
+impl AgentSet {
     /// What the players are called: of a model with its name.
     pub fn name(&self) -> String {
         match &self.deciding {
@@ -167,7 +167,7 @@ impl Cast {
     ///
     /// # Errors
     /// Never for names that [`Players::cast`] let through.
-    pub fn seat(&self, job: &Job) -> Result<Seats, AgentError> {
+    pub fn instantiate(&self, job: &Job) -> Result<Participants, AgentError> {
         let outside = self.outside();
         match &self.deciding {
             Some((style, client)) => {
@@ -178,17 +178,17 @@ impl Cast {
                     job.config.profile.names(),
                     job.config.seed,
                 );
-                Ok(Seats { policy, outside })
+                Ok(Participants { policy, outside })
             }
-            None => Ok(Seats {
+            None => Ok(Participants {
                 outside,
                 ..builtin(job)?
             }),
         }
     }
 
-    fn outside(&self) -> Outside {
-        let mut outside = Outside {
+    fn outside(&self) -> Responders {
+        let mut outside = Responders {
             user: None,
             matcher: None,
             settings: BTreeMap::new(),

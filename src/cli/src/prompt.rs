@@ -3,7 +3,7 @@
 use std::{fs, path::PathBuf, sync::Arc};
 
 use anyhow::Context;
-use reel_prompt::{Prompt, TEMPLATE, Wording};
+use reel_prompt::{Prompt, PromptWording, TEMPLATE};
 
 /// What a model is asked with, one user message a decision.
 #[derive(clap::Args)]
@@ -35,7 +35,7 @@ impl PromptArguments {
         let wording = match &self.prompt_sentences {
             Some(path) => toml::from_str(&read(path)?)
                 .with_context(|| format!("--prompt-sentences {}", path.display()))?,
-            None => Wording::default(),
+            None => PromptWording::default(),
         };
         let prompt = match &self.prompt {
             Some(path) => {

@@ -13,7 +13,7 @@ use datafusion::{
     prelude::{SessionConfig, SessionContext},
 };
 use futures_util::{StreamExt as _, stream};
-use reel_query::{Engine, Opens, every_function};
+use reel_query::{Engine, TraceAccess, every_function};
 use url::Url;
 
 use crate::{
@@ -143,7 +143,7 @@ impl Cluster {
         mut take: impl FnMut(Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E> {
         let failed = |reason: String| ClusterError::Run {
-            what: "the cluster cannot be asked",
+            action: "the cluster cannot be asked",
             reason,
         };
         let runtime = runtime().map_err(|error| failed(error.to_string()))?;
@@ -214,7 +214,7 @@ impl Cluster {
         groups: &[(usize, &[PathBuf])],
     ) -> datafusion::error::Result<work::Answers> {
         let config = SessionConfig::new_with_ballista();
-        let state = every_function(config, files::environment()?, Opens::Nothing);
+        let state = every_function(config, files::environment()?, TraceAccess::Nothing);
         let mut state = engine::engine(state, &self.url)?;
         Worker::nobody().equip(&mut state)?;
         let context = SessionContext::new_with_state(state);

@@ -8,13 +8,13 @@ use ballista_core::{
 };
 use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
 use datafusion::prelude::SessionConfig;
-use reel_query::{Opens, every_function};
+use reel_query::{TraceAccess, every_function};
 
-use crate::{Address, ClusterError, Work, client::MESSAGE_BYTES, files, runtime, work::Worker};
+use crate::{Address, ClusterError, TraceJob, client::MESSAGE_BYTES, files, runtime, work::Worker};
 
 /// An executor to be.
 #[derive(Clone, Debug)]
-pub struct Executor {
+pub struct ExecutorOptions {
     /// Where the scheduler listens.
     pub scheduler: Address,
     /// Where answers are fetched from it.
@@ -33,20 +33,20 @@ pub struct Executor {
     /// Names this program: it does no work for another one.
     pub build: String,
     /// What it can do with traces besides SQL.
-    pub works: Vec<Work>,
+    pub works: Vec<TraceJob>,
 }
 
 /// Runs an executor until the process is told to end.
 ///
 /// # Errors
 /// When it cannot listen, or there is no scheduler.
-pub fn run(executor: &Executor) -> Result<(), ClusterError> {
+pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
     let failed = |reason: String| ClusterError::Run {
-        what: "the executor ended",
+        action: "the executor ended",
         reason,
     };
     let environment = files::environment().map_err(|error| failed(error.to_string()))?;
-    let opens = Opens::Below(executor.traces.clone());
+    let opens = TraceAccess::Below(executor.traces.clone());
     let mut functions = every_function(
         SessionConfig::new_with_ballista(),
         environment,

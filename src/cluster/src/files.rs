@@ -11,7 +11,7 @@ use datafusion::{
     },
 };
 use object_store::{ObjectStore, local::LocalFileSystem};
-use reel_tables::buckets::Opened;
+use reel_tables::buckets::BucketHandles;
 use url::Url;
 
 /// What plans run in.
@@ -23,7 +23,7 @@ pub(crate) fn environment() -> Result<Arc<RuntimeEnv>> {
 
 /// Every place that a plan may name.
 #[derive(Debug, Default)]
-struct Places(Opened);
+struct Places(BucketHandles);
 
 impl ObjectStoreRegistry for Places {
     /// Nobody brings stores along: each machine reaches them by itself.

@@ -18,9 +18,9 @@ use reel_query::STACK_BYTES;
 use tokio::runtime::{Builder, Runtime};
 
 pub use client::{Address, Cluster};
-pub use executor::{Executor, run as run_executor};
-pub use scheduler::{Scheduler, run as run_scheduler};
-pub use work::Work;
+pub use executor::{ExecutorOptions, run as run_executor};
+pub use scheduler::{SchedulerOptions, run as run_scheduler};
+pub use work::TraceJob;
 
 /// What scheduler and executors run in: plans are walked by recursion.
 fn runtime() -> std::io::Result<Runtime> {
@@ -72,7 +72,7 @@ pub enum ClusterError {
     #[error("{what}: {reason}")]
     Run {
         /// What was tried.
-        what: &'static str,
+        action: &'static str,
         /// What came of it.
         reason: String,
     },

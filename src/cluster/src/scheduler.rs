@@ -7,13 +7,13 @@ use ballista_scheduler::{
     cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::start_server,
 };
 use datafusion::prelude::SessionConfig;
-use reel_query::{Opens, every_function};
+use reel_query::{TraceAccess, every_function};
 
 use crate::{ClusterError, client::MESSAGE_BYTES, files, runtime, work::Worker};
 
 /// A scheduler to be.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Scheduler {
+pub struct SchedulerOptions {
     /// Where it listens.
     pub listen: SocketAddr,
     /// The name or address by which executors reach it.
@@ -26,9 +26,9 @@ pub struct Scheduler {
 ///
 /// # Errors
 /// When it cannot listen.
-pub fn run(scheduler: &Scheduler) -> Result<(), ClusterError> {
+pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
     let failed = |reason: String| ClusterError::Run {
-        what: "the scheduler ended",
+        action: "the scheduler ended",
         reason,
     };
     let config = SchedulerConfig {
@@ -46,7 +46,7 @@ pub fn run(scheduler: &Scheduler) -> Result<(), ClusterError> {
         grpc_client_max_message_size: MESSAGE_BYTES as u32,
         override_config_producer: Some(Arc::new(SessionConfig::new_with_ballista)),
         override_session_builder: Some(Arc::new(|config| {
-            let mut state = every_function(config, files::environment()?, Opens::Nothing);
+            let mut state = every_function(config, files::environment()?, TraceAccess::Nothing);
             Worker::nobody().equip(&mut state)?;
             Ok(state)
         })),

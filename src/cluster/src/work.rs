@@ -17,7 +17,7 @@ use datafusion::{
     },
     prelude::{col, lit},
 };
-use reel_query::{Opens, STACK_BYTES};
+use reel_query::{STACK_BYTES, TraceAccess};
 use serde::{Deserialize, Serialize};
 
 /// The SQL function that executors do work by. Nobody else has it.
@@ -29,7 +29,7 @@ const REFUSED: u8 = 1;
 
 /// Something that can be done with traces.
 #[derive(Clone)]
-pub struct Work {
+pub struct TraceJob {
     /// What it is called.
     pub name: &'static str,
     /// Whether it is given traces, which an executor has to be allowed to open; else names that
@@ -43,7 +43,7 @@ pub struct Work {
 /// What work on traces is: options to an answer, or the reason why there is none.
 pub type Run = dyn Fn(&[PathBuf], &str) -> Result<Vec<u8>, String> + Send + Sync;
 
-impl std::fmt::Debug for Work {
+impl std::fmt::Debug for TraceJob {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name)
     }
@@ -66,8 +66,8 @@ struct Parcel<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct Worker {
     pub build: String,
-    pub works: Vec<Work>,
-    pub opens: Opens,
+    pub works: Vec<TraceJob>,
+    pub opens: TraceAccess,
 }
 
 impl Worker {
@@ -76,7 +76,7 @@ impl Worker {
         Self {
             build: String::new(),
             works: Vec::new(),
-            opens: Opens::Nothing,
+            opens: TraceAccess::Nothing,
         }
     }
 

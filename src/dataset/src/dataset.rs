@@ -15,9 +15,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
-    About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck,
-    Manifest, PictureOptions, Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style,
-    TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
+    BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, EpisodeInfo, Example, Format,
+    ImageOptions, ImageStore, LeakageCheck, Manifest, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards,
+    Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
 };
 
 /// How a dataset is written.
@@ -26,7 +26,7 @@ pub struct WriterOptions {
     /// The format of its rows.
     pub format: Format,
     /// What is made of pictures.
-    pub pictures: PictureOptions,
+    pub pictures: ImageOptions,
     /// Most rows in a file.
     pub rows_max: u64,
     /// Side of a picture's token, in pixels (see [`crate::image_tokens`]).
@@ -40,7 +40,7 @@ impl WriterOptions {
     pub fn new(format: Format) -> Self {
         Self {
             format,
-            pictures: PictureOptions::default(),
+            pictures: ImageOptions::default(),
             rows_max: 10_000,
             image_side: QWEN3_VL_SIDE,
             budget: CONTEXT_TOKENS,
@@ -68,7 +68,7 @@ pub struct Description {
 }
 
 /// An example as its row, ready to be pushed.
-pub struct Prepared {
+pub struct PreparedRow {
     row: Result<Vec<u8>, &'static str>,
     provenance: Vec<u8>,
     tokens: TokenCount,
@@ -76,7 +76,7 @@ pub struct Prepared {
 
 /// Where pictures lie: beside the rows that name them; for a while elsewhere if the rows hold them.
 fn picture_root(root: &Path, format: Format) -> PathBuf {
-    if format.holds_pictures() {
+    if format.embeds_images() {
         root.join(".pictures")
     } else {
         root.to_owned()
@@ -88,13 +88,13 @@ pub struct DatasetWriter {
     root: PathBuf,
     options: WriterOptions,
     tokenizer: Box<dyn Tokenizer>,
-    pictures: Pictures,
+    pictures: ImageStore,
     shards: BTreeMap<Split, Shards>,
     counts: Counts,
     tokens: TokenReport,
     leakage: LeakageCheck,
     /// The episode of the last example.
-    noted: Option<Arc<About>>,
+    noted: Option<Arc<EpisodeInfo>>,
     left_out: BTreeMap<String, u64>,
 }
 
@@ -115,7 +115,7 @@ impl DatasetWriter {
             root: root.to_owned(),
             options,
             tokenizer,
-            pictures: Pictures::new(&picture_root(root, options.format), options.pictures),
+            pictures: ImageStore::new(&picture_root(root, options.format), options.pictures),
             shards: BTreeMap::new(),
             counts: Counts::default(),
             tokens,
@@ -126,7 +126,7 @@ impl DatasetWriter {
     }
 
     /// Its pictures: put those of an example before it is prepared.
-    pub fn pictures(&self) -> &Pictures {
+    pub fn images(&self) -> &ImageStore {
         &self.pictures
     }
 
@@ -135,7 +135,7 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// When a picture was not put before or cannot be read.
-    pub fn prepare(&self, examples: &[Example]) -> Result<Vec<Prepared>, DatasetError> {
+    pub fn prepare(&self, examples: &[Example]) -> Result<Vec<PreparedRow>, DatasetError> {
         let mut counter = TokenCounter::new(self.tokenizer.as_ref(), self.options.image_side);
         let prepare = |example: &Example| {
             let mut row = Vec::new();
@@ -147,14 +147,14 @@ impl DatasetWriter {
                 // its rows are no text: the caller writes them
                 _ if self.options.format == Format::Parquet => Ok(row),
                 Ok(()) => Ok(row),
-                Err(DatasetError::Unfit { reason, .. }) => Err(reason),
+                Err(DatasetError::UnsupportedFormat { reason, .. }) => Err(reason),
                 Err(error) => return Err(error),
             };
             let mut provenance = Vec::new();
             if !self.options.format.holds_provenance() {
                 example.provenance(&mut provenance);
             }
-            Ok(Prepared {
+            Ok(PreparedRow {
                 row,
                 provenance,
                 tokens: counter.count(example, |image| self.pictures.get(image)),
@@ -170,12 +170,12 @@ impl DatasetWriter {
     pub fn push(
         &mut self,
         examples: &[Example],
-        prepared: &[Prepared],
+        prepared: &[PreparedRow],
     ) -> Result<(), DatasetError> {
         assert_eq!(examples.len(), prepared.len(), "every example has its row");
         for (example, prepared) in examples.iter().zip(prepared) {
             match &prepared.row {
-                Err(reason) => self.leave_out(reason, 1),
+                Err(reason) => self.count_skipped(reason, 1),
                 Ok(_) if self.options.format == Format::Parquet => {
                     self.note(example, prepared.tokens)
                 }
@@ -193,7 +193,7 @@ impl DatasetWriter {
     }
 
     /// Takes in a file of rows that the caller wrote, as in Parquet, after those that are there.
-    pub fn keep(&mut self, split: Split, shard: Shard) {
+    pub fn add_shard(&mut self, split: Split, shard: Shard) {
         let (root, options) = (&self.root, &self.options);
         let shards = self
             .shards
@@ -230,7 +230,7 @@ impl DatasetWriter {
     }
 
     /// Counts what the caller left out, and why.
-    pub fn leave_out(&mut self, reason: &str, count: u64) {
+    pub fn count_skipped(&mut self, reason: &str, count: u64) {
         *self.left_out.entry(reason.to_owned()).or_default() += count;
     }
 
@@ -265,7 +265,7 @@ impl DatasetWriter {
             left_out: self.left_out,
             files: Vec::new(),
         };
-        if self.options.format.holds_pictures() {
+        if self.options.format.embeds_images() {
             let loose = picture_root(&self.root, self.options.format);
             match fs::remove_dir_all(&loose) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

@@ -7,7 +7,7 @@ use reel_world::{Digest, NameSet};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Rollout, Split, Told};
+use crate::{Rollout, Split, TaskBriefing};
 
 /// A picture by the digest of its recorded pixels (8-bit RGB, row by row).
 pub type ImageId = Digest;
@@ -29,7 +29,7 @@ pub struct Episode {
     /// [`crate::split`]).
     pub split: Split,
     /// What the agent was told, as all of its task.
-    pub told: Arc<Told>,
+    pub briefing: Arc<TaskBriefing>,
     /// The names its tools went by.
     pub names: NameSet,
     /// Its decisions, in order.

@@ -19,7 +19,7 @@ pub enum DatasetError {
     #[error(
         "example {example} shows picture {image}, which is not in the dataset: put it before the row"
     )]
-    Picture {
+    Image {
         /// The example.
         example: String,
         /// Its picture.
@@ -47,7 +47,7 @@ pub enum DatasetError {
     },
     /// The format cannot hold an example as it is.
     #[error("example {example} cannot be written as {format}: {reason}")]
-    Unfit {
+    UnsupportedFormat {
         /// The example.
         example: String,
         /// The format.

@@ -6,12 +6,13 @@ use std::{
     sync::{Arc, LazyLock, OnceLock},
 };
 
-use reel_prompt::{self as prompt, Answer, HistoryLines, Outcome, SingleTurn};
+use reel_prompt::{self as prompt, DecisionAnswer, HistoryLines, Outcome, SingleTurn};
 use reel_world::NameSet;
 use serde::Serialize;
 
 use crate::{
-    Episode, ImageId, Refusal, Refused, Rollout, Source, Split, Step, json, refusal::Checks, strip,
+    Episode, ImageId, RefusalReason, RefusedDecision, Rollout, Source, Split, Step, json,
+    refusal::Checks, strip,
 };
 
 /// How a decision is put to a model.
@@ -142,7 +143,7 @@ impl Turn {
 
 /// What all examples of an episode have in common.
 #[derive(Clone, Debug, Default)]
-pub struct About {
+pub struct EpisodeInfo {
     /// As in the trace.
     pub episode_id: String,
     /// The task's id.
@@ -176,7 +177,7 @@ pub struct Example {
     /// Its tool by the name in the paper.
     pub tool: String,
     /// Its episode.
-    pub about: Arc<About>,
+    pub about: Arc<EpisodeInfo>,
     /// How it is put.
     pub style: Style,
     /// The conversation; the last turn is what is learned.
@@ -269,15 +270,15 @@ pub struct Examples {
     /// In order.
     pub examples: Vec<Example>,
     /// What was left out because of its texts. Steps that are not to be learned do not count.
-    pub refused: Vec<Refused>,
+    pub refused: Vec<RefusedDecision>,
 }
 
 /// Makes the examples of an episode; every text that goes out is stripped of payloads and refused
 /// where that is not enough.
 pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
-    let told = &episode.told;
+    let told = &episode.briefing;
     let mut made = Examples::default();
-    let refuse = |call: Option<u32>, reason: &Refusal| Refused {
+    let refuse = |call: Option<u32>, reason: &RefusalReason| RefusedDecision {
         episode_id: episode.episode_id.clone(),
         call,
         reason: reason.clone(),
@@ -325,7 +326,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         let mut turn = SingleTurn::new(Arc::clone(episode_prompt));
         let (mut history, mut log) = (HistoryLines::default(), None);
         for (index, step) in episode.steps.iter().enumerate() {
-            let answer = Answer {
+            let answer = DecisionAnswer {
                 reasoning: &step.reasoning,
                 history: &history.next(&step.history, log.as_deref()),
                 schedule: &step.schedule,
@@ -452,22 +453,22 @@ fn tools(names: NameSet) -> Arc<Text> {
     })
 }
 
-fn about(episode: &Episode) -> About {
-    About {
+fn about(episode: &Episode) -> EpisodeInfo {
+    EpisodeInfo {
         episode_id: episode.episode_id.clone(),
         task_id: episode.task_id.clone(),
         family: episode.family.clone(),
         scene_id: episode.scene_id.clone(),
         policy: episode.policy.clone(),
-        instruction: episode.told.instruction().to_owned(),
+        instruction: episode.briefing.instruction().to_owned(),
         split: episode.split,
         source: episode.source.clone(),
-        prompt_digest: episode.told.prompt().digest().to_string(),
+        prompt_digest: episode.briefing.prompt().digest().to_string(),
         provenance: OnceLock::new(),
     }
 }
 
-impl About {
+impl EpisodeInfo {
     fn provenance(&self) -> &str {
         self.provenance.get_or_init(|| {
             let source = &self.source;

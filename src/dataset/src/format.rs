@@ -6,7 +6,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
 
 use crate::{
-    DatasetError, Example, ImageId, Picture, Pictures, Style, Text, Turn,
+    DatasetError, Example, ImageId, ImageStore, StoredImage, Style, Text, Turn,
     example::{IMAGE_TAG, call_json, tags_in},
     json,
 };
@@ -94,7 +94,7 @@ impl Format {
     }
 
     /// Whether the pictures are in the rows; otherwise the rows name files.
-    pub fn holds_pictures(self) -> bool {
+    pub fn embeds_images(self) -> bool {
         matches!(self, Format::OpenAi | Format::Parquet)
     }
 
@@ -126,11 +126,11 @@ impl Format {
     pub fn write_row(
         self,
         example: &Example,
-        pictures: &Pictures,
+        pictures: &ImageStore,
         out: &mut Vec<u8>,
     ) -> Result<(), DatasetError> {
         if let Some(reason) = self.refuses(example) {
-            return Err(DatasetError::Unfit {
+            return Err(DatasetError::UnsupportedFormat {
                 example: example.id.clone(),
                 format: self.as_str(),
                 reason,
@@ -182,7 +182,7 @@ const ASSISTANT: &str = "{\"role\":\"assistant\",\"content\":\"";
 
 struct Row<'r> {
     example: &'r Example,
-    pictures: &'r Pictures,
+    pictures: &'r ImageStore,
     out: &'r mut Vec<u8>,
 }
 
@@ -610,13 +610,11 @@ impl Row<'_> {
         Ok(())
     }
 
-    fn picture(&self, image: &ImageId) -> Result<Picture, DatasetError> {
-        self.pictures
-            .get(image)
-            .ok_or_else(|| DatasetError::Picture {
-                example: self.example.id.clone(),
-                image: *image,
-            })
+    fn picture(&self, image: &ImageId) -> Result<StoredImage, DatasetError> {
+        self.pictures.get(image).ok_or_else(|| DatasetError::Image {
+            example: self.example.id.clone(),
+            image: *image,
+        })
     }
 
     fn close(&mut self) -> Result<(), DatasetError> {

@@ -24,15 +24,15 @@ mod tokens;
 mod told;
 
 pub use card::{CARD, DATASET_INFO, card, dataset_info, write_card};
-pub use dataset::{DatasetWriter, Description, Prepared, WriterOptions};
+pub use dataset::{DatasetWriter, Description, PreparedRow, WriterOptions};
 pub use episode::{Episode, ImageId, Source, Step};
 pub use error::DatasetError;
-pub use example::{About, Example, ExampleOptions, Examples, Style, Text, Turn, examples};
+pub use example::{EpisodeInfo, Example, ExampleOptions, Examples, Style, Text, Turn, examples};
 pub use format::Format;
 pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, files};
-pub use picture::{Encoding, PIXELS_MAX, PIXELS_MIN, Picture, PictureOptions, Pictures};
-pub use privileged::{Leak, LeakKind, Secrets, privileged, strip};
-pub use refusal::{Refusal, Refused};
+pub use picture::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage};
+pub use privileged::{Leak, LeakKind, PrivilegedFacts, find_leak, strip};
+pub use refusal::{RefusalReason, RefusedDecision};
 pub use rollout::{Rollout, TASK_LIST, task_list};
 pub use shard::{Shard, Shards};
 pub use split::{Leakage, LeakageCheck, Ratios, Split, Splits};
@@ -40,4 +40,4 @@ pub use tokens::{
     BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, TOKENS_PER_TURN, TokenCount, TokenCounter,
     TokenReport, Tokenizer, TokenizerFile, image_tokens,
 };
-pub use told::{Receptacle, Told};
+pub use told::{Receptacle, TaskBriefing};

@@ -59,7 +59,7 @@ impl Encoding {
 
 /// What is made of a picture.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-pub struct PictureOptions {
+pub struct ImageOptions {
     /// How it is encoded.
     pub encoding: Encoding,
     /// The most pixels; none keeps every picture as it is.
@@ -69,7 +69,7 @@ pub struct PictureOptions {
     pub side_multiple: u32,
 }
 
-impl Default for PictureOptions {
+impl Default for ImageOptions {
     fn default() -> Self {
         Self {
             encoding: Encoding::default(),
@@ -79,7 +79,7 @@ impl Default for PictureOptions {
     }
 }
 
-impl PictureOptions {
+impl ImageOptions {
     /// The width and height that a picture gets: its own where it is within the budget, else the
     /// largest of its aspect ratio within it, at least [`PIXELS_MIN`] pixels.
     pub fn size(&self, width: u32, height: u32) -> (u32, u32) {
@@ -112,7 +112,7 @@ impl PictureOptions {
 
 /// A picture on disk.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct Picture {
+pub struct StoredImage {
     /// From the dataset's folder, with `/`: `images/ab/<64 digits>.png`.
     pub path: String,
     /// In pixels.
@@ -125,16 +125,16 @@ pub struct Picture {
 
 /// The pictures of a dataset. May be used from several threads; what is written does not depend on
 /// their order.
-pub struct Pictures {
+pub struct ImageStore {
     root: PathBuf,
-    options: PictureOptions,
-    written: Mutex<BTreeMap<ImageId, Picture>>,
+    options: ImageOptions,
+    written: Mutex<BTreeMap<ImageId, StoredImage>>,
     parts: AtomicU64,
 }
 
-impl Pictures {
+impl ImageStore {
     /// Pictures under `<root>/images`.
-    pub fn new(root: &Path, options: PictureOptions) -> Self {
+    pub fn new(root: &Path, options: ImageOptions) -> Self {
         Self {
             root: root.to_owned(),
             options,
@@ -144,17 +144,17 @@ impl Pictures {
     }
 
     /// How they are made.
-    pub fn options(&self) -> &PictureOptions {
+    pub fn options(&self) -> &ImageOptions {
         &self.options
     }
 
     /// A picture that was put before.
-    pub fn get(&self, image: &ImageId) -> Option<Picture> {
+    pub fn get(&self, image: &ImageId) -> Option<StoredImage> {
         self.written().get(image).cloned()
     }
 
     /// Takes over a picture that an earlier run put; false where its file is not as it was.
-    pub fn take_over(&self, image: ImageId, picture: &Picture) -> bool {
+    pub fn take_over(&self, image: ImageId, picture: &StoredImage) -> bool {
         let there = fs::metadata(self.root.join(&picture.path))
             .is_ok_and(|file| file.len() == picture.bytes);
         if there {
@@ -178,7 +178,7 @@ impl Pictures {
         rgb: &[u8],
         width: u32,
         height: u32,
-    ) -> Result<Picture, DatasetError> {
+    ) -> Result<StoredImage, DatasetError> {
         if let Some(picture) = self.get(&image) {
             return Ok(picture);
         }
@@ -203,7 +203,7 @@ impl Pictures {
                 .and_then(|()| fs::rename(&part, &file))
                 .map_err(DatasetError::io(&file))?;
         }
-        let picture = Picture {
+        let picture = StoredImage {
             path,
             width,
             height,
@@ -217,19 +217,19 @@ impl Pictures {
     ///
     /// # Errors
     /// When it cannot be read.
-    pub fn bytes(&self, picture: &Picture) -> Result<Vec<u8>, DatasetError> {
+    pub fn bytes(&self, picture: &StoredImage) -> Result<Vec<u8>, DatasetError> {
         let file = self.root.join(&picture.path);
         fs::read(&file).map_err(DatasetError::io(&file))
     }
 
-    fn written(&self) -> std::sync::MutexGuard<'_, BTreeMap<ImageId, Picture>> {
+    fn written(&self) -> std::sync::MutexGuard<'_, BTreeMap<ImageId, StoredImage>> {
         self.written
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
-impl PictureOptions {
+impl ImageOptions {
     /// The encoded picture with its width and height.
     ///
     /// # Errors
@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn sizes() {
         let size = |side_multiple, width, height| {
-            PictureOptions {
+            ImageOptions {
                 side_multiple,
                 ..Default::default()
             }
@@ -341,7 +341,7 @@ mod tests {
         assert_eq!(size(28, 300, 200), (280, 196));
         assert_eq!(size(1, 10, 10), (28, 28));
         assert_eq!(
-            PictureOptions {
+            ImageOptions {
                 pixels_max: None,
                 ..Default::default()
             }
@@ -359,7 +359,7 @@ mod tests {
         let rgb = noise(64, 48);
         let image = Digest::of(&rgb);
         let encode = |encoding| {
-            PictureOptions {
+            ImageOptions {
                 encoding,
                 pixels_max: None,
                 side_multiple: 1,
@@ -382,7 +382,7 @@ mod tests {
         assert_eq!(pixels, rgb);
         assert_eq!(encode(Encoding::Jpeg { quality: 90 })[..2], [0xff, 0xd8]);
         assert!(matches!(
-            PictureOptions::default().encode(image, &rgb[1..], 64, 48),
+            ImageOptions::default().encode(image, &rgb[1..], 64, 48),
             Err(DatasetError::Pixels { .. })
         ));
     }
@@ -390,7 +390,7 @@ mod tests {
     #[test]
     fn written_once_and_resized() {
         let folder = tempfile::tempdir().unwrap();
-        let pictures = Pictures::new(folder.path(), PictureOptions::default());
+        let pictures = ImageStore::new(folder.path(), ImageOptions::default());
         let grey = vec![77; 640 * 480 * 3];
         let first = pictures.put(Digest::of(b"1"), &grey, 640, 480).unwrap();
         let second = pictures.put(Digest::of(b"2"), &grey, 640, 480).unwrap();

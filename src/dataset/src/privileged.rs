@@ -80,14 +80,14 @@ impl Leak {
 
 /// What is privileged in one episode in particular: its instances, their assets, phrases.
 #[derive(Clone, Debug, Default)]
-pub struct Secrets {
+pub struct PrivilegedFacts {
     words: Option<AhoCorasick>,
     kinds: Vec<LeakKind>,
     /// Receptacle ids and the like, which the agent knows.
     public: BTreeSet<String>,
 }
 
-impl Secrets {
+impl PrivilegedFacts {
     /// None in particular: only what is privileged in every episode is found.
     pub fn none() -> Self {
         Self::default()
@@ -177,7 +177,7 @@ pub fn strip(text: &str) -> Cow<'_, str> {
     }
     for (value, span) in JsonValues::new(text) {
         if span.start >= from
-            && (value_leak(&value, &Secrets::none()).is_some()
+            && (value_leak(&value, &PrivilegedFacts::none()).is_some()
                 || PRIVILEGED.is_match(&text[span.clone()]))
         {
             cuts.push(span);
@@ -198,7 +198,7 @@ pub fn strip(text: &str) -> Cow<'_, str> {
 }
 
 /// The first privileged thing in a text, disguised or not; none in a clean one.
-pub fn privileged(text: &str, secrets: &Secrets) -> Option<Leak> {
+pub fn find_leak(text: &str, secrets: &PrivilegedFacts) -> Option<Leak> {
     plain_leak(text, secrets).or_else(|| {
         let hidden = |(span, plain): (Range<usize>, String)| {
             plain_leak(&plain, secrets).map(|leak| Leak {
@@ -210,7 +210,7 @@ pub fn privileged(text: &str, secrets: &Secrets) -> Option<Leak> {
     })
 }
 
-fn plain_leak(text: &str, secrets: &Secrets) -> Option<Leak> {
+fn plain_leak(text: &str, secrets: &PrivilegedFacts) -> Option<Leak> {
     if let Some(leak) = secrets.find(text) {
         return Some(leak);
     }
@@ -330,7 +330,7 @@ fn kind_of(found: &str) -> LeakKind {
 }
 
 /// What a JSON value tells by its shape, or a text within it.
-fn value_leak(value: &Value, secrets: &Secrets) -> Option<LeakKind> {
+fn value_leak(value: &Value, secrets: &PrivilegedFacts) -> Option<LeakKind> {
     match value {
         Value::Object(map) => {
             let state = |value: &Value| {

@@ -4,24 +4,24 @@
 use std::{borrow::Cow, fmt};
 
 use crate::{
-    Episode, LeakKind, Secrets, Step,
-    privileged::{JSON_TRIES_MAX, privileged},
+    Episode, LeakKind, PrivilegedFacts, Step,
+    privileged::{JSON_TRIES_MAX, find_leak},
 };
 
 /// A decision that did not become an example, or an episode that gave none.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Refused {
+pub struct RefusedDecision {
     /// The episode.
     pub episode_id: String,
     /// The decision; none where the whole episode was refused.
     pub call: Option<u32>,
     /// Why.
-    pub reason: Refusal,
+    pub reason: RefusalReason,
 }
 
 /// Why a decision is refused.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Refusal {
+pub enum RefusalReason {
     /// Something that an agent must not know is in a text.
     Leak {
         /// What.
@@ -40,15 +40,15 @@ pub enum Refusal {
     },
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for RefusalReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Refusal::Leak {
+            RefusalReason::Leak {
                 kind,
                 field,
                 excerpt,
             } => write!(f, "{field} holds {kind}: {excerpt:?}"),
-            Refusal::Tag { tag, field } => write!(
+            RefusalReason::Tag { tag, field } => write!(
                 f,
                 "{field} holds {tag:?}, which trainers take for a turn or a picture"
             ),
@@ -59,9 +59,9 @@ impl fmt::Display for Refusal {
 /// Why a text is refused, by the name of the text.
 pub(crate) fn refusal(
     text: &str,
-    secrets: &Secrets,
+    secrets: &PrivilegedFacts,
     field: impl Fn() -> String,
-) -> Option<Refusal> {
+) -> Option<RefusalReason> {
     if text.is_empty() {
         return None;
     }
@@ -69,13 +69,13 @@ pub(crate) fn refusal(
         .iter()
         .find(|tag| text.contains('<') && text.contains(**tag));
     if let Some(tag) = tag {
-        return Some(Refusal::Tag {
+        return Some(RefusalReason::Tag {
             tag,
             field: field(),
         });
     }
-    let leak = privileged(text, secrets)?;
-    Some(Refusal::Leak {
+    let leak = find_leak(text, secrets)?;
+    Some(RefusalReason::Leak {
         kind: leak.kind,
         field: field(),
         excerpt: leak.excerpt(text),
@@ -85,7 +85,10 @@ pub(crate) fn refusal(
 /// Whether one look at many texts says that none of them needs a look of its own. What stands
 /// between them is in no JSON, so that none goes on from one text to the next and hides what the
 /// next one holds.
-pub(crate) fn clean<'t>(texts: impl IntoIterator<Item = &'t str>, secrets: &Secrets) -> bool {
+pub(crate) fn clean<'t>(
+    texts: impl IntoIterator<Item = &'t str>,
+    secrets: &PrivilegedFacts,
+) -> bool {
     let together = texts
         .into_iter()
         .filter(|text| !text.is_empty())
@@ -102,18 +105,18 @@ pub(crate) struct Checks {
 }
 
 struct StepChecks {
-    reasoning: Option<Refusal>,
-    history: Option<Refusal>,
+    reasoning: Option<RefusalReason>,
+    history: Option<RefusalReason>,
     /// New Schedule, Current subtask.
-    plan: Option<Refusal>,
-    action: Option<Refusal>,
-    outcome: Option<Refusal>,
+    plan: Option<RefusalReason>,
+    action: Option<RefusalReason>,
+    outcome: Option<RefusalReason>,
 }
 
 impl Checks {
     /// Looks at an episode with its arguments as JSON and its outcomes without payloads.
     pub fn of(episode: &Episode, arguments: &[String], outcomes: &[Cow<'_, str>]) -> Self {
-        let secrets = episode.told.secrets();
+        let secrets = episode.briefing.secrets();
         let steps = episode.steps.iter().zip(arguments).zip(outcomes);
         let texts = steps.clone().flat_map(|((step, arguments), outcome)| {
             let Step {
@@ -157,7 +160,7 @@ impl Checks {
     }
 
     /// Of a decision with every History up to it, and the action and outcome before it.
-    pub fn single_turn(&self, index: usize) -> Option<&Refusal> {
+    pub fn single_turn(&self, index: usize) -> Option<&RefusalReason> {
         let StepChecks {
             reasoning,
             plan,
@@ -177,13 +180,13 @@ impl Checks {
     }
 
     /// Of a call and its outcome.
-    pub fn call(&self, index: usize) -> Option<&Refusal> {
+    pub fn call(&self, index: usize) -> Option<&RefusalReason> {
         let step = self.steps.get(index)?;
         step.action.as_ref().or(step.outcome.as_ref())
     }
 
     /// Of a conversation up to and with a decision; its state is not in it.
-    pub fn conversation(&self, target: usize) -> Option<&Refusal> {
+    pub fn conversation(&self, target: usize) -> Option<&RefusalReason> {
         let said = self
             .steps
             .iter()

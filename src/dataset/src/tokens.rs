@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 use reel_world::Digest;
 use serde::Serialize;
 
-use crate::{DatasetError, Example, Picture, Text, Turn, example::call_json};
+use crate::{DatasetError, Example, StoredImage, Text, Turn, example::call_json};
 
 /// The context of training, in tokens.
 pub const CONTEXT_TOKENS: u32 = 8_192;
@@ -143,7 +143,7 @@ impl<'t> TokenCounter<'t> {
     pub fn count(
         &mut self,
         example: &Example,
-        picture: impl Fn(&crate::ImageId) -> Option<Picture>,
+        picture: impl Fn(&crate::ImageId) -> Option<StoredImage>,
     ) -> TokenCount {
         let pictures = example.images().filter_map(picture);
         let image = pictures

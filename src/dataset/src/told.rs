@@ -6,17 +6,17 @@ use reel_prompt::{EpisodePrompt, Prompt, briefing};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Refusal, Secrets, Text,
+    PrivilegedFacts, RefusalReason, Text,
     refusal::{clean, refusal},
 };
 
 /// What the agents of a task are told, and what they must not know.
 #[derive(Debug)]
-pub struct Told {
+pub struct TaskBriefing {
     instruction: String,
     receptacles: Vec<Receptacle>,
-    secrets: Secrets,
-    refusal: Option<Refusal>,
+    secrets: PrivilegedFacts,
+    refusal: Option<RefusalReason>,
     prompt: Arc<Prompt>,
     /// In the words of the prompt, with the beginning that all its single turns share.
     single_turn: OnceLock<(Arc<EpisodePrompt>, Arc<Text>)>,
@@ -35,12 +35,12 @@ pub struct Receptacle {
     pub room: String,
 }
 
-impl Told {
+impl TaskBriefing {
     /// The instruction, the furniture in the scene's order, and what is privileged in the task.
     pub fn new(
         instruction: impl Into<String>,
         receptacles: Vec<Receptacle>,
-        secrets: Secrets,
+        secrets: PrivilegedFacts,
     ) -> Self {
         let instruction = instruction.into();
         let listed: Vec<String> = receptacles
@@ -86,12 +86,12 @@ impl Told {
     }
 
     /// What it must not know.
-    pub fn secrets(&self) -> &Secrets {
+    pub fn secrets(&self) -> &PrivilegedFacts {
         &self.secrets
     }
 
     /// Why no episode of the task gives an example.
-    pub(crate) fn refusal(&self) -> Option<&Refusal> {
+    pub(crate) fn refusal(&self) -> Option<&RefusalReason> {
         self.refusal.as_ref()
     }
 

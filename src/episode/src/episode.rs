@@ -3,7 +3,10 @@
 use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
-use reel_sim::{Given, Luck, Simulator, Snapshot, Stage, ToolResult, render::Detail, sim_version};
+use reel_sim::{
+    ActuationNoise, CallContext, PreparedTask, Simulator, Snapshot, ToolResult, render::Detail,
+    sim_version,
+};
 use reel_world::{
     Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool,
     WorldGraph, ask_reply, chain, invariants,
@@ -35,8 +38,8 @@ pub struct Episode {
 
 /// An episode put aside; see [`Episode::park`].
 #[derive(Debug)]
-pub struct Parked {
-    stage: Arc<Stage>,
+pub struct Suspended {
+    stage: Arc<PreparedTask>,
     config: EpisodeConfig,
     start: StartRecord,
     steps: Vec<StepRecord>,
@@ -45,12 +48,12 @@ pub struct Parked {
     ended: Option<EndReason>,
 }
 
-impl Parked {
+impl Suspended {
     /// Goes on with it.
     ///
     /// # Errors
     /// As [`Episode::resume`].
-    pub fn wake(self) -> Result<Episode, EpisodeError> {
+    pub fn resume(self) -> Result<Episode, EpisodeError> {
         Episode::resume_on(
             self.stage,
             self.config,
@@ -64,14 +67,14 @@ impl Parked {
     ///
     /// # Errors
     /// When the snapshot cannot be restored.
-    pub fn look(&self) -> Result<Frame, EpisodeError> {
+    pub fn render_frame(&self) -> Result<Frame, EpisodeError> {
         let simulator = Simulator::resume(
             self.stage.clone(),
             self.config.profile,
             self.config.seed,
             &self.snapshot,
         )?;
-        Ok(simulator.picture_from(&simulator.camera()))
+        Ok(simulator.render_from(&simulator.camera()))
     }
 
     /// Closes it where it lies, as [`Episode::end`] does.
@@ -114,7 +117,7 @@ impl Episode {
     /// # Errors
     /// When task and scene do not belong together.
     pub fn start(config: EpisodeConfig) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        Self::start_with(config, Detail::Picture)
+        Self::start_with(config, Detail::Full)
     }
 
     /// [`Episode::start`] with pictures of so much detail. Without RGB the digests of RGB and the
@@ -127,7 +130,7 @@ impl Episode {
         detail: Detail,
     ) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
         Ok(Self::begin(
-            stage(&config.scene, &config.task, &config.meshes)?,
+            prepare_task(&config.scene, &config.task, &config.meshes)?,
             config,
             detail,
         ))
@@ -138,20 +141,23 @@ impl Episode {
     ///
     /// # Panics
     /// When it is the stage of another task or scene.
-    pub fn start_on(stage: Arc<Stage>, config: EpisodeConfig) -> (Episode, StartRecord, Frame) {
-        Self::begin(stage, config, Detail::Picture)
+    pub fn start_on(
+        stage: Arc<PreparedTask>,
+        config: EpisodeConfig,
+    ) -> (Episode, StartRecord, Frame) {
+        Self::begin(prepare_task, config, Detail::Full)
     }
 
     fn begin(
-        stage: Arc<Stage>,
+        stage: Arc<PreparedTask>,
         config: EpisodeConfig,
         detail: Detail,
     ) -> (Episode, StartRecord, Frame) {
-        check_stage(&stage, &config);
+        check_stage(&prepare_task, &config);
         let header = header(&config);
-        let mut simulator = Simulator::new(stage, config.profile, config.seed);
+        let mut simulator = Simulator::new(prepare_task, config.profile, config.seed);
         simulator.set_detail(detail);
-        let frame = simulator.take_picture();
+        let frame = simulator.capture_frame();
         let graphs = simulator.graphs();
         let mut start = StartRecord {
             graphs: graphs.clone(),
@@ -191,7 +197,7 @@ impl Episode {
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
         Self::resume_on(
-            stage(&config.scene, &config.task, &config.meshes)?,
+            prepare_task(&config.scene, &config.task, &config.meshes)?,
             config,
             start,
             steps,
@@ -208,22 +214,22 @@ impl Episode {
     /// # Panics
     /// When it is the stage of another task or scene.
     pub fn resume_on(
-        stage: Arc<Stage>,
+        stage: Arc<PreparedTask>,
         config: EpisodeConfig,
         start: StartRecord,
         steps: Vec<StepRecord>,
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
-        check_stage(&stage, &config);
+        check_stage(&prepare_task, &config);
         let last = steps.last().map_or(&start.digests, |step| &step.digests);
         if last.state != snapshot.digest() {
-            return Err(EpisodeError::OtherMoment {
+            return Err(EpisodeError::SnapshotMismatch {
                 steps: steps.len(),
                 expected: last.state,
                 found: snapshot.digest(),
             });
         }
-        let simulator = Simulator::resume(stage, config.profile, config.seed, snapshot)?;
+        let simulator = Simulator::resume(prepare_task, config.profile, config.seed, snapshot)?;
         let (mut rewarder, mut user) = observers(&config, &start);
         for step in &steps {
             // Its terms are in the record already; what counts is what the rewarder remembers of
@@ -277,7 +283,7 @@ impl Episode {
 
     /// Puts the episode aside: its records and a snapshot, without the engine and the last picture.
     /// Its stage stays, shared with others of the task.
-    pub fn park(self) -> Parked {
+    pub fn suspend(self) -> Suspended {
         let (stage, snapshot) = (self.simulator.stage().clone(), self.snapshot());
         let Self {
             config,
@@ -287,8 +293,8 @@ impl Episode {
             ended,
             ..
         } = self;
-        Parked {
-            stage,
+        Suspended {
+            prepare_task,
             config,
             start,
             steps,
@@ -436,8 +442,8 @@ impl Episode {
     }
 
     /// What the robot's head sees.
-    pub fn look(&self) -> Frame {
-        self.simulator.picture_from(&self.simulator.camera())
+    pub fn render_frame(&self) -> Frame {
+        self.simulator.render_from(&self.simulator.camera())
     }
 
     /// The simulator, to look at.
@@ -462,14 +468,14 @@ impl Episode {
         if self.config.profile == Profile::RealRepo && call.name == "ask" {
             let answer = published_user::answer(call, &self.config.task, input.user_reply.as_ref());
             let reply = answer.as_deref().ok().and_then(ask_reply);
-            return (self.simulator.say_published("ask", answer), reply);
+            return (self.simulator.answer_published("ask", answer), reply);
         }
         let luck = self.luck();
         (
             self.simulator.call_published(
                 call,
-                Given {
-                    luck,
+                CallContext {
+                    noise: luck,
                     lookup: input.lookup.as_ref(),
                 },
             ),
@@ -478,9 +484,9 @@ impl Episode {
     }
 
     /// The luck of the next call.
-    fn luck(&self) -> Luck {
+    fn luck(&self) -> ActuationNoise {
         let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
-        Luck::of(
+        ActuationNoise::of(
             self.config.skills,
             self.config.seed,
             &self.config.task.task_id,
@@ -513,8 +519,8 @@ impl Episode {
                 (
                     self.simulator.call(
                         tool,
-                        Given {
-                            luck,
+                        CallContext {
+                            noise: luck,
                             lookup: input.lookup.as_ref(),
                         },
                     ),
@@ -537,7 +543,7 @@ impl Episode {
 
     fn check_invariants(&self) {
         for graph in [&self.graphs.physics, &self.graphs.registry] {
-            let moment = invariants::Moment {
+            let moment = invariants::InvariantInput {
                 scene: &self.config.scene,
                 task: &self.config.task,
                 graph,
@@ -558,13 +564,13 @@ impl Episode {
 ///
 /// # Errors
 /// When the task plays in another scene.
-pub fn stage(
+pub fn prepare_task(
     scene: &Arc<Scene>,
     task: &Arc<Task>,
     meshes: &Meshes,
-) -> Result<Arc<Stage>, EpisodeError> {
+) -> Result<Arc<PreparedTask>, EpisodeError> {
     if task.scene_id == scene.scene_id {
-        return Ok(Stage::with_meshes(
+        return Ok(PreparedTask::with_meshes(
             scene.clone(),
             task.clone(),
             meshes.clone(),
@@ -578,10 +584,10 @@ pub fn stage(
     })
 }
 
-fn check_stage(stage: &Stage, config: &EpisodeConfig) {
-    let its = Arc::ptr_eq(stage.task(), &config.task)
-        && Arc::ptr_eq(stage.scene(), &config.scene)
-        && *stage.meshes() == config.meshes;
+fn check_stage(stage: &PreparedTask, config: &EpisodeConfig) {
+    let its = Arc::ptr_eq(prepare_task.task(), &config.task)
+        && Arc::ptr_eq(prepare_task.scene(), &config.scene)
+        && *prepare_task.meshes() == config.meshes;
     assert!(
         its,
         "the stage of task {} was handed to task {}",

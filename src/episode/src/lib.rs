@@ -15,8 +15,8 @@ use reel_world::{
     record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
-pub use episode::{Episode, Parked, stage};
-pub use reel_sim::Stage;
+pub use episode::{Episode, Suspended, prepare_task};
+pub use reel_sim::PreparedTask;
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]
@@ -89,7 +89,7 @@ pub enum EpisodeError {
     },
     /// The snapshot is of another moment or episode.
     #[error("the snapshot has the state {found}, but after {steps} steps the state was {expected}")]
-    OtherMoment {
+    SnapshotMismatch {
         /// How many steps were before.
         steps: usize,
         /// The recorded state.

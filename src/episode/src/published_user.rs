@@ -1,7 +1,7 @@
 //! What the published server of branch `main` answers to `ask`: a description from the task's file,
 //! whatever was asked. Never looks at the scene; the rules of the paper's user are in `user`.
 
-use reel_sim::published::{Refusal, argument, python_text};
+use reel_sim::published::{PublishedError, argument, python_text};
 use reel_world::{
     AskContext, Task, ToolCall, ask_answer, ask_context, ask_error,
     record::{UserReply, UserSource},
@@ -15,7 +15,7 @@ pub(crate) fn answer(
     call: &ToolCall,
     task: &Task,
     reply: Option<&UserReply>,
-) -> Result<String, Refusal> {
+) -> Result<String, PublishedError> {
     let [category, description] = [
         argument(call, "target_category")?,
         argument(call, "target_description")?,

@@ -3,20 +3,22 @@
 
 use std::{borrow::Cow, path::Path};
 
-use reel_annotate::{AnnotateError, Marked, Note, Step as Decision, Thing, notes_path, read_notes};
+use reel_annotate::{
+    AnnotateError, MarkedItem, Note, ObservedObject, Step as Decision, notes_path, read_notes,
+};
 use reel_dataset::{Rollout, Step};
-use reel_history::{Checker, Deed, Setting, mend};
+use reel_history::{Checker, Setting, StepFacts, mend};
 use reel_trace::Trace;
 use reel_world::{Digest, ErrorCode, TokenLogprobs};
 use serde::Deserialize;
 
-use crate::{Mending, Words, known::KnownTask, rollouts::Worth};
+use crate::{AnnotationSource, HistoryRepairs, known::KnownTask, rollouts::Worth};
 
 /// Columns of `episodes` that a [`Row`] is made of, in words of a kind.
-pub(crate) fn columns(words: Words, rollouts: bool) -> Vec<&'static str> {
+pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static str> {
     let annotator: &[&str] = match words {
-        Words::Auto | Words::Rules => ANNOTATOR_COLUMNS,
-        Words::Recorded | Words::Notes => &[],
+        AnnotationSource::Auto | AnnotationSource::Rules => ANNOTATOR_COLUMNS,
+        AnnotationSource::Recorded | AnnotationSource::Notes => &[],
     };
     let logprobs: &[&str] = if rollouts { LOGPROB_COLUMNS } else { &[] };
     [COLUMNS, annotator, logprobs].concat()
@@ -146,13 +148,13 @@ impl Row<'_> {
     /// When they shall be those of a file that is none.
     pub fn notes(
         &self,
-        words: Words,
+        words: AnnotationSource,
         known: &KnownTask,
         seed: u64,
     ) -> Result<(Vec<Note>, String), AnnotateError> {
         match words {
-            Words::Recorded => Ok((self.recorded(), self.policy.to_owned())),
-            Words::Notes => {
+            AnnotationSource::Recorded => Ok((self.recorded(), self.policy.to_owned())),
+            AnnotationSource::Notes => {
                 let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
                 let (provenance, entries) = read_notes(&notes_path(Path::new(self.trace)), &trace)?;
                 let notes = entries.into_iter().map(|entry| entry.note).collect();
@@ -161,7 +163,7 @@ impl Row<'_> {
                     format!("{}-{}", provenance.annotator, provenance.version.short()),
                 ))
             }
-            Words::Auto | Words::Rules => {
+            AnnotationSource::Auto | AnnotationSource::Rules => {
                 let steps: Vec<Decision<'_>> =
                     self.steps.iter().map(|step| step.decision(known)).collect();
                 let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
@@ -259,12 +261,12 @@ impl<'a> StepRow<'a> {
     }
 
     fn decision(&'a self, known: &'a KnownTask) -> Decision<'a> {
-        let thing = |instance: &str| known.object(instance).map(Thing::of);
+        let thing = |instance: &str| known.object(instance).map(ObservedObject::of);
         let marked = |marker: &MarkerRow<'a>| match marker.kind {
-            "object" => thing(marker.id).map(Marked::Object),
-            _ => Some(Marked::Receptacle(marker.id)),
+            "object" => thing(marker.id).map(MarkedItem::Object),
+            _ => Some(MarkedItem::Receptacle(marker.id)),
         };
-        let mut seen: Vec<Thing<'_>> = Vec::new();
+        let mut seen: Vec<ObservedObject<'_>> = Vec::new();
         for instance in self
             .listed
             .iter()
@@ -284,7 +286,7 @@ impl<'a> StepRow<'a> {
                 .iter()
                 .filter_map(|marker| Some((marker.marker, marked(marker)?)))
                 .collect(),
-            seen,
+            visible: seen,
             receptacle: self.receptacle,
             held: self.held.and_then(thing),
         }
@@ -292,19 +294,19 @@ impl<'a> StepRow<'a> {
 }
 
 /// Takes out of each History what the record refutes.
-pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> Mending {
+pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> HistoryRepairs {
     let mut checker = Checker::new(Setting::of(
         &trace.task,
         &trace.scene,
         &trace.start.graphs.physics,
     ));
-    let mut mending = Mending::default();
+    let mut mending = HistoryRepairs::default();
     for (note, record) in notes.iter_mut().zip(&trace.steps) {
-        let result = mend(&mut checker, &note.history);
-        mending.mended += result.mended as u64;
+        let result = repair_history(&mut checker, &note.history);
+        mending.mended += result.repaired as u64;
         mending.dropped += result.dropped as u64;
         note.history = result.text;
-        checker.did(Deed::of(record));
+        checker.push_step(StepFacts::of(record));
     }
     mending
 }

@@ -16,7 +16,7 @@ use reel_world::OLD_POLICY;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ExportError, RolloutOptions, Selection, Words,
+    AnnotationSource, ExportError, RolloutOptions, Selection,
     rollouts::{self, Worth},
     select::{self, LeftOut, count},
 };
@@ -262,7 +262,12 @@ fn grouped(
     };
     // what is left out of training sets is in the objective even so: the words of every decision
     // count
-    let mut chosen = select::candidates(store, &every, Words::Recorded, &mut LeftOut::default())?;
+    let mut chosen = select::candidates(
+        store,
+        &every,
+        AnnotationSource::Recorded,
+        &mut LeftOut::default(),
+    )?;
     rollouts::group(&mut chosen, &options.rollouts, options.seed, left_out)?;
     let rollout = |candidate: select::Candidate| {
         Some((

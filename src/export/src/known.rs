@@ -6,7 +6,7 @@ use std::{
 };
 
 use reel_annotate::PublicTask;
-use reel_dataset::{Receptacle, Secrets, Told};
+use reel_dataset::{PrivilegedFacts, Receptacle, TaskBriefing};
 use reel_prompt::Prompt;
 use reel_reward::Preset;
 use reel_tables::{Store, StoreError, Table};
@@ -36,7 +36,7 @@ pub(crate) struct KnownTask {
     public: OnceLock<PublicTask>,
     /// Places of the objects in the task, by their instances.
     objects: HashMap<String, usize>,
-    pub told: Arc<Told>,
+    pub told: Arc<TaskBriefing>,
 }
 
 impl Known {
@@ -120,8 +120,12 @@ impl Known {
                 .map(|(index, object)| (object.instance.to_string(), index))
                 .collect(),
             told: Arc::new(
-                Told::new(&task.instruction, receptacles, Secrets::of_task(&task))
-                    .with_prompt(Arc::clone(&self.prompt)),
+                TaskBriefing::new(
+                    &task.instruction,
+                    receptacles,
+                    PrivilegedFacts::of_task(&task),
+                )
+                .with_prompt(Arc::clone(&self.prompt)),
             ),
             task,
             scene,

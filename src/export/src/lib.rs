@@ -39,7 +39,7 @@ pub type Progress<'a> = &'a (dyn Fn(usize) + Sync);
 /// Whose reasoning, History, schedule and subtask an example has.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Words {
+pub enum AnnotationSource {
     /// A model's own where one spoke, mended; else written by rules.
     #[default]
     Auto,
@@ -51,12 +51,12 @@ pub enum Words {
     Notes,
 }
 
-impl Words {
+impl AnnotationSource {
     /// Whose they are for an episode, by whether a model spoke in it.
     fn of(self, a_model_spoke: impl FnOnce() -> bool) -> Self {
         match self {
-            Words::Auto if a_model_spoke() => Words::Recorded,
-            Words::Auto => Words::Rules,
+            AnnotationSource::Auto if a_model_spoke() => AnnotationSource::Recorded,
+            AnnotationSource::Auto => AnnotationSource::Rules,
             words => words,
         }
     }
@@ -86,7 +86,7 @@ pub struct ExportOptions {
     #[serde(skip)]
     pub prompt: Arc<Prompt>,
     /// Whose words.
-    pub words: Words,
+    pub words: AnnotationSource,
     /// What a part keeps together.
     pub split_by: SplitBy,
     /// The parts' shares.
@@ -122,11 +122,11 @@ pub struct ExportReport {
     /// Episodes and decisions that were left out, by the reason.
     pub left_out: BTreeMap<&'static str, u64>,
     /// Episodes and decisions that were refused, with the trace and the reason.
-    pub refused: Vec<Refusal>,
+    pub refused: Vec<RefusedEpisode>,
     /// Examples of episodes that are not verified.
     pub unverified: u64,
     /// Sentences of recorded Histories that were mended, and dropped.
-    pub history: Mending,
+    pub history: HistoryRepairs,
     /// Different pictures.
     pub pictures: usize,
     /// How long the examples are.
@@ -137,7 +137,7 @@ pub struct ExportReport {
 
 /// Sentences of Histories that contradicted the record.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
-pub struct Mending {
+pub struct HistoryRepairs {
     /// Set right.
     pub mended: u64,
     /// Dropped.
@@ -146,7 +146,7 @@ pub struct Mending {
 
 /// An episode, or one of its decisions, that was refused.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub struct Refusal {
+pub struct RefusedEpisode {
     /// The episode.
     pub episode_id: String,
     /// Its trace.

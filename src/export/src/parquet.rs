@@ -18,7 +18,7 @@ use polars_core::prelude::{
 use polars_io::parquet::write::{
     BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter,
 };
-use reel_dataset::{Example, Pictures, Shard, Split};
+use reel_dataset::{Example, ImageStore, Shard, Split};
 use serde_json::{Map, Value, json};
 
 use crate::ExportError;
@@ -98,7 +98,7 @@ impl Shards {
     }
 
     /// Closes the last file; the files in order.
-    pub fn finish(mut self, pictures: &Pictures) -> Result<Vec<Shard>, ExportError> {
+    pub fn finish(mut self, pictures: &ImageStore) -> Result<Vec<Shard>, ExportError> {
         self.close(pictures)?;
         Ok(self.done)
     }
@@ -107,7 +107,7 @@ impl Shards {
     pub fn push(
         &mut self,
         mut examples: Vec<Example>,
-        pictures: &Pictures,
+        pictures: &ImageStore,
     ) -> Result<(), ExportError> {
         if examples.is_empty() {
             return Ok(());
@@ -135,7 +135,7 @@ impl Shards {
         }
     }
 
-    fn write_group(&mut self, pictures: &Pictures) -> Result<(), ExportError> {
+    fn write_group(&mut self, pictures: &ImageStore) -> Result<(), ExportError> {
         if let Some((writer, _)) = &mut self.open
             && !self.pending.is_empty()
         {
@@ -146,7 +146,7 @@ impl Shards {
         Ok(())
     }
 
-    fn close(&mut self, pictures: &Pictures) -> Result<(), ExportError> {
+    fn close(&mut self, pictures: &ImageStore) -> Result<(), ExportError> {
         self.write_group(pictures)?;
         let Some((writer, shard)) = self.open.take() else {
             return Ok(());
@@ -185,7 +185,7 @@ impl Shards {
     }
 }
 
-fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame, ExportError> {
+fn frame(examples: &[Example], pictures: Option<&ImageStore>) -> Result<DataFrame, ExportError> {
     let mut columns: Vec<Column> = Vec::new();
     for (name, value) in TEXT_COLUMNS {
         columns.push(Column::new(
@@ -221,7 +221,7 @@ fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame,
             let Some((pictures, picture)) =
                 pictures.and_then(|pictures| Some((pictures, pictures.get(image)?)))
             else {
-                return Err(reel_dataset::DatasetError::Picture {
+                return Err(reel_dataset::DatasetError::Image {
                     example: example.id.clone(),
                     image: *image,
                 }

@@ -15,9 +15,9 @@ use std::{
 
 use rayon::prelude::*;
 use reel_dataset::{
-    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest,
-    Picture, Pictures, Prepared, Source, Split, Step, Style, TASK_LIST, TokenizerFile, examples,
-    task_list,
+    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, ImageStore,
+    Manifest, PreparedRow, Source, Split, Step, StoredImage, Style, TASK_LIST, TokenizerFile,
+    examples, task_list,
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
@@ -26,7 +26,8 @@ use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::St
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ExportError, ExportOptions, ExportReport, Mending, Progress, Refusal, Words,
+    AnnotationSource, ExportError, ExportOptions, ExportReport, HistoryRepairs, Progress,
+    RefusedEpisode,
     episode::{Row, columns, mend_histories},
     known::Known,
     parquet,
@@ -42,9 +43,9 @@ type Place<'c> = (&'c Candidate, Split);
 /// The rows of one episode.
 struct Made {
     examples: Vec<Example>,
-    prepared: Vec<Prepared>,
-    refused: Vec<Refusal>,
-    history: Mending,
+    prepared: Vec<PreparedRow>,
+    refused: Vec<RefusedEpisode>,
+    history: HistoryRepairs,
 }
 
 /// Writes the examples of the chosen episodes, and says what is in the dataset.
@@ -124,7 +125,7 @@ pub(crate) fn write(
                             let shards = parquet.entry(*split).or_insert_with(|| {
                                 parquet::Shards::new(out, *split, options.writer.rows_max)
                             });
-                            shards.push(examples, writer.pictures())?;
+                            shards.push(examples, writer.images())?;
                         }
                     }
                 }
@@ -139,21 +140,21 @@ pub(crate) fn write(
     }
     for (split, shards) in parquet {
         shards
-            .finish(writer.pictures())?
+            .finish(writer.images())?
             .into_iter()
-            .for_each(|shard| writer.keep(split, shard));
+            .for_each(|shard| writer.add_shard(split, shard));
     }
     report
         .left_out
         .iter()
-        .for_each(|(reason, count)| writer.leave_out(reason, *count));
+        .for_each(|(reason, count)| writer.count_skipped(reason, *count));
     if !report.refused.is_empty() {
-        writer.leave_out(
+        writer.count_skipped(
             "episodes and decisions refused",
             report.refused.len() as u64,
         );
     }
-    report.pictures = writer.pictures().count();
+    report.pictures = writer.images().count();
     known_pictures.remove()?;
     if options.rollouts.is_some() {
         let path = out.join(TASK_LIST);
@@ -188,11 +189,12 @@ impl Maker<'_> {
             examples: Vec::new(),
             prepared: Vec::new(),
             refused: Vec::new(),
-            history: Mending::default(),
+            history: HistoryRepairs::default(),
         };
         let words = options.words.of(|| row.has_words());
         // what a policy is rewarded for is what it said
-        let mends = words == Words::Recorded && options.rollouts.is_none() && row.contradicts();
+        let mends =
+            words == AnnotationSource::Recorded && options.rollouts.is_none() && row.contradicts();
         let trace = match (options.pictures || mends)
             .then(|| Trace::read(Path::new(row.trace)))
             .transpose()
@@ -246,7 +248,7 @@ impl Maker<'_> {
             let shown =
                 match self
                     .pictures
-                    .put(trace, row.trace_digest, &wanted, self.writer.pictures())?
+                    .put(trace, row.trace_digest, &wanted, self.writer.images())?
                 {
                     Ok(shown) => shown,
                     Err(reason) => {
@@ -269,7 +271,7 @@ impl Maker<'_> {
             scene_id: row.scene_id.to_owned(),
             policy: row.policy.to_owned(),
             split,
-            told: Arc::clone(&known.told),
+            briefing: Arc::clone(&known.told),
             names: Profile::parse(row.profile).map_or(NameSet::Paper, Profile::names),
             steps,
             source: self.source(row, candidate, annotator),
@@ -338,7 +340,7 @@ fn moment_before(trace: &Trace, call: u32) -> Moment {
 /// dataset is not whole.
 struct KnownPictures {
     path: PathBuf,
-    known: HashMap<(String, Moment), (ImageId, Picture)>,
+    known: HashMap<(String, Moment), (ImageId, StoredImage)>,
     file: Mutex<File>,
 }
 
@@ -348,7 +350,7 @@ struct Line {
     trace: String,
     moment: Moment,
     image: ImageId,
-    picture: Picture,
+    picture: StoredImage,
 }
 
 /// Name of that file.
@@ -425,7 +427,7 @@ impl KnownPictures {
         trace: &Trace,
         digest: &str,
         moments: &BTreeSet<Moment>,
-        pictures: &Pictures,
+        pictures: &ImageStore,
     ) -> Result<Result<BTreeMap<Moment, ImageId>, String>, ExportError> {
         let mut shown = BTreeMap::new();
         let mut missing = BTreeSet::new();
@@ -439,7 +441,7 @@ impl KnownPictures {
                 }
             }
         }
-        let frames = match reel_replay::pictures_at(trace, &missing) {
+        let frames = match reel_replay::frames_at(trace, &missing) {
             Ok(frames) => frames,
             Err(verdict) => return Ok(Err(verdict.to_string())),
         };

@@ -11,7 +11,7 @@ use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::{Refusal, Words, rollouts::Worth};
+use crate::{AnnotationSource, RefusedEpisode, rollouts::Worth};
 
 /// Which episodes and decisions are wanted.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -112,8 +112,8 @@ impl Candidate {
     }
 
     /// That it, or one of its decisions, is refused.
-    pub fn refusal(&self, call: Option<u32>, reason: String) -> Refusal {
-        Refusal {
+    pub fn refusal(&self, call: Option<u32>, reason: String) -> RefusedEpisode {
+        RefusedEpisode {
             episode_id: self.episode_id.clone(),
             trace: self.trace.clone(),
             call,
@@ -188,7 +188,7 @@ const COLUMNS: &[&str] = &[
 pub(crate) fn candidates(
     store: &Store,
     wanted: &Selection,
-    words: Words,
+    words: AnnotationSource,
     left_out: &mut LeftOut,
 ) -> Result<Vec<Candidate>, StoreError> {
     let classes = if wanted.failed {
@@ -237,11 +237,12 @@ fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
 fn candidate(
     row: &Row<'_>,
     wanted: &Selection,
-    words: Words,
+    words: AnnotationSource,
     class: Option<&Class>,
     left_out: &mut LeftOut,
 ) -> Option<Candidate> {
-    let recorded = words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == Words::Recorded;
+    let recorded =
+        words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == AnnotationSource::Recorded;
     let mut decisions = Vec::new();
     let mut after_mistake = false;
     let decisive = class

@@ -66,7 +66,7 @@ fn look(
 ) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
     let unread = |error| (Err(format!("the trace cannot be read: {error}")), None);
-    let here = match reel_trace::local(path) {
+    let here = match reel_trace::local_copy(path) {
         Ok(here) => here,
         Err(error) => return unread(error),
     };
@@ -99,7 +99,7 @@ fn verdict(path: &Path, bytes: &[u8]) -> TraceVerdict {
     let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
         Ok(trace) => (
             trace.chain().to_string(),
-            reel_replay::verify_contained(&trace),
+            reel_replay::verify_catching_panics(&trace),
         ),
         Err(error) => (
             String::new(),

@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
-    Deed, Setting,
+    Setting, StepFacts,
     claim::{Claim, ClaimKind, Verdict},
     clause::{Arg, Mood, Predicate, predicates},
     facts::Facts,
@@ -65,7 +65,7 @@ impl Checker {
     }
 
     /// One more decision was made.
-    pub fn did(&mut self, deed: Deed) {
+    pub fn push_step(&mut self, deed: StepFacts) {
         self.facts.push(&self.names, deed);
     }
 

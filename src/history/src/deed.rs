@@ -13,9 +13,9 @@ use reel_world::{
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Setting {
     /// The receptacles.
-    pub places: Vec<Place>,
+    pub places: Vec<ReceptacleFacts>,
     /// The objects.
-    pub things: Vec<Thing>,
+    pub things: Vec<ObjectFacts>,
     /// What the agent was told.
     #[serde(default)]
     pub instruction: String,
@@ -27,7 +27,7 @@ pub struct Setting {
 
 /// A receptacle.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Place {
+pub struct ReceptacleFacts {
     /// e.g. `table_1`
     pub id: String,
     /// e.g. `table`
@@ -45,7 +45,7 @@ pub struct Place {
 
 /// An object.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Thing {
+pub struct ObjectFacts {
     /// What deeds call it; never compared with a text.
     pub key: String,
     /// e.g. `alarm clock`
@@ -60,7 +60,7 @@ pub struct Thing {
 
 /// One decision and what came of it.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
-pub struct Deed {
+pub struct StepFacts {
     /// From 0.
     pub step: u32,
     /// The tool's name in the paper, or the name as called where it is no tool.
@@ -88,7 +88,7 @@ pub struct Deed {
     pub seen: Vec<String>,
     /// The marker map after it.
     #[serde(default)]
-    pub markers: Vec<Mark>,
+    pub markers: Vec<MarkerFacts>,
     /// What changed in the world.
     #[serde(default)]
     pub changes: Vec<GraphEvent>,
@@ -96,7 +96,7 @@ pub struct Deed {
 
 /// What a marker stood for.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct Mark {
+pub struct MarkerFacts {
     /// The number.
     pub number: u32,
     /// Key of the object, if it was one.
@@ -111,7 +111,7 @@ impl Setting {
     /// The setting of a recorded episode, whose world stood as `start` says before the first
     /// decision.
     pub fn of(task: &Task, scene: &Scene, start: &WorldGraph) -> Self {
-        let places = scene.receptacles.iter().map(|receptacle| Place {
+        let places = scene.receptacles.iter().map(|receptacle| ReceptacleFacts {
             id: receptacle.id.as_str().to_owned(),
             category: receptacle.category.clone(),
             room: receptacle.room.clone(),
@@ -119,12 +119,12 @@ impl Setting {
             door: (receptacle.door != Door::None)
                 .then(|| start.door(&receptacle.id).unwrap_or(DoorState::Closed)),
         });
-        let things = task.objects.iter().map(|object| Thing {
+        let things = task.objects.iter().map(|object| ObjectFacts {
             key: object.instance.as_str().to_owned(),
             category: object.category.clone(),
             caption: object.caption.clone(),
             place: start
-                .place_of(&object.instance)
+                .receptacle_of(&object.instance)
                 .map(|place| place.as_str().to_owned()),
         });
         Self {
@@ -136,7 +136,7 @@ impl Setting {
     }
 }
 
-impl Deed {
+impl StepFacts {
     /// A recorded decision.
     pub fn of(record: &StepRecord) -> Self {
         let key = |id: &reel_world::InstanceId| id.as_str().to_owned();
@@ -149,18 +149,18 @@ impl Deed {
         seen.sort();
         seen.dedup();
         let markers = record.markers.iter().map(|marker| match &marker.target {
-            MarkerTarget::Object(id) => Mark {
+            MarkerTarget::Object(id) => MarkerFacts {
                 number: marker.id,
                 object: Some(key(id)),
                 receptacle: None,
             },
-            MarkerTarget::Receptacle(id) => Mark {
+            MarkerTarget::Receptacle(id) => MarkerFacts {
                 number: marker.id,
                 object: None,
                 receptacle: Some(id.as_str().to_owned()),
             },
         });
-        let called = Self::called(record.step, &record.input.call, &record.outcome.text);
+        let called = Self::from_call(record.step, &record.input.call, &record.outcome.text);
         Self {
             error: record.outcome.error.map(|code| code.as_str().to_owned()),
             // The published servers answer a question without a user.
@@ -180,7 +180,7 @@ impl Deed {
     }
 
     /// What a bare call and the text of its outcome tell; everything else is left open.
-    pub fn called(step: u32, call: &ToolCall, text: &str) -> Self {
+    pub fn from_call(step: u32, call: &ToolCall, text: &str) -> Self {
         let spec = ToolSpec::by_name(&call.name);
         let argument = match (&call.arguments, spec.and_then(|spec| spec.argument)) {
             (Value::Object(map), Some(argument)) => {
@@ -203,7 +203,7 @@ impl Deed {
         };
         let marked = |line: &str| {
             let (number, name) = line.trim().split_once(": ")?;
-            Some(Mark {
+            Some(MarkerFacts {
                 number: number.parse().ok()?,
                 object: None,
                 receptacle: Some(name.to_owned()),

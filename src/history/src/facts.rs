@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 
 use reel_world::{DoorState, GraphEvent};
 
-use crate::{Deed, Mark, grammar::Act, names::Names};
+use crate::{MarkerFacts, StepFacts, grammar::Act, names::Names};
 
 /// One deed.
 #[derive(Clone, Debug)]
 pub(crate) struct Fact {
-    pub(crate) deed: Deed,
+    pub(crate) deed: StepFacts,
     /// What kind of deed the tool is; none for no tool.
     pub(crate) act: Option<Act>,
     /// The receptacle it acted on, or would have.
@@ -62,7 +62,7 @@ pub(crate) struct Facts {
     /// By receptacle: from which moment on its door stands how.
     doors: Vec<Vec<(usize, DoorState)>>,
     landmark: Option<usize>,
-    markers: Vec<Mark>,
+    markers: Vec<MarkerFacts>,
 }
 
 impl Facts {
@@ -120,7 +120,7 @@ impl Facts {
     }
 
     /// Adds a deed.
-    pub(crate) fn push(&mut self, names: &Names, deed: Deed) {
+    pub(crate) fn push(&mut self, names: &Names, deed: StepFacts) {
         let moment = self.all.len() + 1;
         let act = act_of(&deed.tool);
         let place = |id: &Option<String>| id.as_deref().and_then(|id| names.place(id));

@@ -23,5 +23,5 @@ mod states;
 
 pub use checker::Checker;
 pub use claim::{Claim, ClaimKind, Verdict};
-pub use deed::{Deed, Mark, Place, Setting, Thing};
-pub use mend::{Mended, mend};
+pub use deed::{MarkerFacts, ObjectFacts, ReceptacleFacts, Setting, StepFacts};
+pub use mend::{RepairedHistory, repair_history};

@@ -10,27 +10,27 @@ const MOST_PASSES: usize = 12;
 
 /// A mended History.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Mended {
+pub struct RepairedHistory {
     /// The text, without contradiction.
     pub text: String,
     /// Sentences in which something was replaced.
-    pub mended: usize,
+    pub repaired: usize,
     /// Sentences that were dropped.
     pub dropped: usize,
     /// Sentences that stand as they were.
-    pub kept: usize,
+    pub unchanged: usize,
 }
 
 /// Mends a History against the deeds that a checker was told so far.
-pub fn mend(checker: &mut Checker, history: &str) -> Mended {
+pub fn repair_history(checker: &mut Checker, history: &str) -> RepairedHistory {
     let before = sentences(history).len();
     let claims = checker.check(history);
     if !claims.iter().any(Claim::is_false) {
-        return Mended {
+        return RepairedHistory {
             text: history.to_owned(),
-            mended: 0,
+            repaired: 0,
             dropped: 0,
-            kept: before,
+            unchanged: before,
         };
     }
     let (mut text, mended) = replaced(history, &claims);
@@ -45,20 +45,20 @@ pub fn mend(checker: &mut Checker, history: &str) -> Mended {
             .collect();
         if wrong.is_empty() {
             let kept = before.saturating_sub(mended.len() + dropped);
-            return Mended {
+            return RepairedHistory {
                 text,
-                mended: mended.len(),
+                repaired: mended.len(),
                 dropped,
-                kept,
+                unchanged: kept,
             };
         }
         (text, dropped) = without(&text, &wrong, &mut mended, dropped);
     }
-    Mended {
+    RepairedHistory {
         text: String::new(),
-        mended: 0,
+        repaired: 0,
         dropped: before,
-        kept: 0,
+        unchanged: 0,
     }
 }
 

@@ -9,9 +9,9 @@ use reel_world::{
 use serde_json::{Map, Value};
 
 use crate::{
-    ImportError, Loss, Options, graph,
+    ImportError, ImportOptions, Loss, graph,
     layout::{After, Files, StepFiles},
-    observe::{self, Shown, State, both},
+    observe::{self, CallObservation, State, same_graph_for_both},
     outcome, response,
     task::{self, Seen, Setting, Told, text},
 };
@@ -77,7 +77,7 @@ pub(crate) fn link<'a>(
 ///
 /// # Errors
 /// When there is no step, or the task is not known.
-pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, ImportError> {
+pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Built, ImportError> {
     let status = files
         .summary
         .as_ref()
@@ -98,7 +98,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
         };
         return Err(ImportError::NoStep {
             path: files.folder,
-            what,
+            reason: what,
         });
     }
     let read = std::mem::take(&mut files.steps);
@@ -121,7 +121,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
 
     let initial = seen.first.clone().unwrap_or_else(|| task.initial.clone());
     let mut start = StartRecord {
-        graphs: both(&initial),
+        graphs: same_graph_for_both(&initial),
         ..StartRecord::default()
     };
     let mut before = State {
@@ -139,7 +139,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
         frames.push(frame);
         before = state;
     }
-    let graphs = both(&before.graph.unwrap_or_default());
+    let graphs = same_graph_for_both(&before.graph.unwrap_or_default());
     let preset = Preset::default();
     let terms = rewards(&preset, &task, &scene, &start, &records);
     for (record, terms) in records.iter_mut().zip(terms) {
@@ -307,13 +307,13 @@ fn record(
     let input = StepInput {
         policy,
         user_reply: reply.clone(),
-        ..StepInput::bare(call)
+        ..StepInput::from_call(call)
     };
     let frame = read.picture.as_ref().map(Frame::digests);
     (
         observe::record(
             step,
-            Shown {
+            CallObservation {
                 input,
                 outcome,
                 reply,

@@ -35,7 +35,7 @@ pub enum ImportError {
         /// The episode's folder.
         path: PathBuf,
         /// What is wrong with the first one.
-        what: String,
+        reason: String,
     },
     /// The task is not known.
     #[error("the task is not known: {what}; give its task file with --tasks: {path}")]
@@ -43,7 +43,7 @@ pub enum ImportError {
         /// The episode's folder.
         path: PathBuf,
         /// What is missing.
-        what: String,
+        reason: String,
     },
     /// No recording there.
     #[error(
@@ -59,7 +59,7 @@ pub enum ImportError {
         /// The file.
         path: PathBuf,
         /// What it is, and what to do.
-        what: String,
+        reason: String,
     },
     /// Nothing of a recording became an episode.
     #[error("no episode in the recording ({what}): {path}")]
@@ -67,7 +67,7 @@ pub enum ImportError {
         /// The recording.
         path: PathBuf,
         /// What it holds instead.
-        what: String,
+        reason: String,
     },
     /// The trace cannot be written.
     #[error(transparent)]

@@ -52,13 +52,13 @@ use serde_json::{Map, Value};
 pub use error::ImportError;
 pub use layout::cut_debug_info;
 pub use mapping::{Entries, MappingError, MappingFile, Tools};
-pub use observe::{Shown, State, both, header, record};
+pub use observe::{CallObservation, State, header, record, same_graph_for_both};
 pub use outcome::{outcome, reply};
 pub use task::{Setting, unknown_task};
 
 /// What is known besides the files of an episode.
 #[derive(Clone, Copy, Debug)]
-pub struct Options<'a> {
+pub struct ImportOptions<'a> {
     /// Run that the traces belong to.
     pub run_id: &'a str,
     /// Task files: the one with an episode's task id is used instead of what its `task_meta.json`
@@ -70,7 +70,7 @@ pub struct Options<'a> {
 
 /// An episode that was imported.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Imported {
+pub struct ImportedEpisode {
     /// Where it came from.
     pub source: PathBuf,
     /// The trace, named after task, model and content.
@@ -122,7 +122,11 @@ pub fn episodes(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
 ///
 /// # Errors
 /// When nothing of it can be imported, or the trace cannot be written.
-pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Imported, ImportError> {
+pub fn import(
+    source: &Path,
+    out: &Path,
+    options: &ImportOptions<'_>,
+) -> Result<ImportedEpisode, ImportError> {
     let files = layout::read(source)?;
     let built = episode::build(files, options)?;
     let trace = out.join(format!("{}.mcap", built.file_stem()));
@@ -139,7 +143,7 @@ pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Import
         recorder.step(record, frame.as_ref())?;
     }
     let summary = recorder.end(&built.end)?;
-    Ok(Imported {
+    Ok(ImportedEpisode {
         source: source.to_owned(),
         trace,
         bytes: summary.bytes,
@@ -159,7 +163,7 @@ pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Import
 
 /// An episode that a server has begun.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Begun {
+pub struct StartedEpisode {
     /// What is played.
     pub setting: Setting,
     /// Before the first call.
@@ -173,11 +177,11 @@ pub struct Begun {
 ///
 /// # Errors
 /// When they do not say what shall go where.
-pub fn begun(
+pub fn started_episode(
     payload: &Map<String, Value>,
     debug_info: &Map<String, Value>,
-    options: &Options<'_>,
-) -> Result<Begun, ImportError> {
+    options: &ImportOptions<'_>,
+) -> Result<StartedEpisode, ImportError> {
     let told_graph = payload.get("initial_world_graph").and_then(graph::parse);
     let mut state = State {
         graph: told_graph.clone(),
@@ -203,7 +207,7 @@ pub fn begun(
     state
         .graph
         .get_or_insert_with(|| setting.task.initial.clone());
-    Ok(Begun {
+    Ok(StartedEpisode {
         setting,
         state,
         notes,

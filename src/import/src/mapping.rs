@@ -19,7 +19,7 @@ pub struct MappingError {
     /// From 1, in characters.
     pub column: usize,
     /// What is wrong, and what could stand there.
-    pub what: String,
+    pub problem: String,
 }
 
 /// An argument of `ask` beside the one that the paper gives it.
@@ -105,7 +105,7 @@ impl<'a> MappingFile<'a> {
         MappingError {
             line: before.matches('\n').count() + 1,
             column: line.chars().count() + 1,
-            what,
+            problem: what,
         }
     }
 

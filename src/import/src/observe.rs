@@ -59,7 +59,7 @@ pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
 
 /// What a call came to.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Shown {
+pub struct CallObservation {
     /// The call.
     pub input: StepInput,
     /// What the policy got.
@@ -143,8 +143,8 @@ impl State {
 
 /// The record of a step, without its rewards and its link of the chain. `before` and `after` know
 /// their graphs, where anything shows them.
-pub fn record(step: u32, shown: Shown, before: &State, after: &State) -> StepRecord {
-    let Shown {
+pub fn record(step: u32, shown: CallObservation, before: &State, after: &State) -> StepRecord {
+    let CallObservation {
         input,
         outcome,
         reply,
@@ -228,7 +228,7 @@ fn acted_on(
             let object = object(*marker).or_else(|| after.held.clone());
             let place = object
                 .as_ref()
-                .and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
+                .and_then(|object| before.graph.as_ref()?.receptacle_of(object).cloned());
             (object, place)
         }
         Tool::Place { marker } => (before.held.clone(), receptacle(*marker)),
@@ -262,7 +262,7 @@ fn position(value: &Value) -> Option<[f32; 3]> {
 }
 
 /// One graph for both authorities: who stands by knows of one alone.
-pub fn both(graph: &WorldGraph) -> Graphs {
+pub fn same_graph_for_both(graph: &WorldGraph) -> Graphs {
     Graphs {
         physics: graph.clone(),
         registry: graph.clone(),

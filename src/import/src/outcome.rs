@@ -50,7 +50,7 @@ fn error(call: &ToolCall, tool: Option<&str>, text: &str) -> Option<ErrorCode> {
         // An answer that names an error is an answer like any other to the published server.
         return None;
     }
-    let known = ErrorCode::told_by(text);
+    let known = ErrorCode::from_message(text);
     match tool {
         None => Some(known.unwrap_or(ErrorCode::BackendError)),
         Some("finish" | "list_receptacles") => None,

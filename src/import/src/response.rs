@@ -1,7 +1,7 @@
 //! What the policy said: `raw_response.txt` (reasoning, then JSON) or `raw_response.json` (a
 //! message of function calling) as reasoning, history and plan; what does not parse stays raw.
 
-use reel_world::{answer::Answer, record::PolicyOutput};
+use reel_world::{answer::AssistantTurn, record::PolicyOutput};
 
 /// The two forms of a raw response.
 pub(crate) enum Raw {
@@ -16,13 +16,13 @@ pub(crate) fn parse(raw: Raw) -> PolicyOutput {
     match raw {
         Raw::Text(text) => PolicyOutput {
             raw: text.clone(),
-            ..Answer::parse(&text).output()
+            ..AssistantTurn::parse(&text).output()
         },
         Raw::Json(text) => {
             let message = serde_json::from_str(&text).unwrap_or_default();
             PolicyOutput {
                 raw: text,
-                ..Answer::of_message(&message).output()
+                ..AssistantTurn::of_message(&message).output()
             }
         }
     }

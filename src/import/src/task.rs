@@ -13,7 +13,7 @@ use reel_world::{
 };
 use serde_json::{Map, Value};
 
-use crate::{ImportError, Options, graph};
+use crate::{ImportError, ImportOptions, graph};
 
 /// Category of an object that nothing names.
 const UNKNOWN: &str = "unknown";
@@ -101,7 +101,7 @@ pub struct Setting {
 pub(crate) fn setting(
     told: &mut Told<'_>,
     seen: &Seen,
-    options: &Options<'_>,
+    options: &ImportOptions<'_>,
 ) -> Result<Setting, ImportError> {
     let meta = told.meta;
     let names = Names::of(told);
@@ -285,7 +285,7 @@ fn from_meta(
     let (meta, path) = (told.meta, told.path);
     let missing = |what: &str| ImportError::Task {
         path: path.to_owned(),
-        what: what.to_owned(),
+        reason: what.to_owned(),
     };
     let src: ReceptacleId = text(meta, "source_furniture")
         .ok_or_else(|| missing("no source_furniture in task_meta.json"))?
@@ -316,11 +316,11 @@ fn from_meta(
     let target: Option<InstanceId> = text(wanted, "name").map(Into::into).or_else(by_asset);
     let target = target
         .ok_or_else(|| missing("the target_object in task_meta.json has neither name nor id"))?;
-    if initial.place_of(&target) != Some(&src) && !initial.objects_on(&src).contains(&target) {
+    if initial.receptacle_of(&target) != Some(&src) && !initial.objects_on(&src).contains(&target) {
         told.notes.push(format!(
             "{target} stands not on {src} in the first graph; it is taken to have stood there"
         ));
-        if let Some(place) = initial.place_of(&target).cloned() {
+        if let Some(place) = initial.receptacle_of(&target).cloned() {
             initial.remove(&place, &target);
         }
         initial.add(&src, &target);

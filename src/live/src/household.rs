@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use reel_episode::{Briefing, Episode, Parked, StepOutput};
+use reel_episode::{Briefing, Episode, StepOutput, Suspended};
 use reel_trace::Recorder;
 use reel_world::{
     Frame, InstanceId, ReceptacleId, Scene, Task,
@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::{Lease, LiveError, Setup, restore, setup::Place};
 
 /// An exclusive simulator in which one agent plays one episode after another.
-pub struct Household {
+pub struct Session {
     name: String,
     setup: Arc<Setup>,
     policy: String,
@@ -56,14 +56,14 @@ struct Playing {
 }
 
 struct Resting {
-    episode: Parked,
+    episode: Suspended,
     recorder: Recorder,
     path: PathBuf,
 }
 
 /// An episode that has begun.
 #[derive(Debug)]
-pub struct Begun {
+pub struct StartedEpisode {
     /// The task; only its briefing is for the policy.
     pub task: Arc<Task>,
     /// What the agent is told.
@@ -79,28 +79,28 @@ pub struct Begun {
     /// The first picture.
     pub frame: Frame,
     /// The state before the first call.
-    pub view: View,
+    pub view: PrivilegedState,
 }
 
 /// A call that was made, and is on tape.
 #[derive(Debug)]
-pub struct Made {
+pub struct CallResult {
     /// The record; only what the profile shows is for the policy.
     pub step: StepRecord,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
     /// With the published servers, which answer everything with a picture: what the head sees,
     /// where the tool returns none.
-    pub look: Option<Frame>,
+    pub head_frame: Option<Frame>,
     /// The state after the call.
-    pub view: View,
+    pub view: PrivilegedState,
     /// Why the episode ended with it, if it did.
     pub ended: Option<EndReason>,
 }
 
 /// The state of an episode, privileged: what the published server calls its debug information.
 #[derive(Clone, Debug)]
-pub struct View {
+pub struct PrivilegedState {
     /// Where the objects are, by both authorities.
     pub graphs: Graphs,
     /// Objects on each receptacle by the registry, in the order of the scene and of their arrival.
@@ -117,7 +117,7 @@ pub struct View {
 
 /// How a household stands, for people.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct State {
+pub struct SessionStatus {
     /// `empty`, `playing`, `parked`, `over` or `broken`.
     pub state: &'static str,
     /// The task of the episode, if there is one.
@@ -129,14 +129,14 @@ pub struct State {
     /// Who plays.
     pub policy: String,
     /// Why and how the last episode ended.
-    pub ended: Option<Ended>,
+    pub ended: Option<EndedEpisode>,
     /// The last finished trace.
     pub trace: Option<PathBuf>,
 }
 
 /// How an episode ended.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Ended {
+pub struct EndedEpisode {
     /// Why.
     pub reason: EndReason,
     /// Whether the goal held then.
@@ -145,7 +145,7 @@ pub struct Ended {
     pub total_reward: f64,
 }
 
-impl Household {
+impl Session {
     /// A household without an episode.
     pub fn new(name: &str, setup: Arc<Setup>, lease: Option<Lease>) -> Self {
         let (policy, now) = ("client".to_owned(), Now::Empty);
@@ -191,8 +191,8 @@ impl Household {
     ///
     /// # Errors
     /// When the episode cannot start or its trace cannot be written.
-    pub fn begin_next(&mut self) -> Result<Option<Begun>, LiveError> {
-        self.leave()?;
+    pub fn begin_next(&mut self) -> Result<Option<StartedEpisode>, LiveError> {
+        self.abort()?;
         let task = match &self.lease {
             Some(lease) if self.begun >= lease.rollouts => return Ok(None),
             Some(lease) => Some(
@@ -217,7 +217,7 @@ impl Household {
     ///
     /// # Errors
     /// When the task is unknown, the episode cannot start or its trace cannot be written.
-    pub fn begin(&mut self, task_id: &str) -> Result<Begun, LiveError> {
+    pub fn begin(&mut self, task_id: &str) -> Result<StartedEpisode, LiveError> {
         let unknown = || LiveError::UnknownTask(task_id.to_owned());
         let index = self.setup.find(task_id).ok_or_else(unknown)?;
         let task = self.setup.tasks[index].clone();
@@ -228,10 +228,10 @@ impl Household {
         if elsewhere {
             return Err(unknown());
         }
-        self.leave()?;
+        self.abort()?;
         let begun = self.start(task)?;
         self.next = index + 1;
-        Ok(Begun {
+        Ok(StartedEpisode {
             requested: Some(task_id.to_owned()),
             ..begun
         })
@@ -241,14 +241,14 @@ impl Household {
     ///
     /// # Errors
     /// When no episode runs, or the trace cannot be written: the episode is ended then.
-    pub fn call(&mut self, input: StepInput) -> Result<Made, LiveError> {
+    pub fn call(&mut self, input: StepInput) -> Result<CallResult, LiveError> {
         let mut playing = self.take()?;
         let step = calls(playing.episode.steps());
         playing.recorder.input(step, &input)?;
         let StepOutput { record, frame } = playing.episode.step(input);
         playing.recorder.step(&record, frame.as_ref())?;
         let shows_all = frame.is_none() && self.setup.profile.is_published();
-        let look = shows_all.then(|| playing.episode.look());
+        let look = shows_all.then(|| playing.episode.render_frame());
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
@@ -261,10 +261,10 @@ impl Household {
         } else {
             self.now = Now::Playing(playing);
         }
-        Ok(Made {
+        Ok(CallResult {
             step: record,
             frame,
-            look,
+            head_frame: look,
             view,
             ended,
         })
@@ -287,17 +287,17 @@ impl Household {
     ///
     /// # Errors
     /// When no episode runs.
-    pub fn look(&self) -> Result<Frame, LiveError> {
+    pub fn render_frame(&self) -> Result<Frame, LiveError> {
         match &self.now {
-            Now::Playing(playing) => Ok(playing.episode.look()),
-            Now::Parked(resting) => Ok(resting.episode.look()?),
+            Now::Playing(playing) => Ok(playing.episode.render_frame()),
+            Now::Parked(resting) => Ok(resting.episode.render_frame()?),
             _ => Err(self.refusal()),
         }
     }
 
     /// Puts a running episode aside, so that it takes little memory.
-    pub fn park(&mut self) {
-        if self.awake()
+    pub fn suspend(&mut self) {
+        if self.is_in_memory()
             && let Ok(playing) = self.take()
         {
             let Playing {
@@ -306,7 +306,7 @@ impl Household {
                 path,
             } = *playing;
             self.now = Now::Parked(Box::new(Resting {
-                episode: episode.park(),
+                episode: episode.suspend(),
                 recorder,
                 path,
             }));
@@ -321,7 +321,7 @@ impl Household {
     }
 
     /// Whether a simulator is in memory.
-    pub fn awake(&self) -> bool {
+    pub fn is_in_memory(&self) -> bool {
         matches!(self.now, Now::Playing(_))
     }
 
@@ -329,7 +329,7 @@ impl Household {
     ///
     /// # Errors
     /// When its trace cannot be written.
-    pub fn leave(&mut self) -> Result<(), LiveError> {
+    pub fn abort(&mut self) -> Result<(), LiveError> {
         match self.take_out() {
             Now::Playing(playing) => {
                 let Playing {
@@ -363,7 +363,7 @@ impl Household {
     }
 
     /// How it stands.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> SessionStatus {
         let (state, task, steps, ended) = match &self.now {
             Now::Empty => ("empty", None, 0, None),
             Now::Playing(playing) => (
@@ -383,7 +383,7 @@ impl Household {
                 reason,
                 metrics,
             } => {
-                let ended = Ended {
+                let ended = EndedEpisode {
                     reason: *reason,
                     success: metrics.success,
                     total_reward: metrics.total_reward,
@@ -392,7 +392,7 @@ impl Household {
             }
             Now::Broken { .. } => ("broken", None, 0, None),
         };
-        State {
+        SessionStatus {
             state,
             task_id: task.map(|task| task.task_id.clone()),
             steps,
@@ -403,9 +403,9 @@ impl Household {
         }
     }
 
-    fn start(&mut self, task: Arc<Task>) -> Result<Begun, LiveError> {
+    fn start(&mut self, task: Arc<Task>) -> Result<StartedEpisode, LiveError> {
         let place = Place {
-            household: &self.name,
+            session: &self.name,
             number: self.begun,
             policy: &self.policy,
             lease: self.lease.as_ref(),
@@ -439,7 +439,7 @@ impl Household {
             .position(|other| Arc::ptr_eq(other, &task))
             .unwrap_or(0);
         let (of, view) = (self.setup.tasks.len(), view(&episode));
-        let begun = Begun {
+        let begun = StartedEpisode {
             briefing: episode.briefing(),
             task,
             requested: None,
@@ -488,7 +488,7 @@ impl Household {
                     path,
                 } = *resting;
                 Ok(Box::new(Playing {
-                    episode: episode.wake()?,
+                    episode: episode.resume()?,
                     recorder,
                     path,
                 }))
@@ -521,11 +521,11 @@ impl Household {
     }
 }
 
-fn view(episode: &Episode) -> View {
+fn view(episode: &Episode) -> PrivilegedState {
     let simulator = episode.simulator();
-    View {
+    PrivilegedState {
         graphs: simulator.graphs(),
-        shelves: simulator.shelves(),
+        shelves: simulator.objects_by_receptacle(),
         markers: simulator
             .has_marker_map()
             .then(|| simulator.markers().to_vec()),

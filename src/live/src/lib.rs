@@ -12,7 +12,9 @@ mod restore;
 mod setup;
 
 pub use error::LiveError;
-pub use household::{Begun, Ended, Household, Made, State, View};
+pub use household::{
+    CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
+};
 pub use pool::{Entry, Limits, Pool};
 pub use restore::restore;
-pub use setup::{Lease, Setup, Stages, check_name};
+pub use setup::{Lease, PreparedTaskCache, Setup, check_name};

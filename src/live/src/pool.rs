@@ -15,19 +15,19 @@ use reel_world::Frame;
 use serde::Serialize;
 use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard, Semaphore};
 
-use crate::{Household, Lease, LiveError, Setup, State, check_name};
+use crate::{Lease, LiveError, Session, SessionStatus, Setup, check_name};
 
 /// How much a pool may take.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Limits {
     /// Households open at once.
-    pub households: usize,
+    pub sessions: usize,
     /// Simulators in memory at once; the others are snapshots.
-    pub awake: usize,
+    pub in_memory: usize,
     /// Calls at work at once: as many threads are busy.
     pub workers: usize,
     /// How long after its last call a household is put aside.
-    pub park_after: Duration,
+    pub suspend_after: Duration,
     /// How long after its last call a household is closed.
     pub close_after: Duration,
     /// How long a call waits for a worker before it is refused.
@@ -46,13 +46,13 @@ pub struct Pool {
 struct Slot {
     name: String,
     lease: Option<Lease>,
-    household: Arc<AsyncMutex<Household>>,
+    household: Arc<AsyncMutex<Session>>,
     seen: Mutex<Seen>,
 }
 
 /// What is known of a household without asking it.
 struct Seen {
-    state: State,
+    state: SessionStatus,
     used: Instant,
 }
 
@@ -63,7 +63,7 @@ pub struct Entry {
     pub session: String,
     /// How it stands.
     #[serde(flatten)]
-    pub state: State,
+    pub state: SessionStatus,
     /// Seconds since its last call.
     pub idle_s: u64,
     /// The prompt group it is let for, if any.
@@ -122,10 +122,10 @@ impl Pool {
                 Ok(())
             };
         }
-        if households.len() >= self.limits.households {
-            return Err(LiveError::Full(self.limits.households));
+        if households.len() >= self.limits.sessions {
+            return Err(LiveError::Full(self.limits.sessions));
         }
-        let household = Household::new(name, self.setup.clone(), lease.clone());
+        let household = Session::new(name, self.setup.clone(), lease.clone());
         let seen = Mutex::new(Seen {
             state: household.state(),
             used: Instant::now(),
@@ -148,7 +148,7 @@ impl Pool {
     pub async fn with<T: Send + 'static>(
         self: &Arc<Self>,
         name: &str,
-        work: impl FnOnce(&mut Household) -> T + Send + 'static,
+        work: impl FnOnce(&mut Session) -> T + Send + 'static,
     ) -> Result<T, LiveError> {
         if self.closing.load(Ordering::Acquire) {
             return Err(LiveError::Closing);
@@ -200,7 +200,7 @@ impl Pool {
     ///
     /// # Errors
     /// When there is no such household, nothing runs in it, or no worker had time.
-    pub async fn look(&self, name: &str) -> Result<Frame, LiveError> {
+    pub async fn render_frame(&self, name: &str) -> Result<Frame, LiveError> {
         let slot = self
             .lock()
             .get(name)
@@ -223,7 +223,7 @@ impl Pool {
             .map_err(|_| LiveError::Busy(patience.as_secs()))?;
         let looked = tokio::task::spawn_blocking(move || {
             let _worker = worker;
-            household.look()
+            household.render_frame()
         });
         looked.await.unwrap_or(Err(LiveError::Closing))
     }
@@ -232,10 +232,10 @@ impl Pool {
     ///
     /// # Errors
     /// When there is none of that name, or its trace cannot be written.
-    pub async fn close(self: &Arc<Self>, name: &str) -> Result<State, LiveError> {
+    pub async fn close(self: &Arc<Self>, name: &str) -> Result<SessionStatus, LiveError> {
         let left = self
             .with(name, |household| {
-                let left = household.leave();
+                let left = household.abort();
                 left.map(|()| household.state())
             })
             .await;
@@ -246,8 +246,8 @@ impl Pool {
     }
 
     /// Puts idle households aside and closes forgotten ones. To be called now and then.
-    pub async fn tend(self: &Arc<Self>) {
-        let idle = |limit: Duration| -> Vec<(String, State)> {
+    pub async fn reap_idle(self: &Arc<Self>) {
+        let idle = |limit: Duration| -> Vec<(String, SessionStatus)> {
             let slots = self.lock();
             let seen = slots.values().map(|slot| (slot.name.clone(), slot.seen()));
             seen.filter(|(_, seen)| seen.used.elapsed() >= limit)
@@ -262,7 +262,7 @@ impl Pool {
                 Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
             }
         }
-        for (name, state) in idle(self.limits.park_after) {
+        for (name, state) in idle(self.limits.suspend_after) {
             if state.state == "playing" {
                 self.park(&name);
             }
@@ -277,7 +277,7 @@ impl Pool {
         for slot in slots {
             let household = slot.household.clone().lock_owned().await;
             let left =
-                tokio::task::spawn_blocking(move || Used { household, slot }.household.leave())
+                tokio::task::spawn_blocking(move || Used { household, slot }.household.abort())
                     .await;
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
@@ -314,7 +314,7 @@ impl Pool {
                 .map(|(name, seen)| (seen.used, name))
                 .collect()
         };
-        let excess = awake.len().saturating_sub(self.limits.awake);
+        let excess = awake.len().saturating_sub(self.limits.in_memory);
         awake.sort_unstable();
         for (_, name) in awake.iter().take(excess) {
             self.park(name);
@@ -327,7 +327,7 @@ impl Pool {
             return;
         };
         if let Ok(mut household) = slot.household.clone().try_lock_owned() {
-            household.park();
+            household.suspend();
             slot.seen().state = household.state();
         }
     }
@@ -357,7 +357,7 @@ impl Slot {
 
 /// A household in use: what is known of it is renewed when that ends, by a panic too.
 struct Used {
-    household: OwnedMutexGuard<Household>,
+    household: OwnedMutexGuard<Session>,
     slot: Arc<Slot>,
 }
 

@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError, Weak},
 };
 
-use reel_episode::{EpisodeConfig, Rollout, Stage};
+use reel_episode::{EpisodeConfig, PreparedTask, Rollout};
 use reel_reward::Preset;
 use reel_trace::RecordOptions;
 use reel_world::{Assets, Meshes, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
@@ -38,12 +38,12 @@ pub struct Setup {
     /// Whether traces hold pictures, and what a recorded call survives.
     pub options: RecordOptions,
     /// Those of the tasks that are being played.
-    pub stages: Stages,
+    pub stages: PreparedTaskCache,
 }
 
 /// What the simulators of one task share, as long as there is one of them.
 #[derive(Clone, Debug, Default)]
-pub struct Stages(Arc<Mutex<HashMap<String, Weak<Stage>>>>);
+pub struct PreparedTaskCache(Arc<Mutex<HashMap<String, Weak<PreparedTask>>>>);
 
 /// A household that is let for a prompt group: it plays one task at one seed so many times.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -60,16 +60,16 @@ pub struct Lease {
 
 /// What tells an episode of a household from all others.
 pub(crate) struct Place<'a> {
-    pub household: &'a str,
+    pub session: &'a str,
     /// How many episodes were begun there before.
     pub number: u32,
     pub policy: &'a str,
     pub lease: Option<&'a Lease>,
 }
 
-impl Stages {
+impl PreparedTaskCache {
     /// Lets the episodes of a task be played on this stage while somebody holds it.
-    pub fn keep(&self, stage: &Arc<Stage>) {
+    pub fn keep(&self, stage: &Arc<PreparedTask>) {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         known.insert(stage.task().task_id.clone(), Arc::downgrade(stage));
     }
@@ -108,9 +108,9 @@ impl Setup {
     ///
     /// # Errors
     /// When the task plays in another scene.
-    pub(crate) fn stage(&self, task: &Arc<Task>) -> Result<Arc<Stage>, LiveError> {
+    pub(crate) fn stage(&self, task: &Arc<Task>) -> Result<Arc<PreparedTask>, LiveError> {
         let known = || self.stages.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let fits = |stage: &Arc<Stage>| Arc::ptr_eq(stage.task(), task);
+        let fits = |stage: &Arc<PreparedTask>| Arc::ptr_eq(stage.task(), task);
         if let Some(stage) = known()
             .get(&task.task_id)
             .and_then(Weak::upgrade)
@@ -119,7 +119,7 @@ impl Setup {
             return Ok(stage);
         }
         // Others need not wait meanwhile; who builds the same at the same time keeps its own.
-        let stage = reel_episode::stage(self.scene(task), task, &self.meshes(task))?;
+        let stage = reel_episode::prepare_task(self.scene(task), task, &self.meshes(task))?;
         let mut known = known();
         known.retain(|_, stage| stage.strong_count() > 0);
         known.insert(task.task_id.clone(), Arc::downgrade(&stage));
@@ -135,7 +135,7 @@ impl Setup {
         // Which session it was is part of the inputs: two agents that play the same task do not
         // play the same episode.
         let mut parameters = vec![
-            ("session", json!(place.household)),
+            ("session", json!(place.session)),
             ("number", json!(place.number)),
         ];
         if before > 0 {
@@ -176,7 +176,7 @@ impl Setup {
         );
         let name = format!(
             "{}--{}--{:04}--{task}",
-            self.run_id, place.household, place.number
+            self.run_id, place.session, place.number
         );
         let path = |before: u32| match before {
             0 => self.folder.join(format!("{name}.mcap")),

@@ -88,7 +88,7 @@ async fn main() -> io::Result<()> {
         .layer(middleware::from_fn_with_state(returned, breakable))
         .layer(middleware::from_fn_with_state(
             Arc::new(Guard::default()),
-            Guard::pass,
+            Guard::middleware,
         ));
     let listener = TcpListener::bind(("127.0.0.1", port)).await?;
     println!("listening on http://{}/mcp", listener.local_addr()?);

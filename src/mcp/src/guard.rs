@@ -46,7 +46,11 @@ pub struct Guard {
 
 impl Guard {
     /// Lets a request through, or answers 403 and why. For `axum::middleware::from_fn_with_state`.
-    pub async fn pass(State(guard): State<Arc<Self>>, request: Request, next: Next) -> Response {
+    pub async fn middleware(
+        State(guard): State<Arc<Self>>,
+        request: Request,
+        next: Next,
+    ) -> Response {
         let page = guard.page(&request);
         if let Some(answer) = page.preflight() {
             return answer;
@@ -55,7 +59,7 @@ impl Guard {
             Ok(()) => next.run(request).await,
             Err(why) => (StatusCode::FORBIDDEN, why).into_response(),
         };
-        page.share(&mut response);
+        page.add_cors_headers(&mut response);
         response
     }
 
@@ -71,19 +75,19 @@ impl Guard {
     /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not
     /// [`Guard::pass`]: where there is a [`Page::preflight`] it is the answer, before anything else
     /// is looked at; every other answer goes through [`Page::share`].
-    pub fn page(&self, request: &Request) -> Page {
+    pub fn page(&self, request: &Request) -> BrowserRequest {
         let headers = request.headers();
         let is_listed = self.is_of_a_listed_page(headers, request.uri()) == Ok(true);
         let asks = request.method() == Method::OPTIONS
             && headers.contains_key(ACCESS_CONTROL_REQUEST_METHOD);
-        Page {
+        BrowserRequest {
             origin: headers.get(ORIGIN).filter(|_| is_listed).cloned(),
             asks,
         }
     }
 
     /// The first name in the lists that no request can carry.
-    pub fn mistake(&self) -> Option<&str> {
+    pub fn invalid_name(&self) -> Option<&str> {
         let host = self
             .hosts
             .iter()
@@ -153,14 +157,14 @@ impl Guard {
 
 /// A request, as the browser sees it that sent it for a page.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Page {
+pub struct BrowserRequest {
     /// Where the page is from, if that is listed.
     origin: Option<HeaderValue>,
     /// Whether the browser only asks for leave to send another.
     asks: bool,
 }
 
-impl Page {
+impl BrowserRequest {
     /// The answer to a browser that asks what the page may send.
     pub fn preflight(&self) -> Option<Response> {
         if !self.asks || self.origin.is_none() {
@@ -177,7 +181,7 @@ impl Page {
     }
 
     /// Lets the page read an answer.
-    pub fn share(&self, response: &mut Response) {
+    pub fn add_cors_headers(&self, response: &mut Response) {
         if self.origin.is_some() {
             response
                 .headers_mut()
@@ -452,7 +456,7 @@ mod tests {
 
     #[test]
     fn mistakes_in_the_lists() {
-        assert_eq!(guard().mistake(), None);
+        assert_eq!(guard().invalid_name(), None);
         for host in [
             "https://reel.example",
             "reel.example/",
@@ -466,7 +470,7 @@ mod tests {
                     hosts: vec![host.to_owned()],
                     ..guard()
                 }
-                .mistake(),
+                .invalid_name(),
                 Some(host)
             );
         }
@@ -482,7 +486,7 @@ mod tests {
                     origins: vec![origin.to_owned()],
                     ..guard()
                 }
-                .mistake(),
+                .invalid_name(),
                 Some(origin)
             );
         }
@@ -494,7 +498,10 @@ mod tests {
         let address = listener.local_addr().unwrap();
         let router = Router::new()
             .route("/mcp", get(|| async { ([("mcp-session-id", "7")], "in") }))
-            .layer(middleware::from_fn_with_state(Arc::new(guard), Guard::pass));
+            .layer(middleware::from_fn_with_state(
+                Arc::new(guard),
+                Guard::middleware,
+            ));
         tokio::spawn(async move { axum::serve(listener, router).await });
         address
     }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use axum::http::request::Parts;
-use reel_live::{Begun, Household, LiveError, Pool};
+use reel_live::{LiveError, Pool, Session, StartedEpisode};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
     record::{StepInput, UserReply, UserSource},
@@ -32,7 +32,7 @@ use speech::Said;
 /// Who answers `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum AskWhom {
+pub enum AskResponder {
     /// The rule-based user.
     #[default]
     Rules,
@@ -45,25 +45,25 @@ pub enum AskWhom {
 
 /// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
 /// long it took, waiting included.
-pub type Watch = Arc<dyn Fn(&'static str, &'static str, Duration) + Send + Sync>;
+pub type CallObserver = Arc<dyn Fn(&'static str, &'static str, Duration) + Send + Sync>;
 
 /// How policy sessions behave.
 #[derive(Clone)]
-pub struct Options {
+pub struct ToolServerOptions {
     /// Who answers `ask`.
-    pub ask: AskWhom,
+    pub ask: AskResponder,
     /// How long a person may take to answer.
     pub ask_patience: Duration,
     /// Name of the policy in the traces; without it, what the client calls itself.
     pub policy: Option<String>,
     /// Who is told of every call.
-    pub watch: Option<Watch>,
+    pub watch: Option<CallObserver>,
 }
 
-impl Default for Options {
+impl Default for ToolServerOptions {
     fn default() -> Self {
         Self {
-            ask: AskWhom::Rules,
+            ask: AskResponder::Rules,
             ask_patience: Duration::from_secs(120),
             policy: None,
             watch: None,
@@ -76,7 +76,7 @@ impl Default for Options {
 pub struct ToolServer {
     pool: Arc<Pool>,
     questions: Arc<Questions>,
-    options: Arc<Options>,
+    options: Arc<ToolServerOptions>,
     home: Home,
 }
 
@@ -132,7 +132,7 @@ impl ToolServer {
     pub fn new(
         pool: Arc<Pool>,
         questions: Arc<Questions>,
-        options: Arc<Options>,
+        options: Arc<ToolServerOptions>,
         name: String,
     ) -> Self {
         let home = Home::Own(Arc::new(Own {
@@ -151,7 +151,7 @@ impl ToolServer {
     pub fn of_worker(
         pool: Arc<Pool>,
         questions: Arc<Questions>,
-        options: Arc<Options>,
+        options: Arc<ToolServerOptions>,
         worker: Worker,
     ) -> Self {
         Self {
@@ -180,7 +180,7 @@ impl ToolServer {
     /// The household of a request.
     fn session(&self, context: &RequestContext<RoleServer>) -> Result<String, ErrorData> {
         match (self.worker(context), &self.home) {
-            (Some(worker), _) => Ok(worker.household()),
+            (Some(worker), _) => Ok(worker.session_name()),
             (None, Home::Own(own)) if !stateless(context) => Ok(own.name.clone()),
             _ => {
                 let text = "protocol 2026-07-28 has no sessions, so nothing here says which world is yours: use /w/<name>/mcp \
@@ -249,11 +249,11 @@ impl ToolServer {
         self.pool.open(session)?;
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
-        let work = move |household: &mut Household| {
+        let work = move |household: &mut Session| {
             // Nobody waits for it where the call has no progress token.
             let _ = begun.send(());
             household.set_policy(&policy);
-            let said_begun = |begun: Begun| {
+            let said_begun = |begun: StartedEpisode| {
                 let scene = setup.scene(&begun.task).clone();
                 Said::Begun(Box::new(begun), scene)
             };
@@ -267,7 +267,7 @@ impl ToolServer {
                 }
                 Ok(Tool::Finish) => {
                     if household.plays() {
-                        household.call(StepInput::bare(call))?;
+                        household.call(StepInput::from_call(call))?;
                     }
                     Ok(household.begin_next()?.map_or(Said::Completed, said_begun))
                 }
@@ -277,7 +277,7 @@ impl ToolServer {
                 _ => {
                     let made = household.call(StepInput {
                         user_reply: reply,
-                        ..StepInput::bare(call)
+                        ..StepInput::from_call(call)
                     })?;
                     Ok(Said::Made(Box::new(made)))
                 }
@@ -329,15 +329,15 @@ impl ToolServer {
             return Ok(None);
         }
         match self.options.ask {
-            AskWhom::Rules => Ok(None),
-            AskWhom::Rest => {
+            AskResponder::Rules => Ok(None),
+            AskResponder::Rest => {
                 let answer = self
                     .questions
                     .ask(session, question, self.options.ask_patience)
                     .await;
                 Ok(Some(answer.map_or_else(nobody, human)))
             }
-            AskWhom::Client if stateless(context) => {
+            AskResponder::Client if stateless(context) => {
                 let answered = request
                     .input_responses
                     .as_ref()
@@ -351,7 +351,7 @@ impl ToolServer {
                     .and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
                 Ok(Some(reply.map_or_else(nobody, |reply| human(reply.answer))))
             }
-            AskWhom::Client => {
+            AskResponder::Client => {
                 if !context
                     .peer
                     .supported_elicitation_modes()

@@ -15,7 +15,7 @@ mod sessions;
 mod speech;
 
 pub use catalogue::tools;
-pub use guard::{Guard, Page};
-pub use handler::{AskWhom, Options, ToolServer, Watch};
+pub use guard::{BrowserRequest, Guard};
+pub use handler::{AskResponder, CallObserver, ToolServer, ToolServerOptions};
 pub use questions::{Question, Questions};
 pub use router::{Worker, router, stdio, streamable_http};

@@ -19,7 +19,9 @@ use rmcp::{
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
-use crate::{Options, Questions, ToolServer, legacy_sse::Connections, sessions::Sessions};
+use crate::{
+    Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, sessions::Sessions,
+};
 
 /// A worker: whoever connects under its name acts in the same household.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -33,11 +35,11 @@ impl Worker {
     pub fn named(name: &str) -> Result<Self, reel_live::LiveError> {
         let worker = Self(name.to_owned());
         check_name(name)?;
-        check_name(&worker.household()).map(|()| worker)
+        check_name(&worker.session_name()).map(|()| worker)
     }
 
     /// Name of its household: no name of a session that a connection has for its own.
-    pub fn household(&self) -> String {
+    pub fn session_name(&self) -> String {
         format!("w-{}", self.0)
     }
 }
@@ -50,7 +52,7 @@ const MESSAGES: &str = "/messages/";
 struct Shared {
     pool: Arc<Pool>,
     questions: Arc<Questions>,
-    options: Arc<Options>,
+    options: Arc<ToolServerOptions>,
     connections: Connections,
     closing: CancellationToken,
 }
@@ -60,7 +62,7 @@ struct Shared {
 pub fn router(
     pool: Arc<Pool>,
     questions: Arc<Questions>,
-    options: Arc<Options>,
+    options: Arc<ToolServerOptions>,
     closing: CancellationToken,
     max_body: usize,
 ) -> Router {
@@ -78,7 +80,7 @@ pub fn router(
     let limits = shared.pool.limits();
     let service = streamable_http(
         factory,
-        limits.households,
+        limits.sessions,
         limits.close_after,
         max_body,
         closing,
@@ -139,7 +141,7 @@ pub(crate) fn serve<S: ServerHandler>(
 /// When the first message is not one of the protocol.
 pub async fn stdio(
     pool: Arc<Pool>,
-    options: Options,
+    options: ToolServerOptions,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let server = ToolServer::new(pool, Arc::default(), Arc::new(options), "stdio".to_owned());
     server
@@ -165,7 +167,7 @@ impl Shared {
             server,
             random(),
             MESSAGES,
-            self.pool.limits().households,
+            self.pool.limits().sessions,
             &self.closing,
         )
     }

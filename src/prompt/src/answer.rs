@@ -14,7 +14,7 @@ const NOTHING_YET: &str = "I have not done anything yet.";
 
 /// What a model says at a decision.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct Answer<'a> {
+pub struct DecisionAnswer<'a> {
     /// Why; empty if nobody said.
     pub reasoning: &'a str,
     /// `History`, as [`HistoryLines`] numbers it.
@@ -29,7 +29,7 @@ pub struct Answer<'a> {
     pub arguments: Option<&'a Value>,
 }
 
-impl Answer<'_> {
+impl DecisionAnswer<'_> {
     /// The text. The tool goes by its published name and marker ids are strings, whatever the call
     /// said.
     pub fn text(&self) -> String {
@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn all_published_parsers_read_it() {
         let arguments = json!({ "marker_id": 2 });
-        let answer = Answer {
+        let answer = DecisionAnswer {
             reasoning: "It is {red}.",
             history: "0) I went.\n1) I \"looked\".",
             schedule: "1. pick; 2. place",

@@ -7,7 +7,7 @@ use reel_world::{Digest, ToolCall};
 use serde_json::Value;
 
 use crate::{
-    SYSTEM_MULTI_TURN, Slots, Template, TemplateError, Wording,
+    PromptWording, SYSTEM_MULTI_TURN, Slots, Template, TemplateError,
     answer::{action, log_line},
     published::{
         Hand, Item, MAX_TURNS, Observation, SchedulerMemory, ask_limit, canonical_tool,
@@ -27,14 +27,14 @@ pub struct Prompt {
     name: String,
     template_digest: Digest,
     template: Template,
-    wording: Wording,
+    wording: PromptWording,
 }
 
 impl Prompt {
     /// The one that comes along.
     pub fn builtin() -> Arc<Self> {
         static BUILTIN_PROMPT: LazyLock<Arc<Prompt>> = LazyLock::new(|| {
-            let prompt = Prompt::new(BUILTIN, TEMPLATE, Wording::default());
+            let prompt = Prompt::new(BUILTIN, TEMPLATE, PromptWording::default());
             Arc::new(prompt.expect("the template that comes along passes the check"))
         });
         Arc::clone(&BUILTIN_PROMPT)
@@ -47,7 +47,7 @@ impl Prompt {
     pub fn new(
         name: impl Into<String>,
         template: &str,
-        wording: Wording,
+        wording: PromptWording,
     ) -> Result<Self, TemplateError> {
         let template_digest = Digest::of(template.as_bytes());
         Ok(Self {
@@ -69,7 +69,7 @@ impl Prompt {
     }
 
     /// The sentences around the values.
-    pub fn wording(&self) -> &Wording {
+    pub fn wording(&self) -> &PromptWording {
         &self.wording
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Fixed sentences. `{}` stands for the value that a sentence is about.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Wording {
+pub struct PromptWording {
     /// Before the rooms, with the end of its line.
     pub scene_heading: String,
     /// Before the text of an observation without an image.
@@ -61,7 +61,7 @@ pub struct Wording {
     pub vlm_empty_result: String,
 }
 
-impl Default for Wording {
+impl Default for PromptWording {
     fn default() -> Self {
         let own = |text: &str| text.to_owned();
         Self {

@@ -4,7 +4,9 @@
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use reel_import::{Begun, Setting, Shown, State, both, unknown_task};
+use reel_import::{
+    CallObservation, Setting, StartedEpisode, State, same_graph_for_both, unknown_task,
+};
 use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
@@ -17,7 +19,7 @@ use reel_world::{
 };
 use serde_json::{Map, Value, json};
 
-use crate::{Seen, Setup, tap::Answer};
+use crate::{ProxyEvent, Setup, tap::Answer};
 
 /// What is not known: a task, a scene.
 const UNKNOWN: &str = "unknown";
@@ -149,7 +151,7 @@ impl Episodes {
         let policy = Some(policy).filter(|policy| *policy != PolicyOutput::default());
         let input = StepInput {
             policy,
-            ..StepInput::bare(call)
+            ..StepInput::from_call(call)
         };
         let Now::Playing(playing) = &mut self.now else {
             return Err(Trouble("no episode runs".to_owned()));
@@ -205,15 +207,15 @@ impl Episodes {
         self.setup
             .endings
             .add(move || match playing.end(&setup, reason) {
-                Ok((path, metrics)) => setup.tell(Seen::Ended {
+                Ok((path, metrics)) => setup.tell(ProxyEvent::Ended {
                     session: &session,
                     path: &path,
                     reason,
                     metrics: &metrics,
                 }),
-                Err(Trouble(why)) => setup.tell(Seen::Trouble {
+                Err(Trouble(why)) => setup.tell(ProxyEvent::RecordingFailed {
                     session: &session,
-                    what: &why,
+                    problem: &why,
                 }),
             });
     }
@@ -264,7 +266,7 @@ impl Episodes {
             None => outcome(&input.call, answer, debug_info.is_some(), marked),
         };
         let reply = reel_import::reply(&input.call, &outcome);
-        let shown = Shown {
+        let shown = CallObservation {
             input,
             outcome,
             reply,
@@ -287,7 +289,7 @@ impl Episodes {
         if let Err(error) = written {
             return Err(self.broke(error));
         }
-        self.setup.tell(Seen::Step {
+        self.setup.tell(ProxyEvent::Step {
             session: &self.session,
             record: &record,
             timing,
@@ -300,8 +302,8 @@ impl Episodes {
     }
 
     /// Opens the recording of an episode.
-    fn begin(&mut self, begun: Begun, picture: Option<&Picture>) -> Result<(), Trouble> {
-        let Begun {
+    fn begin(&mut self, begun: StartedEpisode, picture: Option<&Picture>) -> Result<(), Trouble> {
+        let StartedEpisode {
             setting:
                 Setting {
                     task,
@@ -334,7 +336,11 @@ impl Episodes {
             ..reel_import::header(&task, &scene)
         };
         let mut start = StartRecord {
-            graphs: state.graph.as_ref().map(both).unwrap_or_default(),
+            graphs: state
+                .graph
+                .as_ref()
+                .map(same_graph_for_both)
+                .unwrap_or_default(),
             robot: state.robot(),
             ..StartRecord::default()
         };
@@ -361,7 +367,7 @@ impl Episodes {
             Ok(recorder) => recorder,
             Err(error) => return Err(self.broke(error)),
         };
-        setup.tell(Seen::Began {
+        setup.tell(ProxyEvent::Began {
             session: &self.session,
             task: &task,
             path: &path,
@@ -406,13 +412,17 @@ impl Episodes {
     }
 
     /// The episode that the published server's payload begins.
-    fn told(&self, payload: &Map<String, Value>, debug_info: &Map<String, Value>) -> Begun {
-        let options = reel_import::Options {
+    fn told(
+        &self,
+        payload: &Map<String, Value>,
+        debug_info: &Map<String, Value>,
+    ) -> StartedEpisode {
+        let options = reel_import::ImportOptions {
             run_id: &self.setup.run,
             tasks: &self.setup.tasks,
             scenes: Some(&self.setup.scenes),
         };
-        reel_import::begun(payload, debug_info, &options).unwrap_or_else(|error| {
+        reel_import::started_episode(payload, debug_info, &options).unwrap_or_else(|error| {
             let of = |key: &str| {
                 payload
                     .get(key)
@@ -429,13 +439,13 @@ impl Episodes {
 
     /// The episode of a server that tells no task: the only one that was given, or one of which
     /// nothing is known.
-    fn generic(&self) -> Begun {
+    fn generic(&self) -> StartedEpisode {
         let single = match &self.setup.tasks[..] {
             [task] => self.setup.scenes.of(task).map(|scene| (task, scene)),
             _ => None,
         };
         match single {
-            Some((task, scene)) => Begun {
+            Some((task, scene)) => StartedEpisode {
                 state: State {
                     graph: Some(task.initial.clone()),
                     ..State::default()
@@ -469,7 +479,7 @@ impl Episodes {
             Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
             Err(why) => {
                 let why = format!("{why}; the server calls it {kind:?}");
-                self.setup.tell(Seen::PictureLeftOut {
+                self.setup.tell(ProxyEvent::ImageOmitted {
                     session: &self.session,
                     why: &why,
                 });
@@ -512,7 +522,12 @@ impl Playing {
     }
 
     fn end(self, setup: &Setup, reason: EndReason) -> Result<(PathBuf, Metrics), Trouble> {
-        let graphs = self.state.graph.as_ref().map(both).unwrap_or_default();
+        let graphs = self
+            .state
+            .graph
+            .as_ref()
+            .map(same_graph_for_both)
+            .unwrap_or_default();
         let metrics = metrics(&setup.preset, &self.task, &self.start, &self.steps, &graphs);
         let steps = self.next();
         self.recorder.end(&EndRecord {
@@ -551,7 +566,7 @@ fn outcome(call: &ToolCall, answer: &Answer, published: bool, marked: Option<usi
         error: if unknown {
             None
         } else {
-            ErrorCode::told_by(&text)
+            ErrorCode::from_message(&text)
         },
         text,
     }
@@ -564,20 +579,20 @@ fn failed(why: &str, answer: &Answer) -> Outcome {
         answer.texts.join("\n")
     };
     let code = ErrorCode::parse(why)
-        .or_else(|| ErrorCode::told_by(&text))
+        .or_else(|| ErrorCode::from_message(&text))
         .unwrap_or(ErrorCode::BackendError);
     Outcome::error(code, text)
 }
 
 /// The episode of which nothing is known but, perhaps, its words.
-fn unknown(task_id: String, instruction: String, scene_id: String, state: State) -> Begun {
+fn unknown(task_id: String, instruction: String, scene_id: String, state: State) -> StartedEpisode {
     let setting = unknown_task(
         task_id,
         instruction,
         scene_id,
         state.graph.clone().unwrap_or_default(),
     );
-    Begun {
+    StartedEpisode {
         setting,
         state,
         notes: vec!["the task is not known".to_owned()],

@@ -19,7 +19,7 @@ pub enum ProxyError {
         /// What was given.
         url: String,
         /// What is wrong with it.
-        what: &'static str,
+        problem: &'static str,
     },
     /// The server's program does not start.
     #[error("cannot start the server: {source}; check the words behind --stdio: {command}")]

@@ -46,7 +46,7 @@ impl Upstream {
     pub fn parse(url: &str) -> Result<Self, ProxyError> {
         let wrong = |what| ProxyError::Url {
             url: url.to_owned(),
-            what,
+            problem: what,
         };
         if url.starts_with("https://") {
             return Err(wrong(

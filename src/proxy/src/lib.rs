@@ -45,7 +45,7 @@ pub use error::ProxyError;
 pub use http::{Proxy, Upstream};
 pub use mapping::Mapping;
 pub use reel_import::MappingError;
-pub use report::{Counts, Endings, Report};
+pub use report::{Counts, PendingTraces, Report};
 pub use stdio::run_stdio;
 
 /// What happens when a recording cannot be written.
@@ -61,7 +61,7 @@ pub enum OnFull {
 /// What is told while it happens.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
-pub enum Seen<'a> {
+pub enum ProxyEvent<'a> {
     /// An episode began.
     Began {
         /// Its session.
@@ -94,23 +94,23 @@ pub enum Seen<'a> {
         metrics: &'a Metrics,
     },
     /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
-    PictureLeftOut {
+    ImageOmitted {
         /// Its session.
         session: &'a str,
         /// Why.
         why: &'a str,
     },
     /// Something was not recorded, or refused.
-    Trouble {
+    RecordingFailed {
         /// The session.
         session: &'a str,
         /// What and why.
-        what: &'a str,
+        problem: &'a str,
     },
 }
 
 /// Who is told.
-pub type Watch = Box<dyn Fn(Seen<'_>) + Send + Sync>;
+pub type EventHandler = Box<dyn Fn(ProxyEvent<'_>) + Send + Sync>;
 
 /// How everything is recorded.
 pub struct Setup {
@@ -144,19 +144,19 @@ pub struct Setup {
     /// Names of this machine that agents may call, besides addresses and localhost.
     pub hosts: Vec<String>,
     /// Who is told.
-    pub watch: Watch,
+    pub watch: EventHandler,
     /// What went by.
     pub report: Report,
     /// What is still being finished.
-    pub endings: Endings,
+    pub endings: PendingTraces,
 }
 
 impl Setup {
-    pub(crate) fn tell(&self, seen: Seen<'_>) {
-        if let Seen::PictureLeftOut { .. } = seen {
+    pub(crate) fn tell(&self, seen: ProxyEvent<'_>) {
+        if let ProxyEvent::ImageOmitted { .. } = seen {
             self.report.count(|counts| counts.pictures_left_out += 1);
         }
-        if let Seen::Ended { .. } = seen {
+        if let ProxyEvent::Ended { .. } = seen {
             self.report.count(|counts| counts.episodes += 1);
         }
         (self.watch)(seen);

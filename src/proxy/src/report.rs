@@ -37,9 +37,9 @@ pub struct Counts {
 
 /// Traces that are being made whole beside what goes by.
 #[derive(Debug, Default)]
-pub struct Endings(Mutex<Vec<JoinHandle<()>>>);
+pub struct PendingTraces(Mutex<Vec<JoinHandle<()>>>);
 
-impl Endings {
+impl PendingTraces {
     pub(crate) fn add(&self, work: impl FnOnce() + Send + 'static) {
         let mut running = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         running.retain(|ending| !ending.is_finished());

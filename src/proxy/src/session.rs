@@ -14,7 +14,7 @@ use reel_world::record::EndReason;
 use serde_json::Value;
 
 use crate::{
-    OnFull, Seen, Setup,
+    OnFull, ProxyEvent, Setup,
     episode::{Episodes, Kind, Trouble},
     tap::{self, Answer, FromAgent},
 };
@@ -204,9 +204,9 @@ impl Session {
             "{what} is larger than {} bytes, and passes unrecorded",
             self.setup.message_max
         );
-        self.setup.tell(Seen::Trouble {
+        self.setup.tell(ProxyEvent::RecordingFailed {
             session: &self.name,
-            what: &why,
+            problem: &why,
         });
     }
 
@@ -297,9 +297,9 @@ impl Session {
             OnFull::Continue => counts.unrecorded += 1,
         });
         inner.episodes.missed();
-        self.setup.tell(Seen::Trouble {
+        self.setup.tell(ProxyEvent::RecordingFailed {
             session: &self.name,
-            what: &format!("{what} {outcome}: {why}"),
+            problem: &format!("{what} {outcome}: {why}"),
         });
         then
     }
@@ -326,7 +326,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::{Endings, Report};
+    use crate::{PendingTraces, Report};
 
     fn session(out: &Path, on_full: OnFull) -> (Arc<Setup>, Arc<Session>) {
         let setup = Arc::new(Setup {
@@ -346,7 +346,7 @@ mod tests {
             hosts: Vec::new(),
             watch: Box::new(|_| {}),
             report: Report::default(),
-            endings: Endings::default(),
+            endings: PendingTraces::default(),
         });
         (setup.clone(), Session::new(setup, 1))
     }

@@ -18,7 +18,7 @@ use crate::functions::simulator::Row;
 
 /// Why a query was stopped before its end.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-pub enum Stopped {
+pub enum StopReason {
     /// Somebody asked for it.
     #[error("stopped; nothing was changed")]
     Cancelled,
@@ -60,7 +60,7 @@ pub enum Stopped {
 
 /// Which traces functions may open.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Opens {
+pub enum TraceAccess {
     /// None at all: the plans of this process run elsewhere.
     Nothing,
     /// Those that a store names, as it names them.
@@ -69,19 +69,19 @@ pub enum Opens {
     Below(Vec<PathBuf>),
 }
 
-impl Opens {
+impl TraceAccess {
     /// Whether a trace may be opened.
     pub fn allows(&self, trace: &Path) -> bool {
         match self {
-            Opens::Nothing => false,
-            Opens::These(traces) => traces.contains(&*trace.to_string_lossy()),
-            Opens::Below(folders) if is_remote(trace) => {
+            TraceAccess::Nothing => false,
+            TraceAccess::These(traces) => traces.contains(&*trace.to_string_lossy()),
+            TraceAccess::Below(folders) if is_remote(trace) => {
                 let (name, inside) = (trace.to_string_lossy(), |folder: &PathBuf| {
                     trace.starts_with(folder) && is_remote(folder)
                 });
                 name.split('/').all(|part| part != "..") && folders.iter().any(inside)
             }
-            Opens::Below(folders) => {
+            TraceAccess::Below(folders) => {
                 let real = |path: &Path| path.canonicalize().ok();
                 real(trace).is_some_and(|trace| {
                     folders
@@ -99,7 +99,7 @@ pub struct Control {
     cancelled: AtomicBool,
     simulated: AtomicU64,
     /// Traces that functions may open.
-    traces: OnceLock<Opens>,
+    traces: OnceLock<TraceAccess>,
     /// What `replay` said, by the trace's digest.
     pub(crate) verdicts: Mutex<BTreeMap<Digest, Row>>,
 }
@@ -127,7 +127,7 @@ impl Control {
 
     pub(crate) fn check(&self) -> Result<(), DataFusionError> {
         if self.is_cancelled() {
-            Err(DataFusionError::External(Box::new(Stopped::Cancelled)))
+            Err(DataFusionError::External(Box::new(StopReason::Cancelled)))
         } else {
             Ok(())
         }
@@ -137,7 +137,7 @@ impl Control {
         self.simulated.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(crate) fn allow(&self, traces: Opens) {
+    pub(crate) fn allow(&self, traces: TraceAccess) {
         self.traces.get_or_init(|| traces);
     }
 
@@ -163,7 +163,7 @@ mod tests {
             std::fs::write(folder.join("a.mcap"), "").unwrap();
         }
         std::os::unix::fs::symlink(&outside, inside.join("out")).unwrap();
-        let opens = Opens::Below(vec![inside.clone(), "s3://lab/traces".into()]);
+        let opens = TraceAccess::Below(vec![inside.clone(), "s3://lab/traces".into()]);
         assert!(
             opens.allows(&inside.join("a.mcap"))
                 && opens.allows(Path::new("s3://lab/traces/one/a.mcap"))
@@ -180,6 +180,6 @@ mod tests {
         for path in refused {
             assert!(!opens.allows(&path), "{}", path.display());
         }
-        assert!(!Opens::Nothing.allows(&inside.join("a.mcap")));
+        assert!(!TraceAccess::Nothing.allows(&inside.join("a.mcap")));
     }
 }

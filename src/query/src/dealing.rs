@@ -22,7 +22,7 @@ const PARTS: usize = 64;
 /// that open them: a table of many episodes may well be one file. Every part reads the file and
 /// keeps what is its own. A condition may be looked at for rows that another one beside it leaves
 /// out, so those have no trace.
-pub(crate) fn dealt(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
+pub(crate) fn partition_by_trace(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
     let deal = |node: LogicalPlan| {
         let LogicalPlan::TableScan(scan) = &node else {
             return Ok(Transformed::no(node));
@@ -149,7 +149,11 @@ mod tests {
         ));
         context.register_batch("episodes", table.clone()).unwrap();
         let plan = context.sql(sql).await.unwrap().into_unoptimized_plan();
-        let plan = if deals { dealt(plan).unwrap() } else { plan };
+        let plan = if deals {
+            partition_by_trace(plan).unwrap()
+        } else {
+            plan
+        };
         let scans = plan
             .display_indent()
             .to_string()

@@ -19,18 +19,18 @@ mod tables;
 use arrow::array::RecordBatch;
 use reel_tables::Store;
 
-pub use control::{Control, Opens, Stopped};
+pub use control::{Control, StopReason, TraceAccess};
 pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use fusion::{RowQuestion, fuse};
 pub use limits::Limits;
 pub use reel_tables::STACK_BYTES;
-pub use session::{Engine, Lasting, Parameters, QueryError, Session, every_function};
+pub use session::{CacheScope, Engine, Parameters, QueryError, QuerySession, every_function};
 
 /// Runs one query over a store.
 ///
 /// # Errors
 /// When it is no question, is wrong, or exceeds a limit.
 pub fn run(store: Store, sql: &str) -> Result<Vec<RecordBatch>, QueryError> {
-    Session::new(store)?.run(sql)
+    QuerySession::new(store)?.run(sql)
 }

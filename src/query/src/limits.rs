@@ -22,7 +22,7 @@ use datafusion::{
     },
 };
 
-use crate::control::Stopped;
+use crate::control::StopReason;
 
 /// Longest SQL text, in bytes.
 pub const SQL_BYTES_MAX: usize = 1 << 20;
@@ -193,7 +193,7 @@ impl Guarded {
         };
         let bytes = bytes.clamp(0.0, 1e30) as u128;
         if bytes > VALUE_BYTES_MAX {
-            let stopped = Stopped::Value {
+            let stopped = StopReason::Value {
                 function: self.name().to_owned(),
                 bytes,
                 limit: VALUE_BYTES_MAX,

@@ -40,8 +40,8 @@ use reel_tables::{Store, Table, View, views};
 use tokio::runtime::Runtime;
 
 use crate::{
-    control::{Control, Opens, Stopped},
-    dealing::{TRACE, dealt},
+    control::{Control, StopReason, TraceAccess},
+    dealing::{TRACE, partition_by_trace},
     functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
@@ -63,7 +63,7 @@ pub type Engine = dyn Fn(SessionState) -> Result<SessionState, DataFusionError> 
 
 /// A session over one store, for one question at a time. Sees the store as it was when the session
 /// was made.
-pub struct Session(Arc<Inner>);
+pub struct QuerySession(Arc<Inner>);
 
 struct Inner {
     store: Store,
@@ -78,17 +78,17 @@ struct Inner {
 /// What a running query hands on.
 enum Part {
     Batch(RecordBatch),
-    End(Result<Lasting, QueryError>),
+    End(Result<CacheScope, QueryError>),
 }
 
 /// How long an answer holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Lasting {
+pub enum CacheScope {
     /// As long as nobody writes to the store: the question asks its tables alone.
-    WithTheStore,
+    StoreVersion,
     /// For the moment: the question asks the clock, chance, or the traces, or nobody waited for the
     /// end.
-    Now,
+    Uncacheable,
 }
 
 /// Why a query has no result.
@@ -118,7 +118,7 @@ pub enum QueryError {
     },
     /// It was stopped.
     #[error("{0}")]
-    Stopped(Stopped),
+    Stopped(StopReason),
     /// A parameter is missing, unknown or no value.
     #[error("{0}")]
     Parameter(String),
@@ -136,7 +136,7 @@ pub enum QueryError {
 impl From<DataFusionError> for QueryError {
     fn from(error: DataFusionError) -> Self {
         if let DataFusionError::External(cause) = error.find_root()
-            && let Some(stopped) = cause.downcast_ref::<Stopped>()
+            && let Some(stopped) = cause.downcast_ref::<StopReason>()
         {
             return QueryError::Stopped(stopped.clone());
         }
@@ -144,7 +144,7 @@ impl From<DataFusionError> for QueryError {
     }
 }
 
-impl Session {
+impl QuerySession {
     /// A session with the default limits.
     ///
     /// # Errors
@@ -167,7 +167,7 @@ impl Session {
     ///
     /// # Errors
     /// When the engine cannot be set up.
-    pub fn elsewhere(
+    pub fn with_remote_engine(
         store: Store,
         limits: Limits,
         engine: Box<Engine>,
@@ -255,7 +255,7 @@ impl Session {
         sql: &str,
         parameters: &Parameters,
         take: impl FnMut(RecordBatch) -> bool,
-    ) -> Result<Lasting, QueryError> {
+    ) -> Result<CacheScope, QueryError> {
         if sql.len() > SQL_BYTES_MAX {
             return Err(QueryError::TooLong { bytes: sql.len() });
         }
@@ -310,7 +310,7 @@ impl Inner {
         &self,
         answer: &mpsc::Receiver<Part>,
         mut take: impl FnMut(RecordBatch) -> bool,
-    ) -> Result<Lasting, QueryError> {
+    ) -> Result<CacheScope, QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
         let mut looked = begun;
@@ -319,7 +319,7 @@ impl Inner {
                 Ok(Part::Batch(batch)) => {
                     if !take(batch) {
                         self.control.cancel();
-                        return Ok(Lasting::Now);
+                        return Ok(CacheScope::Uncacheable);
                     }
                     if looked.elapsed() < LOOK_EVERY {
                         continue;
@@ -335,10 +335,10 @@ impl Inner {
             }
             looked = Instant::now();
             if self.control.is_cancelled() {
-                break Stopped::Cancelled;
+                break StopReason::Cancelled;
             }
             if begun.elapsed() > self.limits.time {
-                break Stopped::Time {
+                break StopReason::Time {
                     seconds: self.limits.time.as_secs(),
                 };
             }
@@ -348,7 +348,7 @@ impl Inner {
                 > memory
             {
                 self.control.cancel();
-                return Err(QueryError::Stopped(Stopped::Memory { bytes: memory }));
+                return Err(QueryError::Stopped(StopReason::Memory { bytes: memory }));
             }
         };
         self.control.cancel();
@@ -364,11 +364,11 @@ impl Inner {
         sql: &str,
         parameters: &Parameters,
         to: mpsc::SyncSender<Part>,
-    ) -> Result<Lasting, QueryError> {
+    ) -> Result<CacheScope, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
         let lasting = lasting(&plan)?;
         let plan = if self.elsewhere.is_some() && opens_traces(&plan)? {
-            dealt(plan)?
+            partition_by_trace(plan)?
         } else {
             plan
         };
@@ -539,7 +539,7 @@ impl Inner {
                     .map(str::to_owned),
             );
         }
-        self.control.allow(Opens::These(traces));
+        self.control.allow(TraceAccess::These(traces));
         Ok(())
     }
 
@@ -559,7 +559,7 @@ impl Inner {
                 let batch = in_plain_types(&batch?)?;
                 rows += batch.num_rows();
                 if rows > rows_max {
-                    return Err(DataFusionError::External(Box::new(Stopped::Rows {
+                    return Err(DataFusionError::External(Box::new(StopReason::Rows {
                         rows: rows_max,
                     })));
                 }
@@ -586,7 +586,7 @@ impl Inner {
                 answer.abort();
                 // another engine is told when the answer is let go of
                 let _ = tokio::time::timeout(GRACE, answer).await;
-                Err(QueryError::Stopped(Stopped::Cancelled))
+                Err(QueryError::Stopped(StopReason::Cancelled))
             }
         }
     }
@@ -597,12 +597,12 @@ fn opens_traces(plan: &LogicalPlan) -> Result<bool, DataFusionError> {
     calls(plan, |call| functions::opens_traces(call.name()))
 }
 
-fn lasting(plan: &LogicalPlan) -> Result<Lasting, DataFusionError> {
+fn lasting(plan: &LogicalPlan) -> Result<CacheScope, DataFusionError> {
     let moves = |call: &ScalarFunction| call.func.signature().volatility != Volatility::Immutable;
     Ok(if opens_traces(plan)? || calls(plan, moves)? {
-        Lasting::Now
+        CacheScope::Uncacheable
     } else {
-        Lasting::WithTheStore
+        CacheScope::StoreVersion
     })
 }
 
@@ -650,7 +650,7 @@ fn in_plain_types(batch: &RecordBatch) -> Result<RecordBatch, ArrowError> {
     RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), columns?, &rows)
 }
 
-impl std::fmt::Debug for Session {
+impl std::fmt::Debug for QuerySession {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Session")
             .field("store", &self.0.store)
@@ -664,7 +664,7 @@ impl std::fmt::Debug for Session {
 pub fn every_function(
     config: SessionConfig,
     environment: Arc<RuntimeEnv>,
-    opens: Opens,
+    opens: TraceAccess,
 ) -> SessionState {
     let context = SessionContext::new_with_config_rt(config, environment);
     let control = Arc::new(Control::default());

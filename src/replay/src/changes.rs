@@ -76,7 +76,7 @@ pub struct Ending {
 
 /// A trace file's verdict, and what changed where it is not exact.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Judgement {
+pub struct ReplayReport {
     /// The file.
     pub trace: PathBuf,
     /// What a replay found.
@@ -107,7 +107,7 @@ impl Changes {
 /// # Errors
 /// Why nothing can be executed.
 pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
-    Ok(Executed::again(trace)?.compare(trace))
+    Ok(Executed::run(trace)?.compare(trace))
 }
 
 /// Replays many trace files on so many threads, and says what changed in those that are not exact;
@@ -117,28 +117,30 @@ pub fn judge_all<P: AsRef<Path> + Sync>(
     assets: &dyn Assets,
     workers: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
-) -> Vec<Judgement> {
+) -> Vec<ReplayReport> {
     on_workers(paths, workers, |path| {
         let path = path.as_ref();
         let judgement =
-            catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| Judgement {
-                trace: path.to_owned(),
-                verdict: Verdict::panicked(path),
-                outcomes: None,
+            catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| {
+                ReplayReport {
+                    trace: path.to_owned(),
+                    verdict: Verdict::panicked(path),
+                    outcomes: None,
+                }
             });
         on_done(path, &judgement.verdict);
         judgement
     })
 }
 
-fn judge(path: &Path, assets: &dyn Assets) -> Judgement {
+fn judge(path: &Path, assets: &dyn Assets) -> ReplayReport {
     let verdict = verify_from(path, assets);
     let outcomes = Trace::read(path).ok().and_then(|trace| match verdict {
         // Nothing changed, and nothing need be executed a second time to say so.
         Verdict::Exact { .. } => Some(Changes::none(&trace)),
         _ => changes(&trace.with_meshes(assets)).ok(),
     });
-    Judgement {
+    ReplayReport {
         trace: path.to_owned(),
         verdict,
         outcomes,
@@ -155,13 +157,11 @@ pub(crate) struct Executed {
 
 impl Executed {
     /// Executes all inputs of a trace of any version.
-    pub fn again(trace: &Trace) -> Result<Self, Verdict> {
+    pub fn run(trace: &Trace) -> Result<Self, Verdict> {
         let config = player::config_of_any_version(trace)?;
         let (mut episode, start, _) =
-            Episode::start_with(config, Detail::Picture).map_err(|error| {
-                Verdict::NotReplayable {
-                    reason: error.to_string(),
-                }
+            Episode::start_with(config, Detail::Full).map_err(|error| Verdict::NotReplayable {
+                reason: error.to_string(),
             })?;
         let steps = trace
             .steps

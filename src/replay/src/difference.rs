@@ -11,7 +11,7 @@ use serde_json::Value;
 /// Where in an episode a difference lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Moment {
+pub enum EpisodePosition {
     /// The header.
     Header,
     /// Spawning and settling, before the first call.
@@ -26,7 +26,7 @@ pub enum Moment {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
     /// Where.
-    pub moment: Moment,
+    pub moment: EpisodePosition,
     /// The call as recorded, for people.
     pub call: Option<String>,
     /// First physics step (from 0, within this call) whose state digest differs.
@@ -43,7 +43,7 @@ pub struct Divergence {
 
 impl Divergence {
     /// A difference of two texts.
-    pub fn text(moment: Moment, field: &str, recorded: &str, replayed: &str) -> Self {
+    pub fn text(moment: EpisodePosition, field: &str, recorded: &str, replayed: &str) -> Self {
         let (recorded, replayed) = (recorded.to_owned(), replayed.to_owned());
         Self {
             moment,
@@ -60,10 +60,10 @@ impl Divergence {
 impl fmt::Display for Divergence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.moment {
-            Moment::Header => write!(f, "in the header")?,
-            Moment::Start => write!(f, "at the start")?,
-            Moment::Call(call) => write!(f, "at call {call}")?,
-            Moment::End => write!(f, "at the end")?,
+            EpisodePosition::Header => write!(f, "in the header")?,
+            EpisodePosition::Start => write!(f, "at the start")?,
+            EpisodePosition::Call(call) => write!(f, "at call {call}")?,
+            EpisodePosition::End => write!(f, "at the end")?,
         }
         if let Some(call) = &self.call {
             write!(f, " {call}")?;
@@ -93,7 +93,7 @@ pub fn header(recorded: &EpisodeHeader, replayed: &EpisodeHeader) -> Found {
     if *recorded == replayed {
         Ok(())
     } else {
-        fields(Moment::Header, None, None, recorded, &replayed)
+        fields(EpisodePosition::Header, None, None, recorded, &replayed)
     }
 }
 
@@ -103,12 +103,12 @@ pub fn start(recorded: &StartRecord, replayed: &StartRecord) -> Found {
         return Ok(());
     }
     moving(
-        Moment::Start,
+        EpisodePosition::Start,
         None,
         (&recorded.digests, &recorded.bodies),
         (&replayed.digests, &replayed.bodies),
     )?;
-    fields(Moment::Start, None, None, recorded, replayed)
+    fields(EpisodePosition::Start, None, None, recorded, replayed)
 }
 
 /// Compares a call and what came of it.
@@ -116,7 +116,7 @@ pub fn step(recorded: &StepRecord, replayed: &StepRecord) -> Found {
     if recorded == replayed {
         return Ok(());
     }
-    let moment = Moment::Call(recorded.step);
+    let moment = EpisodePosition::Call(recorded.step);
     let call = Some(recorded.input.call.to_string());
     moving(
         moment,
@@ -132,13 +132,13 @@ pub fn end(recorded: &EndRecord, replayed: &EndRecord) -> Found {
     if recorded == replayed {
         Ok(())
     } else {
-        fields(Moment::End, None, None, recorded, replayed)
+        fields(EpisodePosition::End, None, None, recorded, replayed)
     }
 }
 
 /// Compares motion: the first physics step, and the first body and field at the end of the call.
 fn moving(
-    moment: Moment,
+    moment: EpisodePosition,
     call: Option<String>,
     recorded: (&StateDigests, &[BodyState]),
     replayed: (&StateDigests, &[BodyState]),
@@ -207,7 +207,7 @@ fn body_field(a: &BodyState, b: &BodyState) -> Option<(String, String, String)> 
 
 /// Compares two records field by field in the order of their declaration.
 fn fields<T: Serialize>(
-    moment: Moment,
+    moment: EpisodePosition,
     call: Option<String>,
     physics_step: Option<usize>,
     recorded: &T,

@@ -2,7 +2,7 @@
 //! of numbers in ULPs, the pictures side by side and the texts word by word, and the motion states
 //! after any physics step. Never decides whether a trace is exact.
 
-use reel_sim::{Simulator, Stage, render::Detail};
+use reel_sim::{PreparedTask, Simulator, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
     FRAME_HEIGHT, FRAME_WIDTH, Frame,
@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::Value;
 use similar::{ChangeTag, TextDiff};
 
-use crate::{Moment, Replay, Verdict, player, seek};
+use crate::{EpisodePosition, Replay, Verdict, player, seek};
 
 /// Most differing fields that are listed.
 const MOST_FIELDS: usize = 400;
@@ -27,7 +27,7 @@ pub struct Explanation {
     /// The outcome's text, `[-recorded-]` and `{+replayed+}`, where it differs.
     pub text: Option<String>,
     /// The picture, where it differs.
-    pub picture: Option<PictureChange>,
+    pub picture: Option<FrameChange>,
     /// Motion states here after the first differing physics step. A trace holds only digests of the
     /// steps within a call: the other side's values come from the build that recorded it.
     pub bodies: Option<Vec<BodyState>>,
@@ -52,7 +52,7 @@ pub struct FieldChange {
 
 /// How a picture differs.
 #[derive(Clone, Debug, Serialize)]
-pub struct PictureChange {
+pub struct FrameChange {
     /// Pixels that differ; none where the trace does not hold the picture.
     pub pixels: Option<u32>,
     /// Box of the differing pixels: x, y of the first and of the last.
@@ -76,9 +76,9 @@ pub fn explain(trace: &Trace) -> Explanation {
         picture: None,
         bodies: None,
     };
-    let mut replay = match Replay::start(trace, Detail::Picture) {
+    let mut replay = match Replay::start(trace, Detail::Full) {
         Ok((replay, _)) => replay,
-        Err(Verdict::Diverged { divergence }) if divergence.moment == Moment::Start => {
+        Err(Verdict::Diverged { divergence }) if divergence.moment == EpisodePosition::Start => {
             return at_start(trace, divergence);
         }
         Err(verdict) => return plain(verdict),
@@ -96,7 +96,7 @@ pub fn explain(trace: &Trace) -> Explanation {
                     text: text(recorded, &output.record),
                     picture: picture(trace, recorded, &output.record, output.frame.as_ref()),
                     bodies: step.and_then(|step| {
-                        state_at(trace, Moment::Call(recorded.step), step)
+                        state_at(trace, EpisodePosition::Call(recorded.step), step)
                             .ok()
                             .flatten()
                     }),
@@ -114,25 +114,25 @@ pub fn explain(trace: &Trace) -> Explanation {
 /// Why nothing can be executed, or a difference before that call.
 pub fn state_at(
     trace: &Trace,
-    moment: Moment,
+    moment: EpisodePosition,
     step: usize,
 ) -> Result<Option<Vec<BodyState>>, Verdict> {
     match moment {
-        Moment::Start => {
+        EpisodePosition::Start => {
             let config = player::config(trace)?;
-            let stage = Stage::with_meshes(config.scene, config.task, config.meshes);
+            let stage = PreparedTask::with_meshes(config.scene, config.task, config.meshes);
             let mut simulator =
                 Simulator::new_watching(stage, config.profile, config.seed, Some(step));
             Ok(simulator.take_watched())
         }
-        Moment::Call(call) => {
+        EpisodePosition::Call(call) => {
             let mut replay = seek(trace, call as usize, None)?;
             replay.watch(step);
             // Whether this call differs does not matter here: its state is asked for.
             let _ = replay.step();
             Ok(replay.take_watched())
         }
-        Moment::Header | Moment::End => Ok(None),
+        EpisodePosition::Header | EpisodePosition::End => Ok(None),
     }
 }
 
@@ -159,7 +159,7 @@ fn at_start(trace: &Trace, divergence: Box<crate::Divergence>) -> Explanation {
         .ok()
         .and_then(|config| reel_episode::Episode::start(config).ok())
         .map_or_else(Vec::new, |(_, start, _)| changes(&trace.start, &start));
-    let bodies = step.and_then(|step| state_at(trace, Moment::Start, step).ok().flatten());
+    let bodies = step.and_then(|step| state_at(trace, EpisodePosition::Start, step).ok().flatten());
     Explanation {
         verdict: Verdict::Diverged { divergence },
         fields,
@@ -322,13 +322,13 @@ fn picture(
     recorded: &StepRecord,
     replayed: &StepRecord,
     frame: Option<&Frame>,
-) -> Option<PictureChange> {
+) -> Option<FrameChange> {
     if recorded.digests.frame == replayed.digests.frame {
         return None;
     }
     let old = trace.frame_rgb(Some(recorded.step)).ok().flatten();
     let new = frame.map(|frame| frame.rgb.clone());
-    let mut change = PictureChange {
+    let mut change = FrameChange {
         pixels: None,
         bbox: None,
         most: None,

@@ -11,7 +11,8 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Divergence, Moment, Replay, SnapshotCache, Verdict, difference, player, seek, verify_trace,
+    Divergence, EpisodePosition, Replay, SnapshotCache, Verdict, difference, player, seek,
+    verify_trace,
 };
 
 /// The moment before a call of a recorded episode: the state there, and all that led to it,
@@ -48,7 +49,7 @@ impl<'t> Fork<'t> {
     ///
     /// # Errors
     /// Why nothing can be executed, or the first difference.
-    pub fn everywhere(parent: &'t Trace) -> Result<Vec<Self>, Verdict> {
+    pub fn at_every_call(parent: &'t Trace) -> Result<Vec<Self>, Verdict> {
         let (mut replay, _) = Replay::start(parent, Detail::Geometry)?;
         let mut forks: Vec<Self> = Self::here(parent, &replay).into_iter().collect();
         while replay.step()?.is_some() {
@@ -105,7 +106,7 @@ impl<'t> Fork<'t> {
 
 /// Whether a trace is a branch of another, and exact.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Descent {
+pub struct BranchVerification {
     /// Why it is none of that trace at all: no branch, or another's.
     pub stranger: Option<String>,
     /// The first difference between what they have in common: `recorded` is the parent's.
@@ -115,7 +116,7 @@ pub struct Descent {
     pub verdict: Verdict,
 }
 
-impl Descent {
+impl BranchVerification {
     /// Whether all of it holds.
     pub fn holds(&self) -> bool {
         self.stranger.is_none() && self.prefix.is_none() && self.verdict.is_exact()
@@ -123,13 +124,13 @@ impl Descent {
 }
 
 /// Compares a branch with its parent up to the call it branches at, and replays it.
-pub fn verify_branch(branch: &Trace, parent: &Trace) -> Descent {
+pub fn verify_branch(branch: &Trace, parent: &Trace) -> BranchVerification {
     let verdict = verify_trace(branch);
     let (stranger, prefix) = match stranger(branch, parent) {
         Err(stranger) => (Some(stranger), None),
         Ok(calls) => (None, prefix_difference(branch, parent, calls)),
     };
-    Descent {
+    BranchVerification {
         stranger,
         prefix,
         verdict,
@@ -203,7 +204,7 @@ fn substituted(branch: &Trace, calls: usize) -> Result<(), Box<Divergence>> {
         if *told != made {
             let (told, made) = (told.to_string(), made.to_string());
             return Err(Box::new(Divergence::text(
-                Moment::Call(step.step),
+                EpisodePosition::Call(step.step),
                 "substituted call",
                 &told,
                 &made,

@@ -16,7 +16,7 @@ use crate::Ending;
 
 /// Two episodes laid side by side.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Beside {
+pub struct Comparison {
     /// What each of them is.
     pub episodes: [EpisodeTitle; 2],
     /// Inputs known before the first call that differ, besides the policy.
@@ -27,7 +27,7 @@ pub struct Beside {
     pub same_calls: usize,
     /// The calls after these, in order. A row has one call of each where they are made alike or
     /// come at the same place; one side is empty where the other has a call more.
-    pub rows: Vec<Row>,
+    pub rows: Vec<CallPair>,
     /// How each ended; none where the recording broke off.
     pub ends: [Option<Ending>; 2],
     /// Sum of all rewards of each.
@@ -57,11 +57,11 @@ pub struct EpisodeTitle {
 
 /// A call of each.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Row {
+pub struct CallPair {
     /// The first one's.
-    pub a: Option<Deed>,
+    pub a: Option<CallSummary>,
     /// The second one's.
-    pub b: Option<Deed>,
+    pub b: Option<CallSummary>,
     /// Whether both made the same call; what came of it may differ.
     pub same_call: bool,
     /// Whether all that came of it is the same, the simulator's state included.
@@ -70,7 +70,7 @@ pub struct Row {
 
 /// A call and what came of it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Deed {
+pub struct CallSummary {
     /// Which, from 0.
     pub call: u32,
     /// As made, for people.
@@ -92,7 +92,7 @@ pub struct Deed {
 /// The episodes play other tasks: nothing can be laid side by side.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("{a} plays task {a_task}, {b} plays {b_task}: episodes of different tasks have nothing to lay side by side", a = a.display(), b = b.display())]
-pub struct OtherTask {
+pub struct TaskMismatch {
     /// The first trace.
     pub a: PathBuf,
     /// Its task.
@@ -103,7 +103,7 @@ pub struct OtherTask {
     pub b_task: String,
 }
 
-impl Beside {
+impl Comparison {
     /// Whether nothing differs but who decided.
     pub fn is_same(&self) -> bool {
         self.inputs.is_empty()
@@ -117,13 +117,13 @@ impl Beside {
 ///
 /// # Errors
 /// When they play different tasks.
-pub fn lay_beside(a: &Trace, b: &Trace) -> Result<Beside, OtherTask> {
+pub fn compare(a: &Trace, b: &Trace) -> Result<Comparison, TaskMismatch> {
     if a.header.task_digest != b.header.task_digest {
         let task = |trace: &Trace| match a.header.task_id == b.header.task_id {
             true => format!("{} ({})", trace.header.task_id, trace.header.task_digest),
             false => trace.header.task_id.clone(),
         };
-        return Err(OtherTask {
+        return Err(TaskMismatch {
             a: a.path.clone(),
             a_task: task(a),
             b: b.path.clone(),
@@ -141,7 +141,7 @@ pub fn lay_beside(a: &Trace, b: &Trace) -> Result<Beside, OtherTask> {
             .count(),
         false => 0,
     };
-    Ok(Beside {
+    Ok(Comparison {
         episodes: [title(a), title(b)],
         inputs: inputs(a, b),
         same_start,
@@ -194,7 +194,7 @@ fn same_outcome(a: &StepRecord, b: &StepRecord) -> bool {
 
 /// The calls after the common ones: those made alike in one row, so that a call more does not shift
 /// all that follows.
-fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<Row> {
+fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<CallPair> {
     let deeds = [deeds(a), deeds(b)];
     let calls = |trace: &Trace| -> Vec<String> {
         trace.steps[same..]
@@ -207,7 +207,7 @@ fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<Row> {
         let pair = a_call
             .zip(b_call)
             .map(|(a_call, b_call)| (&a.steps[same + a_call], &b.steps[same + b_call]));
-        rows.push(Row {
+        rows.push(CallPair {
             a: a_call.map(|call| deeds[0][same + call].clone()),
             b: b_call.map(|call| deeds[1][same + call].clone()),
             same_call: pair.is_some_and(|(a, b)| a.input.call == b.input.call),
@@ -229,12 +229,12 @@ fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<Row> {
     rows
 }
 
-fn deeds(trace: &Trace) -> Vec<Deed> {
+fn deeds(trace: &Trace) -> Vec<CallSummary> {
     let mut total = 0.0;
     let deed = |step: &StepRecord| {
         let reward = step.reward_total();
         total += reward;
-        Deed {
+        CallSummary {
             call: step.step,
             what: step.input.call.to_string(),
             error: step.outcome.error,

@@ -26,16 +26,16 @@ use reel_trace::{Trace, TraceError};
 use reel_world::{Assets, Frame, NoAssets};
 use serde::{Deserialize, Serialize};
 
-pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
-pub use difference::{Divergence, Moment};
-pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
-pub use fork::{Descent, Fork, verify_branch};
-pub use lay_beside::{Beside, Deed, EpisodeTitle, OtherTask, Row, lay_beside};
+pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, ReplayReport, changes, judge_all};
+pub use difference::{Divergence, EpisodePosition};
+pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, state_at};
+pub use fork::{BranchVerification, Fork, verify_branch};
+pub use lay_beside::{CallPair, CallSummary, Comparison, EpisodeTitle, TaskMismatch, compare};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
-pub use player::{Differing, Replay};
+pub use player::{Replay, StepMismatch};
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
-pub use seek::{SnapshotCache, picture_at, pictures_at, seek, verify_restored};
+pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};
 pub use viewpoint::{NoViewpoint, Viewpoint, view_at, views};
 
 /// What a replay found.
@@ -163,7 +163,7 @@ pub fn verify_all<P: AsRef<Path> + Sync>(
 }
 
 /// Replays a trace that was read; a panic ends only its own verdict.
-pub fn verify_contained(trace: &Trace) -> Verdict {
+pub fn verify_catching_panics(trace: &Trace) -> Verdict {
     catch_unwind(AssertUnwindSafe(|| verify_trace(trace)))
         .unwrap_or_else(|_| Verdict::panicked(&trace.path))
 }
@@ -196,7 +196,7 @@ fn contained(
 
 /// Replays a trace that was read.
 pub fn verify_trace(trace: &Trace) -> Verdict {
-    verify_with(trace, Detail::Picture)
+    verify_with(trace, Detail::Full)
 }
 
 /// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said of
@@ -205,7 +205,7 @@ pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     if let Err(verdict) = player::config(trace) {
         return verdict;
     }
-    if let (Detail::Picture, Err(error)) = (detail, trace.verify_images()) {
+    if let (Detail::Full, Err(error)) = (detail, trace.verify_images()) {
         return refused(&error);
     }
     let replayed = Replay::start(trace, detail).and_then(|(replay, _)| replay.finish(|_, _| {}));
@@ -221,13 +221,13 @@ pub fn replay_with(
     trace: &Trace,
     mut on_frame: impl FnMut(Option<u32>, &Frame),
 ) -> Result<Verdict, Verdict> {
-    let (replay, frame) = Replay::start(trace, Detail::Picture)?;
+    let (replay, frame) = Replay::start(trace, Detail::Full)?;
     on_frame(None, &frame);
     replay.finish(|call, frame| on_frame(Some(call), frame))
 }
 
 /// The first difference between two traces of the same inputs; none where every record is equal.
-pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
+pub fn first_divergence(a: &Trace, b: &Trace) -> Option<Divergence> {
     let compared = difference::header(&a.header, &b.header)
         .and_then(|()| difference::start(&a.start, &b.start))
         .and_then(|()| {
@@ -252,7 +252,7 @@ pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
                     )
                 };
                 Err(Box::new(Divergence::text(
-                    Moment::End,
+                    EpisodePosition::End,
                     "end",
                     &told(a),
                     &told(b),

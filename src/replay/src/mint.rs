@@ -293,7 +293,7 @@ fn write_one(
             });
         }
     }
-    let executed = Executed::again(&trace).map_err(|verdict| MintError::NotExecutable {
+    let executed = Executed::run(&trace).map_err(|verdict| MintError::NotExecutable {
         path: path(),
         verdict: Box::new(verdict),
     })?;

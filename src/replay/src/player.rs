@@ -26,15 +26,15 @@ pub struct Replay<'t> {
 
 /// What a call gave that differs from its record.
 #[derive(Clone, Debug)]
-pub struct Differing {
+pub struct StepMismatch {
     /// The first difference.
     pub divergence: Box<Divergence>,
     /// What this simulator gave.
     pub output: StepOutput,
 }
 
-impl From<Box<Differing>> for Verdict {
-    fn from(differing: Box<Differing>) -> Self {
+impl From<Box<StepMismatch>> for Verdict {
+    fn from(differing: Box<StepMismatch>) -> Self {
         Verdict::Diverged {
             divergence: differing.divergence,
         }
@@ -90,7 +90,7 @@ impl<'t> Replay<'t> {
         Ok(Self {
             trace,
             episode,
-            detail: Detail::Picture,
+            detail: Detail::Full,
             calls,
             physics_steps: 0,
             pictures: 0,
@@ -102,13 +102,13 @@ impl<'t> Replay<'t> {
     ///
     /// # Errors
     /// The first difference.
-    pub fn step(&mut self) -> Result<Option<StepOutput>, Box<Differing>> {
+    pub fn step(&mut self) -> Result<Option<StepOutput>, Box<StepMismatch>> {
         let Some(recorded) = self.trace.steps.get(self.calls) else {
             return Ok(None);
         };
         let output = self.episode.step(recorded.input.clone());
         match compare_step(recorded, &output.record, self.detail) {
-            Err(divergence) => Err(Box::new(Differing { divergence, output })),
+            Err(divergence) => Err(Box::new(StepMismatch { divergence, output })),
             Ok(()) => {
                 self.calls += 1;
                 self.physics_steps += output.record.digests.physics_steps.len() as u64;
@@ -254,7 +254,7 @@ fn compare_start(
     replayed: &StartRecord,
     detail: Detail,
 ) -> Result<(), Box<Divergence>> {
-    if detail == Detail::Picture {
+    if detail == Detail::Full {
         return difference::start(recorded, replayed);
     }
     let digests = without_rgb(&recorded.digests, &replayed.digests);
@@ -272,7 +272,7 @@ fn compare_step(
     replayed: &StepRecord,
     detail: Detail,
 ) -> Result<(), Box<Divergence>> {
-    if detail == Detail::Picture {
+    if detail == Detail::Full {
         return difference::step(recorded, replayed);
     }
     let digests = without_rgb(&recorded.digests, &replayed.digests);

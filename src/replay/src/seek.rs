@@ -69,13 +69,13 @@ impl SnapshotCache {
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference on the way, or that there is no such call.
-pub fn picture_at(
+pub fn frame_at(
     trace: &Trace,
     call: Option<u32>,
     cache: Option<&SnapshotCache>,
 ) -> Result<Vec<u8>, Verdict> {
     let Some(call) = call else {
-        return Replay::start(trace, Detail::Picture).map(|(_, frame)| frame.rgb);
+        return Replay::start(trace, Detail::Full).map(|(_, frame)| frame.rgb);
     };
     let mut replay = seek(trace, call as usize, cache)?;
     let output = replay
@@ -84,7 +84,7 @@ pub fn picture_at(
     let simulator = replay.episode().simulator();
     Ok(output
         .frame
-        .unwrap_or_else(|| simulator.picture_from(&simulator.camera()))
+        .unwrap_or_else(|| simulator.render_from(&simulator.camera()))
         .rgb)
 }
 
@@ -93,7 +93,7 @@ pub fn picture_at(
 ///
 /// # Errors
 /// Why a picture cannot be had, or the first difference on the way.
-pub fn pictures_at(
+pub fn frames_at(
     trace: &Trace,
     moments: &BTreeSet<Option<u32>>,
 ) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
@@ -114,7 +114,7 @@ pub fn pictures_at(
         return Ok(BTreeMap::new());
     };
     let mut found = BTreeMap::new();
-    let (mut replay, start) = Replay::start(trace, Detail::Picture)?;
+    let (mut replay, start) = Replay::start(trace, Detail::Full)?;
     if moments.contains(&None) {
         found.insert(None, start.rgb);
     }
@@ -159,7 +159,7 @@ pub fn seek<'t>(
     };
     let mut replay = match cache.and_then(nearest) {
         Some(replay) => replay,
-        None => Replay::start(trace, Detail::Picture)?.0,
+        None => Replay::start(trace, Detail::Full)?.0,
     };
     let restored = replay.calls() == calls;
     while replay.calls() < calls {
@@ -177,7 +177,7 @@ pub fn seek<'t>(
 /// if all of it is.
 pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
     let run = || {
-        let (mut replay, _) = Replay::start(trace, Detail::Picture)?;
+        let (mut replay, _) = Replay::start(trace, Detail::Full)?;
         let mut snapshots = Vec::new();
         loop {
             if after.contains(&replay.calls()) {

@@ -6,7 +6,7 @@ use reel_trace::Trace;
 use reel_world::{InstanceId, ObjectInstance, Task};
 
 use crate::{
-    Replay, SnapshotCache, Verdict, picture_at,
+    Replay, SnapshotCache, Verdict, frame_at,
     seek::{no_call, seek},
 };
 
@@ -160,7 +160,7 @@ pub fn view_at(
     cache: Option<&SnapshotCache>,
 ) -> Result<Vec<u8>, Verdict> {
     let calls = match (viewpoint, call.map(|call| call as usize)) {
-        (Viewpoint::Head, _) => return picture_at(trace, call, cache),
+        (Viewpoint::Head, _) => return frame_at(trace, call, cache),
         (_, None) => 0,
         (_, Some(call)) if call < trace.steps.len() => call + 1,
         (_, Some(call)) => return Err(no_call(trace, call)),
@@ -173,14 +173,14 @@ pub fn view_at(
 /// # Errors
 /// Why nothing can be executed, the first difference, or that there is no such object.
 pub fn views(trace: &Trace, viewpoint: &Viewpoint) -> Result<Vec<Vec<u8>>, Verdict> {
-    let (mut replay, start) = Replay::start(trace, Detail::Picture)?;
+    let (mut replay, start) = Replay::start(trace, Detail::Full)?;
     let mut pictures = Vec::new();
     let mut seen = Some(start);
     loop {
         let simulator = replay.episode().simulator();
         pictures.push(match (viewpoint, seen) {
             (Viewpoint::Head, Some(frame)) => frame.rgb,
-            (Viewpoint::Head, None) => simulator.picture_from(&simulator.camera()).rgb,
+            (Viewpoint::Head, None) => simulator.render_from(&simulator.camera()).rgb,
             _ => viewpoint.outside(simulator)?,
         });
         match replay.step()? {
@@ -207,6 +207,6 @@ impl Viewpoint {
                     })?
             }
         };
-        Ok(simulator.picture_from_outside(&camera).rgb)
+        Ok(simulator.render_external(&camera).rgb)
     }
 }

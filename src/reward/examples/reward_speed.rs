@@ -4,7 +4,7 @@
 //! `cargo run --release -p reel-reward --example reward_speed`
 
 use reel_reward::{
-    Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts,
+    Authority, EpisodeFacts, EpisodeReward, MarkerReferent, Preset, Scorer, StepHead, TaskFacts,
 };
 use reel_world::{Scene, Task};
 use serde_json::{Value, json};
@@ -98,10 +98,10 @@ fn fill(facts: &mut TaskFacts, episode: &mut EpisodeFacts, rows: &[Row]) {
     for row in rows {
         let call = facts.called(row.tool, None, row.argument);
         let head = StepHead {
-            told: facts.told(&call, &row.text),
+            trainer_reading: facts.trainer_reading(&call, &row.text),
             error: row.error.then_some(reel_world::ErrorClass::Moderate),
             object: row.object.map(|object| facts.object(object)),
-            receptacle: row.receptacle.map(|place| facts.place(place)),
+            receptacle: row.receptacle.map(|place| facts.receptacle(place)),
             held: row.held.map(|object| facts.object(object)),
             reply: row.reply.as_deref().map(|text| facts.text(text)),
             ..call
@@ -115,12 +115,12 @@ fn fill(facts: &mut TaskFacts, episode: &mut EpisodeFacts, rows: &[Row]) {
             episode.change(Authority::Registry, change);
         }
         for object in &row.seen {
-            episode.saw(facts.object(object));
+            episode.push_visible(facts.object(object));
         }
         if let Some(markers) = &row.markers {
             episode.set_markers();
             for (number, object) in markers.iter().enumerate() {
-                episode.mark(number as u32, Marked::Object(facts.object(object)));
+                episode.mark(number as u32, MarkerReferent::Object(facts.object(object)));
             }
         }
     }

@@ -19,8 +19,8 @@
 
 use crate::{
     facts::{
-        Called, Change, Counts, Identity, KindChange, KindKey, Marked, PlaceKey, StepHead,
-        TaskFacts, TextKey,
+        Change, Counts, Identity, KindChange, KindKey, MarkerReferent, ReceptacleKey, StepHead,
+        TaskFacts, TextKey, ToolKind,
     },
     score::{Cause, Paid},
     terms::Term,
@@ -56,7 +56,7 @@ enum Recovery {
     /// An object was held that no target names.
     Wrong {
         kind: KindKey,
-        origin: Option<PlaceKey>,
+        origin: Option<ReceptacleKey>,
         returned: bool,
     },
     /// The recovery was paid; it is paid once.
@@ -87,10 +87,10 @@ impl Dialogue {
 #[derive(Clone, Debug, Default)]
 struct Exploits {
     discovered: Vec<KindKey>,
-    visited: Vec<PlaceKey>,
+    visited: Vec<ReceptacleKey>,
     /// The last receptacles driven to.
-    drives: Vec<PlaceKey>,
-    perceived: Vec<Marked>,
+    drives: Vec<ReceptacleKey>,
+    perceived: Vec<MarkerReferent>,
     gazed_at: Option<TextKey>,
 }
 
@@ -176,7 +176,7 @@ impl DifferenceReward {
         facts: &mut TaskFacts,
         changes: &[Change],
         held: Option<KindKey>,
-        map: &[(u32, Marked)],
+        map: &[(u32, MarkerReferent)],
         paid: &mut Paid,
     ) {
         let rules = paid.preset().rules;
@@ -208,7 +208,7 @@ impl DifferenceReward {
         &mut self,
         facts: &TaskFacts,
         head: &StepHead,
-        map: &[(u32, Marked)],
+        map: &[(u32, MarkerReferent)],
         paid: &mut Paid,
     ) {
         if paid.preset().rules.anti_exploit {
@@ -219,14 +219,14 @@ impl DifferenceReward {
     /// Pays for questions and picks.
     pub(crate) fn tools(
         &mut self,
-        tool: Called,
+        tool: ToolKind,
         marker: Option<TextKey>,
         dialogue: Dialogue,
         paid: &mut Paid,
     ) {
         let rules = paid.preset().rules;
         match tool {
-            Called::Ask => {
+            ToolKind::Ask => {
                 if self.asks < rules.ask_limit {
                     self.asks += 1;
                     paid.once(Term::AskTool, Cause::Count(self.asks));
@@ -236,7 +236,7 @@ impl DifferenceReward {
                     paid.once(Term::AskWhenAmbiguous, Cause::Count(self.ambiguous_asks));
                 }
             }
-            Called::Pick => match dialogue.named {
+            ToolKind::Pick => match dialogue.named {
                 Some(named) if marker == Some(named) => {
                     paid.once(Term::UsedMarkerFromAnswer, Cause::Text(named))
                 }
@@ -388,7 +388,7 @@ impl DifferenceReward {
         }
     }
 
-    fn discover(&mut self, facts: &mut TaskFacts, map: &[(u32, Marked)], paid: &mut Paid) {
+    fn discover(&mut self, facts: &mut TaskFacts, map: &[(u32, MarkerReferent)], paid: &mut Paid) {
         for (_, marked) in map {
             for kind in facts.mentions(*marked).targets(self.identity) {
                 if !self.exploits.discovered.contains(kind) {
@@ -414,13 +414,14 @@ impl Exploits {
         facts: &TaskFacts,
         identity: Identity,
         head: &StepHead,
-        map: &[(u32, Marked)],
+        map: &[(u32, MarkerReferent)],
         paid: &mut Paid,
     ) {
         match head.tool {
-            Called::NavTo => self.drive(facts, identity, head.driven_to, paid),
-            Called::WalkAround | Called::ShowObjectByCategory if !map.is_empty() => {
-                let mut marked: Vec<Marked> = map.iter().map(|(_, target)| *target).collect();
+            ToolKind::NavTo => self.drive(facts, identity, head.driven_to, paid),
+            ToolKind::WalkAround | ToolKind::ShowObjectByCategory if !map.is_empty() => {
+                let mut marked: Vec<MarkerReferent> =
+                    map.iter().map(|(_, target)| *target).collect();
                 marked.sort();
                 marked.dedup();
                 if marked == self.perceived {
@@ -428,7 +429,7 @@ impl Exploits {
                 }
                 self.perceived = marked;
             }
-            Called::GazeAt => {
+            ToolKind::GazeAt => {
                 // as published: a first gaze without a marker repeats the gaze that was not there
                 if head.marker == self.gazed_at {
                     paid.once(Term::RepeatedGaze, Cause::None);
@@ -443,7 +444,7 @@ impl Exploits {
         &mut self,
         facts: &TaskFacts,
         identity: Identity,
-        to: Option<PlaceKey>,
+        to: Option<ReceptacleKey>,
         paid: &mut Paid,
     ) {
         let Some(to) = to else { return };

@@ -63,14 +63,14 @@ pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{
-    Authority, Called, Change, Delivery, EpisodeFacts, Marked, ObjectKey, PlaceKey, StartFacts,
-    StepFacts, StepHead, TaskFacts, TextKey, Told,
+    Authority, Change, Delivery, EpisodeFacts, MarkerReferent, ObjectKey, ReceptacleKey,
+    StartFacts, StepFacts, StepHead, TaskFacts, TextKey, ToolKind, TrainerReading,
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
 pub use real_trainer::{Ending, TrainerState};
 pub use returns::Returns;
-pub use score::{EpisodeReward, Fired, Scorer};
+pub use score::{AppliedTerm, EpisodeReward, Scorer};
 pub use terms::{Base, Term};
 pub use training_metric::{EpisodeOutcome, MetricOptions, TrainingFigures, TrainingMetric};
 

@@ -50,8 +50,8 @@ use reel_world::{DoorState, ErrorClass};
 
 use crate::{
     facts::{
-        Called, Change, Counts, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, Target,
-        TaskFacts,
+        Change, Counts, ObjectKey, ReceptacleKey, StartFacts, StepFacts, StepHead, Target,
+        TaskFacts, ToolKind,
     },
     preset::Preset,
     score::{Cause, Paid},
@@ -86,7 +86,9 @@ pub(crate) struct Paper {
 #[derive(Clone, Debug)]
 enum Recovery {
     /// Wrong instances and where they lay before their pick.
-    Open { origins: Vec<(ObjectKey, PlaceKey)> },
+    Open {
+        origins: Vec<(ObjectKey, ReceptacleKey)>,
+    },
     /// One of them was put back.
     PutBack { object: ObjectKey },
     /// Rewarded.
@@ -201,7 +203,7 @@ impl Paper {
         let picked = step
             .head
             .object
-            .filter(|_| step.head.succeeded(Called::Pick));
+            .filter(|_| step.head.succeeded(ToolKind::Pick));
         match &mut self.recovery {
             Recovery::Open { origins } => {
                 let back = step.physics.iter().find_map(|change| match *change {
@@ -241,7 +243,7 @@ impl Paper {
                 self.match_target(facts, Target::Opening(place), Cause::Opened(place), paid);
             }
         }
-        if step.head.succeeded(Called::NavTo)
+        if step.head.succeeded(ToolKind::NavTo)
             && let Some(place) = step.head.receptacle
         {
             self.match_target(facts, Target::Visit(place), Cause::Visited(place), paid);
@@ -281,7 +283,7 @@ impl Paper {
     /// Picks, transit, recovery and wrong places. Reads the graph after the step.
     fn handling(&mut self, facts: &TaskFacts, step: &StepFacts, recovered: bool, paid: &mut Paid) {
         let StepHead { object, held, .. } = step.head;
-        if let Some(object) = object.filter(|_| step.head.succeeded(Called::Place)) {
+        if let Some(object) = object.filter(|_| step.head.succeeded(ToolKind::Place)) {
             let wrong = step
                 .physics
                 .iter()
@@ -290,7 +292,7 @@ impl Paper {
                 paid.once(Term::WrongReceptacle, Cause::Change(*change));
             }
         }
-        if let Some(object) = object.filter(|_| step.head.succeeded(Called::Pick))
+        if let Some(object) = object.filter(|_| step.head.succeeded(ToolKind::Pick))
             && facts.of(object).moves_away
             && !self.valid_picks.contains(&object)
         {
@@ -316,7 +318,7 @@ impl Paper {
 
     /// For a question while it is needed and the budget lasts.
     fn ask(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
-        if step.head.succeeded(Called::Ask) {
+        if step.head.succeeded(ToolKind::Ask) {
             let among = self.candidates_in_view(facts);
             for (left, fits) in self.left.iter_mut().zip(facts.fits(step.head.reply)) {
                 *left &= fits;

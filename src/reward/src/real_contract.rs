@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
-    facts::{Called, Identity, TaskFacts},
+    facts::{Identity, TaskFacts, ToolKind},
     preset::Preset,
     score::Paid,
     trainer::{Categories, Graph},
@@ -65,7 +65,7 @@ fn compare(report: &mut Report, case: &Value, expected: &[Value]) {
         };
         let mut fired = Vec::new();
         class.tools(
-            Called::named(text(name)),
+            ToolKind::named(text(name)),
             marker,
             dialogue,
             &mut Paid::new(&preset, &mut fired),

@@ -49,7 +49,7 @@
 
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
-    facts::{Called, Identity, Marked, StartFacts, StepFacts, TaskFacts, TextKey},
+    facts::{Identity, MarkerReferent, StartFacts, StepFacts, TaskFacts, TextKey, ToolKind},
     score::{Cause, Paid},
     terms::Term,
     trainer::marker_in_answer,
@@ -59,7 +59,7 @@ use crate::{
 #[derive(Clone, Debug)]
 pub(crate) struct RealRepo {
     reward: DifferenceReward,
-    map: Vec<(u32, Marked)>,
+    map: Vec<(u32, MarkerReferent)>,
     dialogue: Dialogue,
 }
 
@@ -96,21 +96,21 @@ impl RealRepo {
             .step(facts, step.registry, held, &self.map, paid);
         self.reward.track(facts, head, &self.map, paid);
         let remaining = self.reward.remaining();
-        if rules.anti_exploit && head.tool == Called::Finish && remaining > 0 {
+        if rules.anti_exploit && head.tool == ToolKind::Finish && remaining > 0 {
             paid.once(Term::PrematureFinish, Cause::Count(remaining as u32));
         }
-        let picked = head.succeeded(Called::Pick);
+        let picked = head.succeeded(ToolKind::Pick);
         if picked && rules.pick_clears_first {
             self.dialogue = Dialogue::default();
         }
         match head.tool {
-            Called::WalkAround | Called::ShowObjectByCategory => {
-                let like = |marked: &Marked| matches!(marked, Marked::Object(object) if facts.of(*object).like_target);
+            ToolKind::WalkAround | ToolKind::ShowObjectByCategory => {
+                let like = |marked: &MarkerReferent| matches!(marked, MarkerReferent::Object(object) if facts.of(*object).like_target);
                 if self.map.iter().filter(|(_, marked)| like(marked)).count() > 1 {
                     self.dialogue.see_several();
                 }
             }
-            Called::Ask => {
+            ToolKind::Ask => {
                 let named = head
                     .reply
                     .and_then(|reply| named_marker(facts, reply, &self.map));
@@ -131,7 +131,7 @@ impl RealRepo {
 pub(crate) fn named_marker(
     facts: &mut TaskFacts,
     answer: TextKey,
-    map: &[(u32, Marked)],
+    map: &[(u32, MarkerReferent)],
 ) -> Option<TextKey> {
     let known: Vec<String> = map.iter().map(|(number, _)| number.to_string()).collect();
     let named = marker_in_answer(facts.text_of(answer), &known)?;

@@ -51,13 +51,13 @@
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
     facts::{
-        Called, Change, Delivery, Identity, KindChange, Marked, StartFacts, StepFacts, StepHead,
-        TaskFacts,
+        Change, Delivery, Identity, KindChange, MarkerReferent, StartFacts, StepFacts, StepHead,
+        TaskFacts, ToolKind,
     },
     real_repo::named_marker,
     score::{Cause, Paid},
     terms::Term,
-    trainer::{GraphSize, HandViolation, Refusal, refusal},
+    trainer::{GraphRejection, GraphSize, HandViolation, graph_rejection},
 };
 
 /// Why the trainer is done with an episode.
@@ -96,7 +96,7 @@ pub struct TrainerState {
     /// What the hand forbade in the last call.
     pub hand_violation: Option<HandViolation>,
     /// Why the last graph was refused.
-    pub refusal: Option<Refusal>,
+    pub refusal: Option<GraphRejection>,
     /// The share of the targets that was matched.
     pub completion: f64,
     /// Targets that remain: category, receptacle, whether it is an addition.
@@ -122,12 +122,12 @@ pub(crate) struct RealTrainer {
     taken: GraphSize,
     /// Of the last graph.
     shown: GraphSize,
-    refusal: Option<Refusal>,
+    refusal: Option<GraphRejection>,
     /// How the last graph differs from the one that was taken.
     pending: Vec<Change>,
     occupied: bool,
     violation: Option<HandViolation>,
-    map: Vec<(u32, Marked)>,
+    map: Vec<(u32, MarkerReferent)>,
     dialogue: Dialogue,
     steps: u32,
     ending: Option<Ending>,
@@ -243,7 +243,7 @@ impl RealTrainer {
                 paid.once(Term::CallFailed, Cause::None);
                 self.ending = Some(Ending::CallFailed);
             }
-            Delivery::Answered if step.head.named == Called::Finish => self.finish(paid),
+            Delivery::Answered if step.head.named == ToolKind::Finish => self.finish(paid),
             Delivery::Answered => self.call(facts, &step.head, paid),
         }
         if self.ending.is_none() && self.steps >= paid.preset().rules.max_turns {
@@ -269,7 +269,7 @@ impl RealTrainer {
     }
 
     fn call(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut Paid) {
-        let error = head.told.error;
+        let error = head.trainer_reading.error;
         self.violation = violation(head.named, self.occupied);
         if let Some(violation) = self.violation {
             paid.once(Term::HandViolation, Cause::Hand(violation));
@@ -283,14 +283,14 @@ impl RealTrainer {
             paid.once(term, Cause::Listed(error));
         }
         match head.named {
-            Called::Pick if error.is_none() => {
+            ToolKind::Pick if error.is_none() => {
                 self.occupied = true;
                 self.dialogue = Dialogue::default();
             }
-            Called::Place if error.is_none() => self.occupied = false,
-            Called::Ask => {
+            ToolKind::Place if error.is_none() => self.occupied = false,
+            ToolKind::Ask => {
                 if let Some(named) = head
-                    .told
+                    .trainer_reading
                     .words
                     .and_then(|words| named_marker(facts, words, &self.map))
                 {
@@ -340,7 +340,7 @@ impl RealTrainer {
 
     /// Hands the class the shown graph, or the one that it has if that is refused.
     fn take_graph(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut Paid) {
-        self.refusal = refusal(&self.taken, &self.shown);
+        self.refusal = graph_rejection(&self.taken, &self.shown);
         let held = head
             .held
             .map(|held| facts.held_kind(Identity::Category, held));
@@ -354,8 +354,11 @@ impl RealTrainer {
     }
 
     /// Looks whether the marker map holds several names with the target's category.
-    fn perceive(&mut self, facts: &mut TaskFacts, called: Called) {
-        if !matches!(called, Called::WalkAround | Called::ShowObjectByCategory) {
+    fn perceive(&mut self, facts: &mut TaskFacts, called: ToolKind) {
+        if !matches!(
+            called,
+            ToolKind::WalkAround | ToolKind::ShowObjectByCategory
+        ) {
             return;
         }
         if self
@@ -370,12 +373,12 @@ impl RealTrainer {
     }
 }
 
-fn violation(called: Called, occupied: bool) -> Option<HandViolation> {
+fn violation(called: ToolKind, occupied: bool) -> Option<HandViolation> {
     match called {
-        Called::Pick if occupied => Some(HandViolation::Pick),
-        Called::Place if !occupied => Some(HandViolation::Place),
-        Called::Open if occupied => Some(HandViolation::Open),
-        Called::Close if occupied => Some(HandViolation::Close),
+        ToolKind::Pick if occupied => Some(HandViolation::Pick),
+        ToolKind::Place if !occupied => Some(HandViolation::Place),
+        ToolKind::Open if occupied => Some(HandViolation::Open),
+        ToolKind::Close if occupied => Some(HandViolation::Close),
         _ => None,
     }
 }

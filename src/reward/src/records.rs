@@ -8,9 +8,9 @@ use serde_json::Value;
 
 use crate::{
     Rewarder,
-    facts::{Authority, Change, EpisodeFacts, Identity, Marked, StepHead, TaskFacts},
+    facts::{Authority, Change, EpisodeFacts, Identity, MarkerReferent, StepHead, TaskFacts},
     preset::Preset,
-    score::{Cause, Fired, Scorer},
+    score::{AppliedTerm, Cause, Scorer},
     terms::{Base, Term},
 };
 
@@ -23,7 +23,7 @@ pub(crate) struct RecordRewarder {
     /// The start, and after it the current step alone.
     moment: EpisodeFacts,
     markers: Vec<Marker>,
-    fired: Vec<Fired>,
+    fired: Vec<AppliedTerm>,
 }
 
 impl RecordRewarder {
@@ -56,7 +56,7 @@ impl Rewarder for RecordRewarder {
         for moment in self.moment.steps() {
             self.scorer.step(&mut self.facts, &moment, &mut self.fired);
         }
-        let term = |fired: &Fired| RewardTerm {
+        let term = |fired: &AppliedTerm| RewardTerm {
             component: fired.term.component().to_owned(),
             value: fired.value,
             reason: self
@@ -97,7 +97,7 @@ impl EpisodeFacts {
             &start.graphs.registry.difference(&task.initial),
         );
         for seen in &start.visible {
-            self.saw(facts.object(seen.object.as_str()));
+            self.push_visible(facts.object(seen.object.as_str()));
         }
     }
 
@@ -111,15 +111,17 @@ impl EpisodeFacts {
             .map(|seen| &seen.object)
             .chain(&step.listed)
         {
-            self.saw(facts.object(object.as_str()));
+            self.push_visible(facts.object(object.as_str()));
         }
         if step.markers != markers_before {
             self.set_markers();
             for marker in &step.markers {
                 let target = match &marker.target {
-                    MarkerTarget::Object(object) => Marked::Object(facts.object(object.as_str())),
+                    MarkerTarget::Object(object) => {
+                        MarkerReferent::Object(facts.object(object.as_str()))
+                    }
                     MarkerTarget::Receptacle(receptacle) => {
-                        Marked::Place(facts.place(receptacle.as_str()))
+                        MarkerReferent::Receptacle(facts.receptacle(receptacle.as_str()))
                     }
                 };
                 self.mark(marker.id, target);
@@ -142,7 +144,7 @@ impl EpisodeFacts {
 impl TaskFacts {
     /// Why a term of a preset paid, for people: which event or rule. The code of the step's error
     /// is for the terms of errors.
-    pub fn reason(&self, preset: &Preset, fired: &Fired, error: Option<ErrorCode>) -> String {
+    pub fn reason(&self, preset: &Preset, fired: &AppliedTerm, error: Option<ErrorCode>) -> String {
         let identity = if preset.base() == Base::RealTrainer {
             Identity::Category
         } else {
@@ -243,7 +245,7 @@ fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
     let error = step.outcome.error.map(ErrorCode::as_str);
     let called = facts.called(step.tool_name(), error, argument(step).as_deref());
     StepHead {
-        told: facts.told(&called, &step.outcome.text),
+        trainer_reading: facts.trainer_reading(&called, &step.outcome.text),
         error: step.outcome.error.map(ErrorCode::class),
         object: step
             .object
@@ -252,7 +254,7 @@ fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
         receptacle: step
             .receptacle
             .as_ref()
-            .map(|receptacle| facts.place(receptacle.as_str())),
+            .map(|receptacle| facts.receptacle(receptacle.as_str())),
         held: step
             .held
             .as_ref()

@@ -3,7 +3,7 @@
 
 use crate::{
     facts::{
-        Change, EpisodeFacts, KindChange, KindKey, ObjectKey, PlaceKey, StartFacts, StepFacts,
+        Change, EpisodeFacts, KindChange, KindKey, ObjectKey, ReceptacleKey, StartFacts, StepFacts,
         TaskFacts, TextKey,
     },
     metrics::discounted_return,
@@ -32,7 +32,7 @@ enum State {
 
 /// One term that a step paid.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Fired {
+pub struct AppliedTerm {
     /// Which.
     pub term: Term,
     /// What it paid; never zero.
@@ -47,8 +47,8 @@ pub(crate) enum Cause {
     None,
     Change(Change),
     Kind(KindChange),
-    Visited(PlaceKey),
-    Opened(PlaceKey),
+    Visited(ReceptacleKey),
+    Opened(ReceptacleKey),
     Object(ObjectKey),
     Held(KindKey),
     Count(u32),
@@ -60,7 +60,7 @@ pub(crate) enum Cause {
 /// The rewards of one episode. A buffer for [`Scorer::score`].
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct EpisodeReward {
-    fired: Vec<Fired>,
+    fired: Vec<AppliedTerm>,
     /// Where each step ends in `fired`.
     ends: Vec<usize>,
     totals: Vec<f64>,
@@ -73,7 +73,7 @@ pub struct EpisodeReward {
 #[derive(Debug)]
 pub(crate) struct Paid<'a> {
     preset: &'a Preset,
-    terms: &'a mut Vec<Fired>,
+    terms: &'a mut Vec<AppliedTerm>,
     /// Where this step begins.
     from: usize,
 }
@@ -107,7 +107,7 @@ impl Scorer {
     }
 
     /// Appends the terms of the next step; those that are zero are left out.
-    pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<Fired>) {
+    pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<AppliedTerm>) {
         let mut paid = Paid::new(&self.preset, terms);
         match &mut *self.rules {
             State::Paper(rules) => rules.step(facts, step, &mut paid),
@@ -196,7 +196,7 @@ impl EpisodeReward {
     }
 
     /// What a step paid; nothing after the last one.
-    pub fn terms(&self, step: usize) -> &[Fired] {
+    pub fn terms(&self, step: usize) -> &[AppliedTerm] {
         let Some(end) = self.ends.get(step) else {
             return &[];
         };
@@ -214,7 +214,7 @@ impl EpisodeReward {
     }
 
     /// Everything that was paid, in order.
-    pub fn fired(&self) -> &[Fired] {
+    pub fn applied_terms(&self) -> &[AppliedTerm] {
         &self.fired
     }
 }
@@ -235,7 +235,7 @@ impl<'a> Paid<'a> {
     }
 
     /// Pays into a list.
-    pub(crate) fn new(preset: &'a Preset, terms: &'a mut Vec<Fired>) -> Self {
+    pub(crate) fn new(preset: &'a Preset, terms: &'a mut Vec<AppliedTerm>) -> Self {
         Self {
             from: terms.len(),
             preset,
@@ -250,7 +250,7 @@ impl<'a> Paid<'a> {
 
     fn pay(&mut self, term: Term, value: f64, cause: Cause) {
         if value != 0.0 {
-            self.terms.push(Fired { term, value, cause });
+            self.terms.push(AppliedTerm { term, value, cause });
         }
     }
 }

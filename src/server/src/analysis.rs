@@ -4,7 +4,7 @@
 use std::{sync::Arc, time::Duration};
 
 use axum::Router;
-use reel_counterfactual::blame::Options;
+use reel_counterfactual::blame::BlameOptions;
 use reel_query::Parameters;
 use reel_trace::Trace;
 use rmcp::{
@@ -152,7 +152,7 @@ impl Analysis {
         let measured = reel_counterfactual::blame::blame_all(
             &[path],
             1,
-            &Options {
+            &BlameOptions {
                 alternatives: true,
                 branches: None,
             },

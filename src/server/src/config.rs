@@ -8,10 +8,10 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{Setup, Stages};
-use reel_mcp::AskWhom;
+use reel_live::{PreparedTaskCache, Setup};
+use reel_mcp::AskResponder;
 use reel_reward::Preset;
-use reel_tasks::{DrawOptions, Listed, SceneSource, draw, home};
+use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
@@ -95,7 +95,7 @@ pub struct Play {
     /// of power).
     pub durability: String,
     /// Who answers `ask`.
-    pub ask: AskWhom,
+    pub ask: AskResponder,
     /// How long a person may take to answer, in seconds.
     pub ask_patience_s: u64,
 }
@@ -182,7 +182,7 @@ impl Default for Play {
             policy: None,
             images: true,
             durability: "write".to_owned(),
-            ask: AskWhom::Rules,
+            ask: AskResponder::Rules,
             ask_patience_s: 120,
         }
     }
@@ -416,9 +416,9 @@ impl Config {
             Some(path) => {
                 let source = given.map_or(
                     SceneSource::ById(reel_tasks::generate::scene::by_id),
-                    SceneSource::Given,
+                    SceneSource::Fixed,
                 );
-                let loaded = reel_tasks::load_with(path, &source, Listed::AsWritten);
+                let loaded = reel_tasks::load_with(path, &source, ObjectOrder::AsWritten);
                 loaded
                     .warnings
                     .iter()
@@ -434,7 +434,7 @@ impl Config {
                 )
             }
             None => {
-                let scene = given.unwrap_or_else(|| Arc::new(home()));
+                let scene = given.unwrap_or_else(|| Arc::new(home_scene()));
                 (made(&scene, play.seed), scene.into())
             }
         };
@@ -472,14 +472,14 @@ impl Config {
             run_id,
             folder: self.traces(),
             options: RecordOptions { images, durability },
-            stages: Stages::default(),
+            stages: PreparedTaskCache::default(),
         })
     }
 
     /// How policy sessions behave; `watch` is told of every call.
-    pub fn options(&self, watch: Option<reel_mcp::Watch>) -> reel_mcp::Options {
+    pub fn options(&self, watch: Option<reel_mcp::CallObserver>) -> reel_mcp::ToolServerOptions {
         let play = &self.play;
-        reel_mcp::Options {
+        reel_mcp::ToolServerOptions {
             ask: play.ask,
             ask_patience: Duration::from_secs(play.ask_patience_s),
             policy: play.policy.clone(),
@@ -492,14 +492,14 @@ impl Config {
         let limits = &self.limits;
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         reel_live::Limits {
-            households: limits.sessions,
-            awake: limits.awake,
+            sessions: limits.sessions,
+            in_memory: limits.awake,
             workers: if limits.workers == 0 {
                 cores()
             } else {
                 limits.workers
             },
-            park_after: Duration::from_secs(limits.park_after_s),
+            suspend_after: Duration::from_secs(limits.park_after_s),
             close_after: Duration::from_secs(limits.close_after_s),
             patience: Duration::from_secs(limits.patience_s),
         }

@@ -73,7 +73,7 @@ pub(crate) async fn pass(
         Ok(()) => next.run(request).await,
         Err(error) => axum::response::IntoResponse::into_response(error),
     };
-    page.share(&mut response);
+    page.add_cors_headers(&mut response);
     let headers = response.headers_mut();
     // Answers are never pages of somebody else's.
     headers.insert(

@@ -29,7 +29,7 @@ mod viewer;
 
 pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
 pub use mock_llm::{MockOptions, mock_llm};
-pub use reel_mcp::AskWhom;
+pub use reel_mcp::AskResponder;
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};

@@ -12,7 +12,7 @@ use axum::{
     routing::{get, post},
 };
 use futures_util::stream;
-use reel_llm::agent::script::{Script, Trouble};
+use reel_llm::agent::script::{InjectedError, Script};
 use serde_json::{Value, json};
 use tokio::{net::TcpListener, time::sleep};
 
@@ -78,19 +78,19 @@ pub fn mock_llm(
 }
 
 async fn complete(State(mock): State<Arc<Mock>>, body: Bytes) -> Response {
-    let said = match read(&body).and_then(|request| mock.script.say(&request)) {
+    let said = match read(&body).and_then(|request| mock.script.answer(&request)) {
         Ok(said) => said,
         Err(what) => return refused(StatusCode::BAD_REQUEST, &what),
     };
     sleep(mock.options.delay).await;
     match said.trouble {
-        Some(Trouble::RateLimit) => {
+        Some(InjectedError::RateLimit) => {
             let wait = [(header::RETRY_AFTER, mock.options.retry_after_s.to_string())];
             (wait, refused(StatusCode::TOO_MANY_REQUESTS, "slow down")).into_response()
         }
-        Some(Trouble::Error) => refused(StatusCode::INTERNAL_SERVER_ERROR, "something broke"),
-        Some(Trouble::Cut) => cut(&said.body),
-        Some(Trouble::Stall) => {
+        Some(InjectedError::Error) => refused(StatusCode::INTERNAL_SERVER_ERROR, "something broke"),
+        Some(InjectedError::Cut) => cut(&said.body),
+        Some(InjectedError::Stall) => {
             sleep(mock.options.stall).await;
             Json(said.body).into_response()
         }

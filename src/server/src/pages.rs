@@ -7,7 +7,7 @@ use axum::{
 };
 use rust_embed::{EmbeddedFile, RustEmbed};
 
-use crate::rest::nothing_here;
+use crate::rest::not_found;
 
 #[derive(RustEmbed)]
 #[folder = "../../dashboards/dist"]
@@ -26,7 +26,7 @@ pub(crate) async fn page(method: Method, address: Uri, headers: HeaderMap) -> Re
         .and_then(|value| value.to_str().ok())
         .is_some_and(|it| it.contains("text/html"));
     if !matches!(method, Method::GET | Method::HEAD) || path.starts_with("api/") {
-        return nothing_here().await.into_response();
+        return not_found().await.into_response();
     }
     if let Some(file) = Files::get(path).filter(|_| path != INDEX) {
         // Their names change with what is in them.
@@ -38,7 +38,7 @@ pub(crate) async fn page(method: Method, address: Uri, headers: HeaderMap) -> Re
         return answer(path, file, kept, &headers);
     }
     if !wants_page {
-        return nothing_here().await.into_response();
+        return not_found().await.into_response();
     }
     match Files::get(INDEX) {
         Some(file) => answer(INDEX, file, "no-cache", &headers),

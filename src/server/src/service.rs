@@ -264,7 +264,7 @@ fn router(app: &Arc<App>) -> Router {
         .merge(crate::analysis::router(app, max_body))
         .fallback(crate::pages::page);
     #[cfg(not(feature = "tables"))]
-    let router = router.fallback(rest::nothing_here);
+    let router = router.fallback(rest::not_found);
     router
         // The gate has taken bodies in already, within the limit of the configuration.
         .layer(axum::extract::DefaultBodyLimit::disable())
@@ -278,7 +278,7 @@ async fn tend(app: Arc<App>) {
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         ticks.tick().await;
-        app.pool.tend().await;
+        app.pool.reap_idle().await;
         app.rates.tidy();
         if let Err(error) = app.tokens.refresh() {
             tracing::warn!(%error, "the tokens stay as they were");

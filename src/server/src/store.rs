@@ -52,7 +52,7 @@ impl Tables {
             && store.stamp()?.as_ref() == Some(stamp)
         {
             return Ok(Newest {
-                store: store.again()?,
+                store: store.reopen()?,
                 stamp: Some(stamp.clone()),
             });
         }
@@ -60,7 +60,7 @@ impl Tables {
         *opened = None;
         let store = Store::open(&self.location)?;
         let asked = Newest {
-            store: store.again()?,
+            store: store.reopen()?,
             stamp: store.stamp()?,
         };
         *opened = asked.stamp.clone().map(|stamp| Opened {
@@ -119,13 +119,13 @@ mod tests {
     use std::{path::Path, sync::Arc};
 
     use reel_tables::{Store, synthesize};
-    use reel_tasks::{DrawOptions, draw, home};
+    use reel_tasks::{DrawOptions, draw, home_scene};
     use reel_world::Family;
 
     use super::Tables;
 
     fn fill(place: &Path, seed: u64) {
-        let scene = home();
+        let scene = home_scene();
         let tasks = draw(&DrawOptions {
             scene: &scene,
             families: &Family::ALL,

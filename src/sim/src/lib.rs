@@ -23,10 +23,10 @@ mod tools;
 
 pub use perception::{Perception, Segment};
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
-pub use skills::{Luck, Primitive};
+pub use skills::{ActuationNoise, Primitive};
 pub use snapshot::{Snapshot, SnapshotError};
-pub use stage::Stage;
-pub use tools::{Given, ToolResult};
+pub use stage::PreparedTask;
+pub use tools::{CallContext, ToolResult};
 
 use reel_world::Profile;
 

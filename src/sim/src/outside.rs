@@ -27,7 +27,7 @@ const FIELD: [f32; 2] = [
 
 impl Simulator {
     /// The picture from any camera, the robot and what it holds drawn too.
-    pub fn picture_from_outside(&self, camera: &Camera) -> Frame {
+    pub fn render_external(&self, camera: &Camera) -> Frame {
         let robot = robot();
         let pose = self.robot_pose();
         let mut extra = vec![Drawable {

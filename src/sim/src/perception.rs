@@ -57,7 +57,7 @@ impl Perception for Measured {
         simulator.nav().approach(
             simulator.robot.base,
             position,
-            simulator.place_of(object).flatten(),
+            simulator.support_of(object).flatten(),
         )
     }
 

@@ -13,7 +13,7 @@ use reel_world::{
 use serde_json::Value;
 
 use crate::{
-    Given, ToolResult,
+    CallContext, ToolResult,
     geometry::{Camera, Pose},
     model::Surface,
     nav::Viewpoint,
@@ -51,20 +51,20 @@ const TRACEBACK: &str = "Traceback (most recent call last):";
 
 /// Why a call did nothing.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Refusal {
+pub enum PublishedError {
     /// The tool says no.
     Refused(ErrorCode, String),
     /// The published handler dies of an exception, with this last line.
     Exception(ErrorCode, String),
 }
 
-use Refusal::{Exception, Refused};
+use PublishedError::{Exception, Refused};
 
 /// An argument that a published handler reads.
 ///
 /// # Errors
 /// Fails if it is missing, as the published handler does.
-pub fn argument<'a>(call: &'a ToolCall, name: &str) -> Result<&'a Value, Refusal> {
+pub fn argument<'a>(call: &'a ToolCall, name: &str) -> Result<&'a Value, PublishedError> {
     let missing = || Exception(ErrorCode::BadArguments, format!("KeyError: '{name}'"));
     call.arguments
         .as_object()
@@ -106,7 +106,7 @@ pub fn drop_point(surface: &Surface, half: [f32; 3], robot: [f32; 2]) -> [f32; 3
 
 impl Simulator {
     /// Carries out a call of a published server.
-    pub fn call_published(&mut self, call: &ToolCall, given: Given<'_>) -> ToolResult {
+    pub fn call_published(&mut self, call: &ToolCall, given: CallContext<'_>) -> ToolResult {
         let result = match call.name.as_str() {
             "list_receptacles" => self.list(),
             "navigate_to" => self.navigate(call, given),
@@ -127,7 +127,11 @@ impl Simulator {
     }
 
     /// A call that moves nothing and says something.
-    pub fn say_published(&mut self, tool: &str, said: Result<String, Refusal>) -> ToolResult {
+    pub fn answer_published(
+        &mut self,
+        tool: &str,
+        said: Result<String, PublishedError>,
+    ) -> ToolResult {
         match said {
             Ok(text) => {
                 self.run(IDLE_STEPS);
@@ -139,7 +143,7 @@ impl Simulator {
 
     /// Objects on each receptacle, in the order of the scene; on each in the order in which they
     /// came there.
-    pub fn shelves(&self) -> Vec<(ReceptacleId, Vec<InstanceId>)> {
+    pub fn objects_by_receptacle(&self) -> Vec<(ReceptacleId, Vec<InstanceId>)> {
         let ids = self
             .stage
             .scene
@@ -150,7 +154,7 @@ impl Simulator {
     }
 
     fn contents(&self, id: &ReceptacleId) -> Vec<InstanceId> {
-        let here = |instance: &&InstanceId| self.registry.place_of(instance) == Some(id);
+        let here = |instance: &&InstanceId| self.registry.receptacle_of(instance) == Some(id);
         self.arrivals
             .iter()
             .map(|index| &self.stage.task.objects[*index].instance)
@@ -159,7 +163,7 @@ impl Simulator {
             .collect()
     }
 
-    fn refuse(&mut self, tool: &str, refusal: Refusal) -> ToolResult {
+    fn refuse(&mut self, tool: &str, refusal: PublishedError) -> ToolResult {
         match refusal {
             Refused(code, text) => {
                 self.run(IDLE_STEPS);
@@ -172,7 +176,7 @@ impl Simulator {
         }
     }
 
-    fn list(&mut self) -> Result<ToolResult, Refusal> {
+    fn list(&mut self) -> Result<ToolResult, PublishedError> {
         self.markers_persist = false;
         self.run(IDLE_STEPS);
         Ok(ToolResult::new(Outcome::ok(
@@ -180,7 +184,11 @@ impl Simulator {
         )))
     }
 
-    fn navigate(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn navigate(
+        &mut self,
+        call: &ToolCall,
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         self.clear_markers();
         let name = python_text(argument(call, "receptacle_name")?);
         let id = ReceptacleId::from(name.as_str());
@@ -208,7 +216,7 @@ impl Simulator {
                 format!("Cannot find a non-occluded position to navigate to {name}."),
             )
         };
-        self.go(&given.luck.arrive(viewpoint.ok_or_else(blocked)?, |base| {
+        self.go(&given.noise.arrive(viewpoint.ok_or_else(blocked)?, |base| {
             self.stage.nav.standable(base)
         }));
         self.landmark = Some(index);
@@ -219,7 +227,7 @@ impl Simulator {
         })
     }
 
-    fn explore(&mut self) -> Result<ToolResult, Refusal> {
+    fn explore(&mut self) -> Result<ToolResult, PublishedError> {
         let none = || {
             Refused(
                 ErrorCode::NoLandmark,
@@ -260,7 +268,11 @@ impl Simulator {
         })
     }
 
-    fn find(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn find(
+        &mut self,
+        call: &ToolCall,
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         let query = python_text(argument(call, "target_category")?);
         let wanted = self.category(&query, given);
         self.run(IDLE_STEPS);
@@ -279,7 +291,7 @@ impl Simulator {
 
     /// The category that a query means: literally (branch `main` only), by what was looked up
     /// outside, else the nearest one.
-    fn category(&self, query: &str, given: Given<'_>) -> Option<String> {
+    fn category(&self, query: &str, given: CallContext<'_>) -> Option<String> {
         let mut categories: Vec<&str> = self
             .stage
             .task
@@ -298,7 +310,7 @@ impl Simulator {
         }
     }
 
-    fn highlight(&mut self) -> Result<ToolResult, Refusal> {
+    fn highlight(&mut self) -> Result<ToolResult, PublishedError> {
         self.run(IDLE_STEPS);
         let mut found = self.in_view();
         found.retain(|target| matches!(target, MarkerTarget::Receptacle(_)));
@@ -306,7 +318,11 @@ impl Simulator {
         Ok(self.searched(RECEPTACLE_TINT))
     }
 
-    fn focus(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn focus(
+        &mut self,
+        call: &ToolCall,
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         let target = self.marked_thing(
             call,
             "No marker map available. Use 'find_objects' or 'explore_receptacle' first.",
@@ -333,7 +349,7 @@ impl Simulator {
         }
         match close_up {
             Some(viewpoint) => self.go(&given
-                .luck
+                .noise
                 .arrive(viewpoint, |base| self.stage.nav.standable(base))),
             None => self.look_from_here(index),
         }
@@ -351,7 +367,11 @@ impl Simulator {
         })
     }
 
-    fn take(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn take(
+        &mut self,
+        call: &ToolCall,
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         if let Some(held) = self.held() {
             let text = format!(
                 "You are already holding '{held}'. Place it before picking another object."
@@ -373,7 +393,7 @@ impl Simulator {
         let index = self
             .object_index(&instance)
             .expect("markers stand for objects of the task");
-        let receptacle = self.registry.place_of(&instance).cloned();
+        let receptacle = self.registry.receptacle_of(&instance).cloned();
         if let Some(place) = &receptacle {
             self.registry.remove(place, &instance);
         }
@@ -388,7 +408,11 @@ impl Simulator {
         })
     }
 
-    fn put(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn put(
+        &mut self,
+        call: &ToolCall,
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         let target = self.marked_thing(
             call,
             "No marker map available. Use 'highlight_receptacles' first.",
@@ -460,8 +484,8 @@ impl Simulator {
         &mut self,
         call: &ToolCall,
         wanted: DoorState,
-        given: Given<'_>,
-    ) -> Result<ToolResult, Refusal> {
+        given: CallContext<'_>,
+    ) -> Result<ToolResult, PublishedError> {
         let target = self.marked_thing(call, "No marker map available.")?;
         let MarkerTarget::Receptacle(id) = target else {
             self.run(DOOR_STEPS);
@@ -494,7 +518,7 @@ impl Simulator {
     }
 
     /// What the marker of a call stands for.
-    fn marked_thing(&self, call: &ToolCall, missing: &str) -> Result<MarkerTarget, Refusal> {
+    fn marked_thing(&self, call: &ToolCall, missing: &str) -> Result<MarkerTarget, PublishedError> {
         if !self.has_marker_map {
             return Err(Refused(ErrorCode::NoMarkerMap, missing.to_owned()));
         }
@@ -547,7 +571,7 @@ impl Simulator {
 
     /// The picture, and no word.
     fn plain(&mut self) -> ToolResult {
-        let frame = self.take_picture();
+        let frame = self.capture_frame();
         ToolResult {
             frame: Some(frame),
             ..ToolResult::new(Outcome::ok(""))
@@ -564,7 +588,7 @@ impl Simulator {
 
     /// The picture with the current markers in it, and no word.
     fn marked(&mut self, opacity: f32) -> ToolResult {
-        let mut frame = self.take_picture();
+        let mut frame = self.capture_frame();
         let mark = |marker: &Marker| {
             Some(Mark {
                 number: marker.id,
@@ -572,7 +596,7 @@ impl Simulator {
             })
         };
         let marks: Vec<Mark> = self.markers.iter().filter_map(mark).collect();
-        if self.detail == Detail::Picture && !marks.is_empty() {
+        if self.detail == Detail::Full && !marks.is_empty() {
             self.stage.perception.mark(&mut frame, &marks, opacity);
         }
         ToolResult {
@@ -590,14 +614,19 @@ fn name_of(target: &MarkerTarget) -> &str {
 }
 
 /// Fails as the robot's tool server does where a skill fails.
-fn succeeds(given: Given<'_>, primitive: Primitive, tool: &str, what: &str) -> Result<(), Refusal> {
+fn succeeds(
+    given: CallContext<'_>,
+    primitive: Primitive,
+    tool: &str,
+    what: &str,
+) -> Result<(), PublishedError> {
     let failed = || {
         Refused(
             ErrorCode::SkillFailed,
             format!("{EXCEPTION}{tool}: {what}."),
         )
     };
-    if given.luck.succeeds(primitive) {
+    if given.noise.succeeds(primitive) {
         Ok(())
     } else {
         Err(failed())

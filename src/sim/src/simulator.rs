@@ -9,7 +9,7 @@ use reel_world::{
 };
 
 use crate::{
-    Stage,
+    PreparedTask,
     geometry::{Camera, Pose},
     model::{ObjectModel, SceneModel},
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
@@ -36,7 +36,7 @@ const FIRST_FURNITURE_ENTITY: u16 = 2;
 /// One episode's world.
 #[derive(Debug)]
 pub struct Simulator {
-    pub(crate) stage: Arc<Stage>,
+    pub(crate) stage: Arc<PreparedTask>,
     pub(crate) profile: Profile,
     pub(crate) seed: u64,
     pub(crate) physics: Physics,
@@ -65,14 +65,14 @@ pub struct Simulator {
 
 impl Simulator {
     /// Spawns the task's objects in the scene and lets them settle.
-    pub fn new(stage: Arc<Stage>, profile: Profile, seed: u64) -> Self {
+    pub fn new(stage: Arc<PreparedTask>, profile: Profile, seed: u64) -> Self {
         Self::new_watching(stage, profile, seed, None)
     }
 
     /// [`Simulator::new`], keeping the motion states after one physics step of the settling (from 0) for
     /// [`Simulator::take_watched`].
     pub fn new_watching(
-        stage: Arc<Stage>,
+        stage: Arc<PreparedTask>,
         profile: Profile,
         seed: u64,
         watch: Option<usize>,
@@ -95,7 +95,7 @@ impl Simulator {
     }
 
     /// What no call changes, to be shared with others of this task.
-    pub fn stage(&self) -> &Arc<Stage> {
+    pub fn stage(&self) -> &Arc<PreparedTask> {
         &self.stage
     }
 
@@ -194,7 +194,7 @@ impl Simulator {
             state.door = self.door_state(index);
         }
         for (index, object) in self.stage.task.objects.iter().enumerate() {
-            if let Some(place) = self.place_of(index) {
+            if let Some(place) = self.support_of(index) {
                 let id = place.map_or_else(
                     || FLOOR.into(),
                     |furniture| self.stage.model.furniture[furniture].id.clone(),
@@ -216,7 +216,7 @@ impl Simulator {
     }
 
     /// The furniture an object rests on: `Some(None)` is the floor, `None` is the gripper.
-    pub fn place_of(&self, object: usize) -> Option<Option<usize>> {
+    pub fn support_of(&self, object: usize) -> Option<Option<usize>> {
         let bounds = self.physics.object_bounds(object)?;
         let center = [
             (bounds[0][0] + bounds[1][0]) * 0.5,
@@ -347,8 +347,8 @@ impl Simulator {
     }
 
     /// Takes the picture from the robot's head and remembers what is in view.
-    pub fn take_picture(&mut self) -> Frame {
-        let frame = self.picture_from(&self.camera());
+    pub fn capture_frame(&mut self) -> Frame {
+        let frame = self.render_from(&self.camera());
         self.view = runs(&frame.ids);
         frame
     }
@@ -359,7 +359,7 @@ impl Simulator {
     }
 
     /// The picture from any camera; changes nothing.
-    pub fn picture_from(&self, camera: &Camera) -> Frame {
+    pub fn render_from(&self, camera: &Camera) -> Frame {
         self.picture_with(camera, &[], self.detail)
     }
 
@@ -466,11 +466,11 @@ impl Simulator {
     }
 
     /// The scene with its doors, and the robot at its start; no objects yet.
-    fn empty(stage: Arc<Stage>, profile: Profile, seed: u64) -> Self {
+    fn empty(stage: Arc<PreparedTask>, profile: Profile, seed: u64) -> Self {
         let physics = Physics::new(&stage.model, stage.object_models.len());
         Self {
             registry: stage.task.initial.clone(),
-            arrivals: stage.task.placed(),
+            arrivals: stage.task.placement_order(),
             robot: start_robot(&stage.scene, &stage.model, &stage.nav),
             stage,
             profile,
@@ -482,7 +482,7 @@ impl Simulator {
             markers_persist: false,
             landmark: None,
             view: runs(&Frame::new().ids),
-            detail: Detail::Picture,
+            detail: Detail::Full,
             sim_step: 0,
             step_digests: Vec::new(),
             watch: None,

@@ -62,7 +62,7 @@ impl Primitive {
 
 /// The luck of one call.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Luck {
+pub struct ActuationNoise {
     skills: Skills,
     /// From 0 to 1: a skill fails where it is not below its probability of success.
     chance: f64,
@@ -72,7 +72,7 @@ pub struct Luck {
     drift_yaw: f32,
 }
 
-impl Luck {
+impl ActuationNoise {
     /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed have
     /// nothing in common.
     pub fn of(skills: Skills, seed: u64, task_id: &str, call: u32) -> Self {
@@ -160,12 +160,15 @@ mod tests {
 
     #[test]
     fn luck_repeats_and_depends_on_every_part_of_its_key() {
-        let luck = |seed, call| Luck::of(Skills::RealV1, seed, "FDP/a", call);
+        let luck = |seed, call| ActuationNoise::of(Skills::RealV1, seed, "FDP/a", call);
         assert_eq!(luck(1, 0), luck(1, 0));
         assert_ne!(luck(1, 0), luck(1, 1));
         assert_ne!(luck(1, 0), luck(2, 0));
-        assert_ne!(luck(1, 0), Luck::of(Skills::RealV1, 1, "FDP/b", 0));
-        let perfect = Luck::of(Skills::Perfect, 1, "FDP/a", 0);
+        assert_ne!(
+            luck(1, 0),
+            ActuationNoise::of(Skills::RealV1, 1, "FDP/b", 0)
+        );
+        let perfect = ActuationNoise::of(Skills::Perfect, 1, "FDP/a", 0);
         assert!(
             Primitive::ALL
                 .iter()
@@ -177,10 +180,10 @@ mod tests {
     /// The paper's "Navigation/gaze repeatability": 1.78 +- 0.40 cm, 0.74 +- 0.57 degrees.
     #[test]
     fn the_drift_is_that_of_the_paper() {
-        let luck: Vec<Luck> = (0..4000)
-            .map(|call| Luck::of(Skills::RealV1, 20_261, "FDP/a", call))
+        let luck: Vec<ActuationNoise> = (0..4000)
+            .map(|call| ActuationNoise::of(Skills::RealV1, 20_261, "FDP/a", call))
             .collect();
-        let of = |value: &dyn Fn(&Luck) -> f64| {
+        let of = |value: &dyn Fn(&ActuationNoise) -> f64| {
             let mean = luck.iter().map(value).sum::<f64>() / luck.len() as f64;
             let variance = luck
                 .iter()

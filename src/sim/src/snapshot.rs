@@ -7,7 +7,7 @@ use std::sync::Arc;
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Profile, record::RobotState};
 use serde::{Deserialize, Serialize};
 
-use crate::{SIM_VERSION, Stage, physics::Physics, render::Detail, simulator::Simulator};
+use crate::{PreparedTask, SIM_VERSION, physics::Physics, render::Detail, simulator::Simulator};
 
 /// The state of a simulator between two calls.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ pub enum SnapshotError {
     #[error("the snapshot is damaged ({what}); delete it, it can be made again")]
     Damaged {
         /// What is wrong.
-        what: String,
+        problem: String,
     },
     /// Of another task, scene or seed.
     #[error(
@@ -111,7 +111,7 @@ impl Simulator {
     /// # Errors
     /// When the snapshot is damaged or of another episode.
     pub fn resume(
-        stage: Arc<Stage>,
+        stage: Arc<PreparedTask>,
         profile: Profile,
         seed: u64,
         snapshot: &Snapshot,
@@ -156,7 +156,7 @@ impl Simulator {
             stage,
             robot: snapshot.robot,
             view: snapshot.view.clone(),
-            detail: Detail::Picture,
+            detail: Detail::Full,
             sim_step: snapshot.sim_step,
             step_digests: Vec::new(),
             watch: None,
@@ -174,6 +174,6 @@ impl Simulator {
 
 fn damaged(what: impl std::fmt::Display) -> SnapshotError {
     SnapshotError::Damaged {
-        what: what.to_string(),
+        problem: what.to_string(),
     }
 }

@@ -14,7 +14,7 @@ use crate::{
 
 /// A task in its scene, before anything happens.
 #[derive(Debug)]
-pub struct Stage {
+pub struct PreparedTask {
     pub(crate) scene: Arc<Scene>,
     pub(crate) task: Arc<Task>,
     pub(crate) model: SceneModel,
@@ -27,7 +27,7 @@ pub struct Stage {
     pub(crate) perception: Arc<dyn Perception>,
 }
 
-impl Stage {
+impl PreparedTask {
     /// Sets a task up, its objects as primitives.
     pub fn new(scene: Arc<Scene>, task: Arc<Task>) -> Arc<Self> {
         Self::with_meshes(scene, task, Meshes::default())

@@ -17,7 +17,7 @@ use crate::{
     nav::REACH_M,
     placement,
     simulator::{Simulator, VISIBLE_PIXELS, furniture_entity},
-    skills::{Luck, Primitive},
+    skills::{ActuationNoise, Primitive},
 };
 
 /// Physics steps after each kind of call.
@@ -64,18 +64,18 @@ impl ToolResult {
 
 /// What a call is a function of, besides itself and the state.
 #[derive(Clone, Copy, Debug)]
-pub struct Given<'a> {
+pub struct CallContext<'a> {
     /// Its luck.
-    pub luck: Luck,
+    pub noise: ActuationNoise,
     /// Which categories a query means, where that was looked up outside.
     pub lookup: Option<&'a Lookup>,
 }
 
-impl Default for Given<'_> {
+impl Default for CallContext<'_> {
     /// Perfect skills, and a query means what the vocabulary says.
     fn default() -> Self {
         Self {
-            luck: Luck::of(Skills::Perfect, 0, "", 0),
+            noise: ActuationNoise::of(Skills::Perfect, 0, "", 0),
             lookup: None,
         }
     }
@@ -87,8 +87,8 @@ type Refusal = (ErrorCode, String);
 impl Simulator {
     /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles`
     /// belong to the episode and do nothing here.
-    pub fn call(&mut self, tool: &Tool, given: Given<'_>) -> ToolResult {
-        let luck = &given.luck;
+    pub fn call(&mut self, tool: &Tool, given: CallContext<'_>) -> ToolResult {
+        let luck = &given.noise;
         let result = match tool {
             Tool::NavTo { receptacle } => self.nav_to(receptacle, luck),
             Tool::WalkAround => self.walk_around(),
@@ -109,7 +109,11 @@ impl Simulator {
         result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
     }
 
-    fn nav_to(&mut self, receptacle: &ReceptacleId, luck: &Luck) -> Result<ToolResult, Refusal> {
+    fn nav_to(
+        &mut self,
+        receptacle: &ReceptacleId,
+        luck: &ActuationNoise,
+    ) -> Result<ToolResult, Refusal> {
         let unknown = || {
             (
                 ErrorCode::UnknownReceptacle,
@@ -150,7 +154,7 @@ impl Simulator {
         })?;
         let id = self.stage.model.furniture[landmark].id.clone();
         let hidden = self.door_state(landmark) == Some(DoorState::Closed);
-        let here = |index: &usize| !hidden && self.place_of(*index) == Some(Some(landmark));
+        let here = |index: &usize| !hidden && self.support_of(*index) == Some(Some(landmark));
         let objects: Vec<InstanceId> = (0..self.stage.task.objects.len())
             .filter(here)
             .map(|index| self.stage.task.objects[index].instance.clone())
@@ -174,7 +178,7 @@ impl Simulator {
         let targets = objects.iter().cloned().map(MarkerTarget::Object);
         self.set_markers((0..).zip(targets), true);
         let mut result = ToolResult::new(Outcome::ok(text));
-        result.frame = Some(self.take_picture());
+        result.frame = Some(self.capture_frame());
         result.listed = objects;
         result.receptacle = Some(id);
         Ok(result)
@@ -250,7 +254,7 @@ impl Simulator {
         Ok(self.seen(text))
     }
 
-    fn gaze_at(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
+    fn gaze_at(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
         let (show, walk) = (
             self.name("show_object_by_category"),
             self.name("walk_around"),
@@ -268,7 +272,7 @@ impl Simulator {
                     .physics
                     .object_motion(index)
                     .ok_or_else(|| not_in_view(number))?;
-                let place = self.place_of(index).flatten();
+                let place = self.support_of(index).flatten();
                 if place
                     .is_some_and(|furniture| self.door_state(furniture) == Some(DoorState::Closed))
                 {
@@ -308,7 +312,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn pick(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
+    fn pick(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
         if let Some(held) = self.held {
             let category = &self.stage.task.objects[held].category;
             let text = format!(
@@ -354,10 +358,10 @@ impl Simulator {
             return Err(skill_failed("pick", "the gripper closed on nothing"));
         }
         let receptacle = self
-            .place_of(index)
+            .support_of(index)
             .flatten()
             .map(|furniture| self.stage.model.furniture[furniture].id.clone());
-        if let Some(place) = self.registry.place_of(&instance).cloned() {
+        if let Some(place) = self.registry.receptacle_of(&instance).cloned() {
             self.registry.remove(&place, &instance);
         }
         self.physics.remove_object(index);
@@ -368,7 +372,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn place(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
+    fn place(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
         let held = self.held.ok_or_else(|| {
             (
                 ErrorCode::NothingHeld,
@@ -439,7 +443,12 @@ impl Simulator {
         Ok(result)
     }
 
-    fn drive_door(&mut self, number: u32, open: bool, luck: &Luck) -> Result<ToolResult, Refusal> {
+    fn drive_door(
+        &mut self,
+        number: u32,
+        open: bool,
+        luck: &ActuationNoise,
+    ) -> Result<ToolResult, Refusal> {
         let (verb, done) = if open {
             ("open", "Opened")
         } else {
@@ -503,7 +512,7 @@ impl Simulator {
 
     /// Takes the picture with the current markers in it.
     fn seen(&mut self, text: String) -> ToolResult {
-        let mut frame = self.take_picture();
+        let mut frame = self.capture_frame();
         self.draw_markers(&mut frame);
         ToolResult {
             frame: Some(frame),

@@ -17,9 +17,9 @@ pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
-    Blamed, Class, Commit, CompactReport, Finding, IngestReport, Label, Location, Progress,
-    RescoreReport, Rescored, STACK_BYTES, Seen, Stamp, Store, StoreError, TraceRows, TraceVerdict,
-    VacuumReport,
+    BlameRow, ClassRow, Commit, CompactReport, DocumentSet, Finding, IngestReport, Label, Location,
+    Progress, RescoreReport, RescoredEpisodes, STACK_BYTES, Stamp, Store, StoreError, TraceRows,
+    TraceVerdict, VacuumReport,
 };
 pub use synthetic::synthesize;
 

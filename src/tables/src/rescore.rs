@@ -10,7 +10,8 @@ use arrow::{
     datatypes::{Float64Type, Int32Type},
 };
 use reel_reward::{
-    Authority, Base, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts,
+    Authority, Base, EpisodeFacts, EpisodeReward, MarkerReferent, Preset, Scorer, StepHead,
+    TaskFacts,
 };
 use reel_world::{ErrorClass, Scene, Task};
 
@@ -329,7 +330,7 @@ impl<'a> Columns<'a> {
         facts.begin(episode);
         self.start_changes.fill(row, facts, episode);
         let (list, objects) = self.start_objects;
-        range(list, row).for_each(|index| episode.saw(facts.object(objects.value(index))));
+        range(list, row).for_each(|index| episode.push_visible(facts.object(objects.value(index))));
         let mut marked = false;
         for step in range(self.steps, row) {
             let call = facts.called(
@@ -338,9 +339,9 @@ impl<'a> Columns<'a> {
                 optional(self.argument, step),
             );
             let head = StepHead {
-                told: self
+                trainer_reading: self
                     .text
-                    .map(|text| facts.told(&call, text.value(step)))
+                    .map(|text| facts.trainer_reading(&call, text.value(step)))
                     .unwrap_or_default(),
                 error: optional(self.error_class, step).map(|class| {
                     if class == "severe" {
@@ -350,7 +351,7 @@ impl<'a> Columns<'a> {
                     }
                 }),
                 object: optional(self.object, step).map(|object| facts.object(object)),
-                receptacle: optional(self.receptacle, step).map(|place| facts.place(place)),
+                receptacle: optional(self.receptacle, step).map(|place| facts.receptacle(place)),
                 held: optional(self.held, step).map(|object| facts.object(object)),
                 reply: optional(self.reply, step).map(|text| facts.text(text)),
                 ..call
@@ -358,7 +359,8 @@ impl<'a> Columns<'a> {
             episode.step(head);
             self.changes.fill(step, facts, episode);
             let (list, objects) = self.new_objects;
-            range(list, step).for_each(|index| episode.saw(facts.object(objects.value(index))));
+            range(list, step)
+                .for_each(|index| episode.push_visible(facts.object(objects.value(index))));
             let Some(markers) = &self.markers else {
                 continue;
             };
@@ -371,8 +373,8 @@ impl<'a> Columns<'a> {
             for index in map {
                 let id = markers.id.value(index);
                 let target = match markers.kind.value(index) {
-                    "object" => Marked::Object(facts.object(id)),
-                    _ => Marked::Place(facts.place(id)),
+                    "object" => MarkerReferent::Object(facts.object(id)),
+                    _ => MarkerReferent::Receptacle(facts.receptacle(id)),
                 };
                 episode.mark(markers.marker.value(index) as u32, target);
             }

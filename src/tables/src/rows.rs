@@ -9,7 +9,7 @@ use std::{
 
 use arrow::array::RecordBatch;
 
-use reel_history::{Checker, Deed, Setting};
+use reel_history::{Checker, Setting, StepFacts};
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
@@ -452,7 +452,7 @@ impl<'c> Claims<'c> {
             .iter()
             .filter(|claim| claim.is_false())
             .count();
-        checker.did(Deed::of(record));
+        checker.push_step(StepFacts::of(record));
         refuted
     }
 }
@@ -527,7 +527,7 @@ pub(crate) fn receptacle_like(
 fn put_back(task: &Task, record: &StepRecord) -> Option<bool> {
     let (object, receptacle) = (record.object.as_ref()?, record.receptacle.as_ref()?);
     let placed = record.tool_name() == "place" && record.outcome.is_ok();
-    placed.then(|| task.initial.place_of(object) == Some(receptacle))
+    placed.then(|| task.initial.receptacle_of(object) == Some(receptacle))
 }
 
 /// What a step let fall.

@@ -305,7 +305,7 @@ impl<'a> Draft<'a> {
                     Misfit::TooLarge => "too large for its receptacle",
                     Misfit::TriesExceeded => "no free place on its receptacle",
                 })?;
-            Ok(object.standing(place, name, position))
+            Ok(object.instance_at(place, name, position))
         };
         let on_src = [self.target]
             .into_iter()

@@ -82,7 +82,7 @@ pub fn small() -> &'static [LibraryObject] {
 impl LibraryObject {
     /// The object at the start of a task of this name: on a receptacle, the centre of its box at
     /// `position`.
-    pub fn standing(
+    pub fn instance_at(
         &self,
         receptacle: &ReceptacleId,
         task_name: &str,

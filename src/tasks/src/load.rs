@@ -11,7 +11,7 @@ use std::{
 use reel_world::{Scene, Scenes, Task};
 
 use crate::{
-    Oddity, TaskError,
+    TaskError, TaskWarning,
     document::{self, Node},
     error::Problem,
     field::Field,
@@ -30,7 +30,7 @@ pub struct LoadReport {
     /// The tasks, in the order of their paths.
     pub tasks: Vec<Task>,
     /// What is strange in them, in the same order.
-    pub oddities: Vec<Oddity>,
+    pub warnings: Vec<TaskWarning>,
     /// Files that could not be taken.
     pub broken: Vec<TaskError>,
 }
@@ -39,12 +39,12 @@ pub struct LoadReport {
 /// their paths. A broken file is reported and the rest load. The scene completes the graphs: files
 /// leave receptacles out.
 pub fn load(path: &Path, scene: &Scene) -> LoadReport {
-    load_as(path, scene, Listed::AsWritten)
+    load_as(path, scene, ObjectOrder::AsWritten)
 }
 
 /// In which order the objects that a file lists are read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Listed {
+pub enum ObjectOrder {
     /// As they stand there.
     AsWritten,
     /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their
@@ -53,8 +53,8 @@ pub enum Listed {
 }
 
 /// [`load`], reading lists of objects in an order.
-pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
-    load_with(path, &SceneSource::Given(Arc::new(scene.clone())), listed).report
+pub fn load_as(path: &Path, scene: &Scene, listed: ObjectOrder) -> LoadReport {
+    load_with(path, &SceneSource::Fixed(Arc::new(scene.clone())), listed).report
 }
 
 /// What came of loading tasks together with their scenes.
@@ -69,7 +69,7 @@ pub struct LoadedSet {
 }
 
 /// [`load`] for tasks of whatever scenes.
-pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet {
+pub fn load_with(path: &Path, scenes: &SceneSource, listed: ObjectOrder) -> LoadedSet {
     let mut report = LoadReport::default();
     let mut finder = SceneFinder::new(scenes.clone(), path);
     let mut files = Vec::new();
@@ -105,7 +105,7 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
                         None => {
                             first_file.insert(task.task_id.clone(), file.clone());
                             report.tasks.push(task);
-                            report.oddities.extend(oddities);
+                            report.warnings.extend(oddities);
                         }
                     }
                 }
@@ -123,8 +123,13 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
 ///
 /// # Errors
 /// Fails if it is no YAML, lacks a field, does not fit the scene, or holds no or several tasks.
-pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
-    let read = || tasks_of(&Field::root(&document(text, Listed::AsWritten)?), scene);
+pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<TaskWarning>), TaskError> {
+    let read = || {
+        tasks_of(
+            &Field::root(&document(text, ObjectOrder::AsWritten)?),
+            scene,
+        )
+    };
     let tasks = read().map_err(|problem| problem.in_file(file))?;
     let count = tasks.len();
     let only = <[_; 1]>::try_from(tasks).map(|[task]| task);
@@ -132,7 +137,7 @@ pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>
 }
 
 /// The tasks of a document: one of REAL-Bench, any number of REAL's task generator.
-fn tasks_of(root: &Field<'_>, scene: &Scene) -> Result<Vec<(Task, Vec<Oddity>)>, Problem> {
+fn tasks_of(root: &Field<'_>, scene: &Scene) -> Result<Vec<(Task, Vec<TaskWarning>)>, Problem> {
     if real_proc::is_proc(root) {
         let tasks = real_proc::read(root, scene)?;
         return Ok(tasks.into_iter().map(|task| (task, Vec::new())).collect());
@@ -140,9 +145,9 @@ fn tasks_of(root: &Field<'_>, scene: &Scene) -> Result<Vec<(Task, Vec<Oddity>)>,
     Ok(vec![real_schema::read(root, scene)?])
 }
 
-fn document(text: &str, listed: Listed) -> Result<Node, Problem> {
+fn document(text: &str, listed: ObjectOrder) -> Result<Node, Problem> {
     let mut root = document::parse(text)?;
-    if listed == Listed::Reversed {
+    if listed == ObjectOrder::Reversed {
         root.reverse_lists("content");
     }
     Ok(root)

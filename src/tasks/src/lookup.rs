@@ -26,7 +26,7 @@ const FILES_MAX: usize = 4096;
 #[derive(Clone)]
 pub enum SceneSource {
     /// This scene, for all tasks.
-    Given(Arc<Scene>),
+    Fixed(Arc<Scene>),
     /// The scene file beside the tasks that has the task's `scene_id`, else what the function gives
     /// for the id.
     ById(fn(&str) -> Option<Scene>),
@@ -89,7 +89,7 @@ impl SceneFinder {
         let name = file.display().to_string();
         let in_file = |problem: Problem| problem.in_file(&name);
         let built_in = match &self.source {
-            SceneSource::Given(scene) => return Ok(scene.clone()),
+            SceneSource::Fixed(scene) => return Ok(scene.clone()),
             SceneSource::ById(built_in) => *built_in,
         };
         let field = root.get("scene_id").map_err(in_file)?;
@@ -131,7 +131,7 @@ impl SceneFinder {
     pub fn scenes(&self) -> Scenes {
         let mut scenes = Scenes::default();
         match &self.source {
-            SceneSource::Given(scene) => scenes.insert(scene.clone()),
+            SceneSource::Fixed(scene) => scenes.insert(scene.clone()),
             SceneSource::ById(_) => self
                 .found
                 .values()

@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_surface_fills_up_and_then_refuses() {
-        let scene = crate::home();
+        let scene = crate::home_scene();
         let table = scene.receptacle(&"table_2".into()).unwrap();
         let (mut occupancy, mut stream) = (Occupancy::default(), Stream::new(1, "test", 0));
         let misfit =
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn what_is_too_large_is_refused_at_once() {
-        let scene = crate::home();
+        let scene = crate::home_scene();
         let place = |id: &str, size| {
             let receptacle = scene.receptacle(&id.into()).unwrap();
             Occupancy::default().place(receptacle, size, &mut Stream::new(1, "test", 0))

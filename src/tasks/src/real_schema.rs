@@ -11,7 +11,7 @@ use reel_world::{
 };
 use serde_json::Value;
 
-use crate::{Oddity, OddityKind, attributes, error::Problem, field::Field};
+use crate::{TaskWarning, TaskWarningKind, attributes, error::Problem, field::Field};
 
 /// An object at most this thick is an oddity, in metres.
 const THIN_M: f64 = 0.0015;
@@ -58,7 +58,7 @@ const EPISODE_FIELDS: &[&str] = &[
 ];
 
 /// Reads the task of a document.
-pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<Oddity>), Problem> {
+pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<TaskWarning>), Problem> {
     let episodes = root.get("episodes")?;
     let items = episodes.items()?;
     let [episode] = items.as_slice() else {
@@ -72,7 +72,7 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<Oddity>
         oddities: Vec::new(),
     };
     let task = reader.task()?;
-    let of_task = |(kind, detail)| Oddity {
+    let of_task = |(kind, detail)| TaskWarning {
         task_id: task.task_id.clone(),
         kind,
         detail,
@@ -86,7 +86,7 @@ struct Reader<'a> {
     episode: &'a Field<'a>,
     scene: &'a Scene,
     extra: BTreeMap<String, Value>,
-    oddities: Vec<(OddityKind, String)>,
+    oddities: Vec<(TaskWarningKind, String)>,
 }
 
 impl<'a> Reader<'a> {
@@ -208,7 +208,7 @@ impl<'a> Reader<'a> {
         for (key, field) in listed.entries()? {
             let Some(placement) = placements.find(key)? else {
                 self.odd(
-                    OddityKind::ObjectsAndPlacementsDiffer,
+                    TaskWarningKind::ObjectsAndPlacementsDiffer,
                     format!("{key} has no placement and is left out"),
                 );
                 self.extra.insert(field.path().to_owned(), field.json());
@@ -221,7 +221,7 @@ impl<'a> Reader<'a> {
                 .flatten();
             if rests.is_some() && rest.is_none() {
                 self.odd(
-                    OddityKind::ObjectsAndPlacementsDiffer,
+                    TaskWarningKind::ObjectsAndPlacementsDiffer,
                     format!("{key} has no final position"),
                 );
             }
@@ -234,7 +234,7 @@ impl<'a> Reader<'a> {
             for (key, field) in section.map_or(Ok(Vec::new()), |section| section.entries())? {
                 if listed.find(key)?.is_none() {
                     self.odd(
-                        OddityKind::ObjectsAndPlacementsDiffer,
+                        TaskWarningKind::ObjectsAndPlacementsDiffer,
                         format!("{key} of {name} is not among the objects"),
                     );
                     self.extra.insert(field.path().to_owned(), field.json());
@@ -285,7 +285,7 @@ impl<'a> Reader<'a> {
             && other.vector()? != position
         {
             self.odd(
-                OddityKind::ObjectsAndPlacementsDiffer,
+                TaskWarningKind::ObjectsAndPlacementsDiffer,
                 format!("{key} stands elsewhere in its placement"),
             );
         }
@@ -293,19 +293,19 @@ impl<'a> Reader<'a> {
             && other.text()? != asset
         {
             self.odd(
-                OddityKind::ObjectsAndPlacementsDiffer,
+                TaskWarningKind::ObjectsAndPlacementsDiffer,
                 format!("{key} is another asset in its placement"),
             );
         }
         if !key.starts_with(&format!("{asset}_on_{receptacle}_at_")) {
             self.odd(
-                OddityKind::ObjectsAndPlacementsDiffer,
+                TaskWarningKind::ObjectsAndPlacementsDiffer,
                 format!("{key} is not named after {asset} on {receptacle}"),
             );
         }
         if size.iter().any(|length| *length <= THIN_M) {
             self.odd(
-                OddityKind::ThinObject,
+                TaskWarningKind::ThinObject,
                 format!("{key} has the size {size:?}"),
             );
         }
@@ -344,7 +344,7 @@ impl<'a> Reader<'a> {
             let other = field.text()?;
             if other != category {
                 self.odd(
-                    OddityKind::CategoryAlias,
+                    TaskWarningKind::CategoryAlias,
                     format!("{key} is {category:?} and {other:?}"),
                 );
                 self.extra.insert(field.path().to_owned(), field.json());
@@ -386,7 +386,7 @@ impl<'a> Reader<'a> {
             said.sort_unstable();
             if here != said {
                 self.odd(
-                    OddityKind::InitialGraphDisagrees,
+                    TaskWarningKind::InitialGraphDisagrees,
                     format!("{name} holds {said:?}, placed there are {here:?}"),
                 );
             }
@@ -394,7 +394,7 @@ impl<'a> Reader<'a> {
                 && room.text()? != receptacle.room
             {
                 self.odd(
-                    OddityKind::InitialGraphDisagrees,
+                    TaskWarningKind::InitialGraphDisagrees,
                     format!("{name} is in {}, not in {}", receptacle.room, room.text()?),
                 );
             }
@@ -408,7 +408,7 @@ impl<'a> Reader<'a> {
             ) {
                 (Some(door), Some(in_graph)) => *in_graph = door_state(&door)?,
                 (Some(_), None) => self.odd(
-                    OddityKind::InitialGraphDisagrees,
+                    TaskWarningKind::InitialGraphDisagrees,
                     format!("{name} has no door in the scene"),
                 ),
                 (None, _) => {}
@@ -423,7 +423,7 @@ impl<'a> Reader<'a> {
             .map(|r| r.id.as_str())
             .collect();
         if !omitted.is_empty() {
-            self.odd(OddityKind::GraphOmitsReceptacles, omitted.join(", "));
+            self.odd(TaskWarningKind::GraphOmitsReceptacles, omitted.join(", "));
         }
         Ok(graph)
     }
@@ -443,13 +443,13 @@ impl<'a> Reader<'a> {
         };
         for (key, field) in moves.entries()? {
             let object = InstanceId::from(key);
-            let Some(from) = initial.place_of(&object).cloned() else {
+            let Some(from) = initial.receptacle_of(&object).cloned() else {
                 return Err(field.problem(format!("{key} is no object of the task")));
             };
             goal.remove(&from, &object);
             goal.add(&field.receptacle(self.scene)?, &object);
         }
-        if goal.place_of(target) != Some(dest) {
+        if goal.receptacle_of(target) != Some(dest) {
             return Err(moves.problem(format!("expected to move the target, {target}, to {dest}")));
         }
         Ok(goal)
@@ -506,7 +506,7 @@ impl<'a> Reader<'a> {
                     && size.vector()?.contains(&0.0)
                 {
                     self.odd(
-                        OddityKind::ZeroSizeDistractor,
+                        TaskWarningKind::ZeroSizeDistractor,
                         format!("{asset} has the size {:?}", size.vector()?),
                     );
                 }
@@ -533,7 +533,7 @@ impl<'a> Reader<'a> {
             let (before, after) = (assets(&initial)?, assets(&goal)?);
             if before != after {
                 self.odd(
-                    OddityKind::GoalDoesNotConserve,
+                    TaskWarningKind::GoalDoesNotConserve,
                     format!("{} objects before, {} after", before.len(), after.len()),
                 );
             }
@@ -550,7 +550,7 @@ impl<'a> Reader<'a> {
             .filter(|(_, receptacles)| receptacles.len() > 1)
         {
             self.odd(
-                OddityKind::SameAssetInSeveralPlaces,
+                TaskWarningKind::SameAssetInSeveralPlaces,
                 format!("{asset} on {}", receptacles.join(", ")),
             );
         }
@@ -565,7 +565,7 @@ impl<'a> Reader<'a> {
     ) {
         if src_distractors.contains(dest) {
             self.odd(
-                OddityKind::DestinationAmongSourceDistractors,
+                TaskWarningKind::DestinationAmongSourceDistractors,
                 dest.to_string(),
             );
         }
@@ -573,7 +573,10 @@ impl<'a> Reader<'a> {
         for receptacle in &scene.receptacles {
             let wanted = receptacle.id == *dest;
             if wanted && receptacle.extra.get("synthetic") == Some(&Value::Bool(true)) {
-                self.odd(OddityKind::DestinationWithoutGeometry, dest.to_string());
+                self.odd(
+                    TaskWarningKind::DestinationWithoutGeometry,
+                    dest.to_string(),
+                );
             }
             if !receptacle.placeable
                 && (wanted
@@ -581,12 +584,15 @@ impl<'a> Reader<'a> {
                         .iter()
                         .any(|object| object.receptacle == receptacle.id))
             {
-                self.odd(OddityKind::UnplaceableReceptacle, receptacle.id.to_string());
+                self.odd(
+                    TaskWarningKind::UnplaceableReceptacle,
+                    receptacle.id.to_string(),
+                );
             }
         }
     }
 
-    fn odd(&mut self, kind: OddityKind, detail: String) {
+    fn odd(&mut self, kind: TaskWarningKind, detail: String) {
         self.oddities.push((kind, detail));
     }
 

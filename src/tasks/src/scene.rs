@@ -64,7 +64,7 @@ pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
 }
 
 /// The scene of our own: 18 receptacles in 6 rooms, three of them with doors.
-pub fn home() -> Scene {
+pub fn home_scene() -> Scene {
     parse(include_str!("data/home.json"), "home.json")
         .expect("the committed scene is well formed")
         .scene

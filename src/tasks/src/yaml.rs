@@ -72,8 +72,9 @@ fn object_entry(object: &ObjectInstance) -> Value {
 /// Where the goal wants the objects that move, where that is more than the target to the
 /// destination.
 fn moves(task: &Task) -> Option<Value> {
-    let place =
-        |graph: &WorldGraph, object: &ObjectInstance| graph.place_of(&object.instance).cloned();
+    let place = |graph: &WorldGraph, object: &ObjectInstance| {
+        graph.receptacle_of(&object.instance).cloned()
+    };
     let moved = task
         .objects
         .iter()
@@ -121,7 +122,11 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         "final_positions": {},
         "target_object_id": target.asset,
     });
-    for object in task.placed().into_iter().map(|index| &task.objects[index]) {
+    for object in task
+        .placement_order()
+        .into_iter()
+        .map(|index| &task.objects[index])
+    {
         let key = object.instance.as_str();
         episode["placements"][key] = json!({ "position": object.position, "furniture": object.receptacle, "original_id": object.asset });
         if task.object_distractors.contains(&object.asset) {

@@ -8,8 +8,8 @@ use arrow::{
     compute::cast,
     datatypes::{DataType, Int32Type},
 };
-use reel_query::{QueryError, Session, fuse};
-use reel_tables::{Class, Finding};
+use reel_query::{QueryError, QuerySession, fuse};
+use reel_tables::{ClassRow, Finding};
 
 use crate::{RuleSet, TaxonomyError, rules::Rule};
 
@@ -42,7 +42,7 @@ struct Verdict {
 /// # Errors
 /// When a rule or the condition cannot be asked.
 pub fn classify(
-    session: &Session,
+    session: &QuerySession,
     rules: &RuleSet,
     condition: Option<&str>,
 ) -> Result<Verdicts, TaxonomyError> {
@@ -95,7 +95,7 @@ pub fn classify(
 }
 
 /// What `reel blame` measured, where it did.
-fn measured(session: &Session) -> Result<BTreeMap<(String, String), i32>, QueryError> {
+fn measured(session: &QuerySession) -> Result<BTreeMap<(String, String), i32>, QueryError> {
     let batches =
         session.run("SELECT episode_id, trace_digest, step FROM blame WHERE step IS NOT NULL")?;
     let rows = batches.iter().flat_map(|batch| {
@@ -113,7 +113,7 @@ fn measured(session: &Session) -> Result<BTreeMap<(String, String), i32>, QueryE
 }
 
 /// The columns of `episodes` that a rule reads, steps by their fields.
-fn looked_at(session: &Session, rule: &Rule) -> Result<Vec<String>, QueryError> {
+fn looked_at(session: &QuerySession, rule: &Rule) -> Result<Vec<String>, QueryError> {
     let mut fields: BTreeSet<String> = rule
         .question
         .columns()
@@ -195,7 +195,7 @@ impl Verdicts {
     }
 
     /// The rows of table `classes`, one a failed episode.
-    pub fn classes(&self) -> impl Iterator<Item = Class<'_>> {
+    pub fn classes(&self) -> impl Iterator<Item = ClassRow<'_>> {
         self.found.iter().filter_map(|verdict| {
             let text = |name| self.text(verdict, name);
             let (primary, rest) = verdict.findings.split_first()?;
@@ -224,7 +224,7 @@ impl Verdicts {
                 .get(&(episode_id.to_owned(), trace_digest.to_owned()))
                 .copied();
             let step = measured.unwrap_or(primary.1);
-            Some(Class {
+            Some(ClassRow {
                 episode_id,
                 trace_digest,
                 rules_version: &self.version,

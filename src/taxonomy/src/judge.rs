@@ -38,10 +38,10 @@ pub struct Case {
     /// Its steps in their order.
     pub transcript: Vec<Turn>,
     /// Pictures in the order of their steps.
-    pub frames: Vec<Picture>,
+    pub frames: Vec<CaseImage>,
     /// What the rules found in the simulator's record, if anything; not shown to the model. Of a
     /// reduced trace it is binding all the same: leave it out where words alone are not enough.
-    pub proven: Option<Proven>,
+    pub proven: Option<RuleFinding>,
     /// Whether the trace has no simulator behind it, so that evidence is words alone.
     pub reduced: bool,
 }
@@ -75,7 +75,7 @@ pub struct Turn {
 
 /// A picture that the agent saw.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Picture {
+pub struct CaseImage {
     /// After which step.
     pub step: u32,
     /// e.g. `image/png`
@@ -86,7 +86,7 @@ pub struct Picture {
 
 /// What the simulator's record shows, by the rules.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Proven {
+pub struct RuleFinding {
     /// One of the four classes.
     pub class: String,
     /// Its sub-class.
@@ -97,7 +97,7 @@ pub struct Proven {
     pub evidence: String,
 }
 
-impl Proven {
+impl RuleFinding {
     /// Whether it says why. `Other` does so only where something was seen to happen: that the
     /// budget ended does not.
     pub fn explains(&self) -> bool {
@@ -141,7 +141,7 @@ pub enum Source {
 
 /// A case with the judge's opinion beside what is proven.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Verdict {
+pub struct JudgedCase {
     /// The episode.
     pub episode_id: String,
     /// The class that counts: the proven one wherever one is.
@@ -153,7 +153,7 @@ pub struct Verdict {
     /// Whose word the three are.
     pub source: Source,
     /// What the rules found, unchanged.
-    pub proven: Option<Proven>,
+    pub proven: Option<RuleFinding>,
     /// What the judge said.
     pub opinion: Opinion,
     /// Whether it names the proven class; absent where nothing is proven.
@@ -170,7 +170,7 @@ pub struct Verdict {
 
 /// How much of an episode is shown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Options {
+pub struct JudgeOptions {
     /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At
     /// least [`Options::TRANSCRIPT_BYTES_MIN`] are used.
     pub transcript_bytes: usize,
@@ -178,12 +178,12 @@ pub struct Options {
     pub frames: usize,
 }
 
-impl Options {
+impl JudgeOptions {
     /// Less than this shows nothing worth a judgement.
     pub const TRANSCRIPT_BYTES_MIN: usize = 2_000;
 }
 
-impl Default for Options {
+impl Default for JudgeOptions {
     /// 60,000 bytes, which is about 15,000 tokens, and 8 pictures.
     fn default() -> Self {
         Self {
@@ -198,7 +198,11 @@ impl Default for Options {
 ///
 /// # Errors
 /// When the case has no steps, the model cannot be asked, or what it says is no answer twice.
-pub fn judge(case: &Case, client: &Client, options: &Options) -> Result<Verdict, JudgeError> {
+pub fn judge(
+    case: &Case,
+    client: &Client,
+    options: &JudgeOptions,
+) -> Result<JudgedCase, JudgeError> {
     judged(case, client, options, &Reached::default())
 }
 
@@ -209,10 +213,10 @@ pub fn judge(case: &Case, client: &Client, options: &Options) -> Result<Verdict,
 pub fn judge_all(
     cases: &[Case],
     client: &Client,
-    options: &Options,
+    options: &JudgeOptions,
     threads: usize,
     progress: impl Fn(usize) + Sync,
-) -> Vec<Result<Verdict, JudgeError>> {
+) -> Vec<Result<JudgedCase, JudgeError>> {
     let pool = match rayon::ThreadPoolBuilder::new()
         .num_threads(threads.max(1))
         .build()
@@ -241,9 +245,9 @@ pub fn judge_all(
 fn judged(
     case: &Case,
     client: &Client,
-    options: &Options,
+    options: &JudgeOptions,
     reached: &Reached,
-) -> Result<Verdict, JudgeError> {
+) -> Result<JudgedCase, JudgeError> {
     let episode_id = || case.episode_id.clone();
     if case.transcript.is_empty() {
         return Err(JudgeError::NoSteps {
@@ -256,7 +260,7 @@ fn judged(
                 episode_id: episode_id(),
                 refused: REFUSED_MAX,
             };
-            return client.kept(request).ok_or_else(stopped);
+            return client.cached(request).ok_or_else(stopped);
         }
         let result = client.complete(request);
         reached.note(&result);
@@ -280,7 +284,7 @@ fn judged(
             let opinion =
                 answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
                     episode_id: episode_id(),
-                    what,
+                    problem: what,
                     truncated: second.truncated,
                     excerpt: answer::one_line(&second.text, 300),
                 })?;
@@ -296,7 +300,7 @@ fn judged(
 }
 
 /// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.
-fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> Verdict {
+fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> JudgedCase {
     let binding = case.proven.as_ref().filter(|proven| proven.explains());
     let agrees = binding.map(|proven| proven.class == opinion.class);
     opinion.overruled = agrees == Some(false);
@@ -314,7 +318,7 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> V
             Source::Judge,
         ),
     };
-    Verdict {
+    JudgedCase {
         episode_id: case.episode_id.clone(),
         class,
         sub_class,

@@ -23,7 +23,7 @@ pub use labels::{
     Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json,
 };
 pub use rules::{CLASSES, Rule, RuleSet};
-pub use stored::{Stored, baseline, stored};
+pub use stored::{StoredClass, baseline, stored_classes};
 
 /// What can go wrong with rules and labels.
 #[derive(Debug, thiserror::Error)]

@@ -5,13 +5,13 @@ use arrow::{
     array::{Array, AsArray, RecordBatch},
     datatypes::Int32Type,
 };
-use reel_query::{QueryError, Session};
+use reel_query::{QueryError, QuerySession};
 use reel_world::FailureClass;
 use serde::Serialize;
 
 /// A classified episode.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub struct Stored {
+pub struct StoredClass {
     /// The episode.
     pub episode_id: String,
     /// Its family.
@@ -32,7 +32,7 @@ pub struct Stored {
 ///
 /// # Errors
 /// When the store cannot be read.
-pub fn stored(session: &Session) -> Result<Vec<Stored>, QueryError> {
+pub fn stored_classes(session: &QuerySession) -> Result<Vec<StoredClass>, QueryError> {
     read(
         session,
         "c.class, c.sub_class, c.step",
@@ -46,7 +46,7 @@ pub fn stored(session: &Session) -> Result<Vec<Stored>, QueryError> {
 ///
 /// # Errors
 /// When the store cannot be read.
-pub fn baseline(session: &Session) -> Result<Vec<Stored>, QueryError> {
+pub fn baseline(session: &QuerySession) -> Result<Vec<StoredClass>, QueryError> {
     let columns = format!(
         "CASE {0} ELSE CASE WHEN place IS NULL THEN 'Other' ELSE 'Object Confusion' END END AS class, \
          CASE {1} ELSE CASE WHEN place IS NULL THEN 'timeout' ELSE 'wrong_attribute' END END AS sub_class, \
@@ -97,14 +97,14 @@ fn cases(value: impl Fn(FailureClass, &'static str) -> &'static str) -> String {
         .collect()
 }
 
-fn read(session: &Session, columns: &str, join: &str) -> Result<Vec<Stored>, QueryError> {
+fn read(session: &QuerySession, columns: &str, join: &str) -> Result<Vec<StoredClass>, QueryError> {
     let batches = session.run(&format!(
         "SELECT e.episode_id, e.family, e.policy, e.trace, {columns} FROM episodes e {join} ORDER BY e.episode_id"
     ))?;
     Ok(batches.iter().flat_map(rows).collect())
 }
 
-fn rows(batch: &RecordBatch) -> Vec<Stored> {
+fn rows(batch: &RecordBatch) -> Vec<StoredClass> {
     let text = |column: usize, row: usize| {
         batch
             .column(column)
@@ -114,7 +114,7 @@ fn rows(batch: &RecordBatch) -> Vec<Stored> {
     };
     let step = batch.column(6).as_primitive::<Int32Type>();
     (0..batch.num_rows())
-        .map(|row| Stored {
+        .map(|row| StoredClass {
             episode_id: text(0, row),
             family: text(1, row),
             policy: text(2, row),

@@ -149,7 +149,7 @@ impl<'a> Assembly<'a> {
                 let damaged = TraceError::Damaged {
                     path: self.path.to_owned(),
                     offset,
-                    what,
+                    problem: what,
                 };
                 return if twice { Err(damaged) } else { Ok(()) };
             }
@@ -165,7 +165,7 @@ impl<'a> Assembly<'a> {
                             path: self.path.to_owned(),
                             offset,
                             topic: topic.to_owned(),
-                            what,
+                            problem: what,
                         },
                     },
                 );
@@ -618,7 +618,7 @@ impl<'a> Assembly<'a> {
             .map_err(|error| TraceError::Damaged {
                 path: self.path.to_owned(),
                 offset: 0,
-                what: format!("the attachment {name} is not what it should be ({error})"),
+                problem: format!("the attachment {name} is not what it should be ({error})"),
             })?;
         if let Some(parsed) = parsed {
             parsed.keep(expected, json, &value);
@@ -629,7 +629,7 @@ impl<'a> Assembly<'a> {
     fn missing(&self, what: &'static str) -> TraceError {
         TraceError::Missing {
             path: self.path.to_owned(),
-            what,
+            part: what,
         }
     }
 }

@@ -534,7 +534,7 @@ impl<'a> Walk<'a> {
                     path: self.path.into(),
                     offset,
                     topic,
-                    what,
+                    problem: what,
                 })?;
             }
         }
@@ -593,7 +593,7 @@ impl<'a> Walk<'a> {
         TraceError::Damaged {
             path: self.path.into(),
             offset: offset as u64,
-            what: what.to_string(),
+            problem: what.to_string(),
         }
     }
 }

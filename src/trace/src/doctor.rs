@@ -22,7 +22,7 @@ use crate::{
 
 /// What was found.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Examination {
+pub struct DoctorReport {
     /// The file.
     pub path: PathBuf,
     /// Its size.
@@ -71,7 +71,7 @@ impl std::fmt::Display for Finding {
 ///
 /// # Errors
 /// When the file cannot be read at all.
-pub fn examine(path: &Path) -> Result<Examination, TraceError> {
+pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
     let limits = Limits::default();
     let bytes = files::read(path, &limits)?;
     let mut examiner = Examiner {
@@ -89,7 +89,7 @@ pub fn examine(path: &Path) -> Result<Examination, TraceError> {
     let loaded = reading.finish(walked, bytes.len() as u64);
 
     let mut notes = content.notes;
-    let mut examination = Examination {
+    let mut examination = DoctorReport {
         path: path.to_owned(),
         bytes: bytes.len() as u64,
         steps: 0,
@@ -165,7 +165,7 @@ pub fn examine(path: &Path) -> Result<Examination, TraceError> {
         }
         _ => {}
     }
-    Ok(Examination {
+    Ok(DoctorReport {
         findings,
         notes,
         ..examination
@@ -543,11 +543,13 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
             RECOVER,
         ),
         TraceError::Torn { lost, .. } => (at(offset), lost.clone(), RECOVER),
-        TraceError::Damaged { what, .. } => (at(offset), what.clone(), COPY),
-        TraceError::Message { topic, what, .. } => {
-            (format!("message on {topic}"), what.clone(), CHANGED)
-        }
-        TraceError::Missing { what, .. } => {
+        TraceError::Damaged { problem: what, .. } => (at(offset), what.clone(), COPY),
+        TraceError::Message {
+            topic,
+            problem: what,
+            ..
+        } => (format!("message on {topic}"), what.clone(), CHANGED),
+        TraceError::Missing { part: what, .. } => {
             ("trace".to_owned(), format!("it holds no {what}"), CHANGED)
         }
         TraceError::Attachment {
@@ -573,7 +575,11 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
                 CHANGED,
             )
         }
-        TraceError::Picture { step: of, what, .. } => {
+        TraceError::Image {
+            step: of,
+            problem: what,
+            ..
+        } => {
             step = *of;
             let advice = "take another copy, or drop the pictures with `reel compact` and draw them again with `reel expand`";
             ("picture".to_owned(), format!("it {what}"), advice)

@@ -42,7 +42,7 @@ pub enum TraceError {
     #[error(
         "cannot recover {of}: another file is in the way, and it does not hold these steps; choose a folder with --out: {path}"
     )]
-    InTheWay {
+    TargetExists {
         /// What should be recovered.
         of: PathBuf,
         /// What is in the way.
@@ -114,7 +114,7 @@ pub enum TraceError {
         /// Where.
         offset: u64,
         /// What is wrong.
-        what: String,
+        problem: String,
     },
     /// A message is not what its schema says, or is missing, twice or in the wrong place.
     #[error(
@@ -128,7 +128,7 @@ pub enum TraceError {
         /// The channel.
         topic: String,
         /// What is wrong.
-        what: String,
+        problem: String,
     },
     /// Something that every trace holds is not there.
     #[error("the trace holds no {what}; it was cut or written by another program: {path}")]
@@ -136,7 +136,7 @@ pub enum TraceError {
         /// The file.
         path: PathBuf,
         /// What.
-        what: &'static str,
+        part: &'static str,
     },
     /// An attachment is not the one that the header names, or no valid one.
     #[error(
@@ -166,13 +166,13 @@ pub enum TraceError {
     },
     /// A picture cannot be read or is not the recorded one.
     #[error("the picture of {} {what}; it was changed or damaged: {path}", moment(*.step))]
-    Picture {
+    Image {
         /// The file.
         path: PathBuf,
         /// The step; none: the start.
         step: Option<u32>,
         /// What is wrong with it.
-        what: String,
+        problem: String,
     },
     /// Log-probabilities that are not of the recorded tokens.
     #[error("log-probabilities of step {step} are refused: {source}: {path}")]
@@ -204,15 +204,15 @@ pub enum TraceError {
         /// Line of the file, counted from 1.
         line: u32,
         /// What the parser says.
-        what: String,
+        problem: String,
     },
     /// The recorder was called out of turn.
     #[error("cannot record {what}: {expected} comes next: {path}")]
-    OutOfTurn {
+    UnexpectedCall {
         /// The file.
         path: PathBuf,
         /// What should be recorded.
-        what: String,
+        record: String,
         /// What the recorder waits for.
         expected: String,
     },

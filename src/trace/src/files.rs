@@ -34,7 +34,9 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
         }
     };
     let limit = limits.file_bytes;
-    let file = remote::local(path).and_then(File::open).map_err(failed)?;
+    let file = remote::local_copy(path)
+        .and_then(File::open)
+        .map_err(failed)?;
     let found = file.metadata().map_err(failed)?.len();
     let mut bytes = Buffer::take();
     if found <= limit {

@@ -461,10 +461,10 @@ impl<W: Write + Seek> Journal<W> {
         let (expected, found) = (FRAME_WIDTH * FRAME_HEIGHT * 3, rgb.len());
         if expected != found {
             let what = format!("has {found} bytes instead of {expected}");
-            return Err(TraceError::Picture {
+            return Err(TraceError::Image {
                 path: self.path.clone(),
                 step,
-                what,
+                problem: what,
             });
         }
         Ok(encode_webp(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
@@ -544,9 +544,9 @@ impl<W: Write + Seek> Journal<W> {
             ),
             Turn::Failed => "nothing (writing failed)".to_owned(),
         };
-        TraceError::OutOfTurn {
+        TraceError::UnexpectedCall {
             path: self.path.clone(),
-            what: what.to_owned(),
+            record: what.to_owned(),
             expected,
         }
     }

@@ -34,12 +34,14 @@ mod unpack;
 mod viewer;
 
 pub use content::content;
-pub use doctor::{Examination, Finding, examine};
+pub use doctor::{DoctorReport, Finding, examine};
 pub use error::TraceError;
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
 pub use picture::{decode_png, decode_webp, encode_png, encode_webp};
 pub use reader::{RecordsReader, Trace};
 pub use recorder::{Durability, Images, RecordOptions, Recorder, Timing, TraceSummary};
-pub use recover::{Recovery, Restored, Scoring, recover};
-pub use remote::{FileFacts, Remote, file_facts, is_remote, list_remote, local, reach};
+pub use recover::{Recovery, RecoveryStatus, Scoring, recover};
+pub use remote::{
+    FileMetadata, RemoteFs, file_metadata, install_remote_fs, is_remote, list_remote, local_copy,
+};

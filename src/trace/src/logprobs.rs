@@ -39,7 +39,7 @@ impl ScoredTokens {
             serde_json::from_str(text).map_err(|error| TraceError::ScoredLine {
                 path: path.to_owned(),
                 line,
-                what: error.to_string(),
+                problem: error.to_string(),
             })
         };
         lines.map(read).collect()
@@ -120,7 +120,7 @@ impl Trace {
         let Some(end) = &self.end else {
             return Err(TraceError::Missing {
                 path: self.path.clone(),
-                what: "end of the episode",
+                part: "end of the episode",
             });
         };
         let images = if self.image_count() + self.originals.len() > 0 {

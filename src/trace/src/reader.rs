@@ -67,14 +67,14 @@ impl Trace {
     /// # Errors
     /// The first thing that is wrong. [`TraceError::Torn`]: use [`Trace::read_partial`].
     pub fn read(path: &Path) -> Result<Trace, TraceError> {
-        Self::read_within(path, &Limits::default())
+        Self::read_with_limits(path, &Limits::default())
     }
 
     /// [`Trace::read`] with other limits.
     ///
     /// # Errors
     /// As [`Trace::read`].
-    pub fn read_within(path: &Path, limits: &Limits) -> Result<Trace, TraceError> {
+    pub fn read_with_limits(path: &Path, limits: &Limits) -> Result<Trace, TraceError> {
         Self::from_bytes(path, &files::read(path, limits)?, limits)
     }
 
@@ -118,7 +118,7 @@ impl Trace {
 
     /// The picture after a step (none: of the start) as the robot's camera gave it, if the trace
     /// holds it.
-    pub fn original(&self, step: Option<u32>) -> Option<&CameraImage> {
+    pub fn camera_image(&self, step: Option<u32>) -> Option<&CameraImage> {
         self.originals.get(&step)
     }
 
@@ -136,10 +136,10 @@ impl Trace {
         let Some(webp) = self.image(step) else {
             return Ok(None);
         };
-        let refuse = |what: String| TraceError::Picture {
+        let refuse = |what: String| TraceError::Image {
             path: self.path.clone(),
             step,
-            what,
+            problem: what,
         };
         let pixels = (FRAME_WIDTH * FRAME_HEIGHT) as u32;
         let (rgb, width, height) = decode_webp(webp, pixels)

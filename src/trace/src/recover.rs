@@ -31,7 +31,7 @@ use crate::{
 /// What became of a recording.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Restored {
+pub enum RecoveryStatus {
     /// It is a whole trace; there was nothing to do.
     NotNeeded,
     /// A trace with its whole steps was written.
@@ -48,7 +48,7 @@ pub struct Recovery {
     /// The recording.
     pub source: PathBuf,
     /// What became of it.
-    pub restored: Restored,
+    pub restored: RecoveryStatus,
     /// The whole trace, or the file that says that there is none.
     pub trace: PathBuf,
     /// How many steps it was possible to read.
@@ -129,7 +129,7 @@ pub fn recover(
 
     let mut recovery = Recovery {
         source: source.to_owned(),
-        restored: Restored::NotNeeded,
+        restored: RecoveryStatus::NotNeeded,
         trace: source.to_owned(),
         steps: trace.as_ref().map_or(0, |trace| trace.steps.len() as u32),
         end_recorded: trace.as_ref().is_ok_and(|trace| trace.end.is_some()),
@@ -196,12 +196,12 @@ pub fn recover(
     let (path, there) = target(source, folder, is_part, trace.as_ref().ok())?;
     recovery.trace = path;
     if there {
-        recovery.restored = Restored::Before;
+        recovery.restored = RecoveryStatus::Before;
     } else {
         recovery.restored = if trace.is_ok() {
-            Restored::Written
+            RecoveryStatus::Written
         } else {
-            Restored::Nothing
+            RecoveryStatus::Nothing
         };
         let bytes = rendered(&recovery, &recovery.trace)?;
         // What does not read is not written.
@@ -336,7 +336,7 @@ fn metadata(recovery: &Recovery) -> BTreeMap<String, String> {
         .to_string_lossy()
         .into_owned();
     let end = match (recovery.restored, recovery.end_recorded) {
-        (Restored::Nothing, _) => "none",
+        (RecoveryStatus::Nothing, _) => "none",
         (_, true) => "recorded",
         (_, false) => "aborted",
     };
@@ -383,7 +383,7 @@ fn target(
             return Ok((path.clone(), true));
         }
     }
-    Err(TraceError::InTheWay {
+    Err(TraceError::TargetExists {
         of: source.to_owned(),
         path: second,
     })

@@ -11,7 +11,7 @@ use std::{
 
 /// What is known of a file without reading it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct FileFacts {
+pub struct FileMetadata {
     /// Its size.
     pub bytes: u64,
     /// When it was written last, nanoseconds since 1970; 0 where nobody tells.
@@ -19,7 +19,7 @@ pub struct FileFacts {
 }
 
 /// A place of files that are named by URL.
-pub trait Remote: Send + Sync {
+pub trait RemoteFs: Send + Sync {
     /// The files below a folder, or the one file of this name; none where there is neither.
     ///
     /// # Errors
@@ -30,7 +30,7 @@ pub trait Remote: Send + Sync {
     ///
     /// # Errors
     /// When it is not there, or the place cannot be reached.
-    fn facts(&self, name: &str) -> io::Result<FileFacts>;
+    fn metadata(&self, name: &str) -> io::Result<FileMetadata>;
 
     /// Brings a file to this machine, as it is now, and says where it is.
     ///
@@ -39,10 +39,10 @@ pub trait Remote: Send + Sync {
     fn fetch(&self, name: &str) -> io::Result<PathBuf>;
 }
 
-static REMOTE: OnceLock<Box<dyn Remote>> = OnceLock::new();
+static REMOTE: OnceLock<Box<dyn RemoteFs>> = OnceLock::new();
 
 /// Says who reaches the files that are named by URL. The first one that is named stays.
-pub fn reach(remote: Box<dyn Remote>) {
+pub fn install_remote_fs(remote: Box<dyn RemoteFs>) {
     let _ = REMOTE.set(remote);
 }
 
@@ -70,9 +70,9 @@ pub fn list_remote(folder: &Path) -> io::Result<Vec<PathBuf>> {
 ///
 /// # Errors
 /// When it is not there, or nobody reaches it.
-pub fn file_facts(path: &Path) -> io::Result<FileFacts> {
+pub fn file_metadata(path: &Path) -> io::Result<FileMetadata> {
     if let Some(name) = url(path) {
-        return remote(path)?.facts(name);
+        return remote(path)?.metadata(name);
     }
     let data = std::fs::metadata(path)?;
     let since = data
@@ -82,7 +82,7 @@ pub fn file_facts(path: &Path) -> io::Result<FileFacts> {
     let modified_ns = since
         .and_then(|since| i64::try_from(since.as_nanos()).ok())
         .unwrap_or(0);
-    Ok(FileFacts {
+    Ok(FileMetadata {
         bytes: data.len(),
         modified_ns,
     })
@@ -92,7 +92,7 @@ pub fn file_facts(path: &Path) -> io::Result<FileFacts> {
 ///
 /// # Errors
 /// When it is named by URL, and not there or not reached.
-pub fn local(path: &Path) -> io::Result<PathBuf> {
+pub fn local_copy(path: &Path) -> io::Result<PathBuf> {
     match url(path) {
         Some(name) => remote(path)?.fetch(name),
         None => Ok(path.to_owned()),
@@ -103,7 +103,7 @@ fn url(path: &Path) -> Option<&str> {
     path.to_str().filter(|name| name.contains("://"))
 }
 
-fn remote(path: &Path) -> io::Result<&'static dyn Remote> {
+fn remote(path: &Path) -> io::Result<&'static dyn RemoteFs> {
     REMOTE
         .get()
         .map(|remote| &**remote)

@@ -31,7 +31,7 @@ impl Trace {
         let Some(end) = &self.end else {
             return Err(TraceError::Missing {
                 path: self.path.clone(),
-                what: "end of the episode",
+                part: "end of the episode",
             });
         };
         let bytes = self.rendered(path, images, &self.recoveries, end, |step| match images {
@@ -65,7 +65,7 @@ impl Trace {
         let head = (&self.header, &*self.task, &*self.scene);
         let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
         journal.robot(None, &self.robot)?;
-        if let Some(original) = self.original(None) {
+        if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
         }
         journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
@@ -75,7 +75,7 @@ impl Trace {
                 journal.timing(step.step, timing)?;
             }
             journal.robot(Some(step.step), &self.robot)?;
-            if let Some(original) = self.original(Some(step.step)) {
+            if let Some(original) = self.camera_image(Some(step.step)) {
                 journal.original(Some(step.step), original)?;
             }
             journal.step(
@@ -101,10 +101,10 @@ impl Trace {
             return Ok(());
         }
         let what = format!("has the digest {found} instead of {}", expected.rgb);
-        Err(TraceError::Picture {
+        Err(TraceError::Image {
             path: self.path.clone(),
             step,
-            what,
+            problem: what,
         })
     }
 }

@@ -30,22 +30,22 @@ const LAST: usize = 3;
 
 /// Moving pictures in memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Film {
+pub struct Video {
     /// In pixels; even.
     pub width: usize,
     /// In pixels; even.
     pub height: usize,
     /// 8-bit RGB, row by row from the top left; one before the first call, then one a call.
-    pub pictures: Vec<Vec<u8>>,
+    pub frames: Vec<Vec<u8>>,
 }
 
 /// An episode and its pictures before the first call and after each.
 #[derive(Clone, Copy, Debug)]
-pub struct Part<'a> {
+pub struct VideoSegment<'a> {
     /// The episode.
     pub trace: &'a Trace,
     /// 640 x 480, RGB.
-    pub pictures: &'a [Vec<u8>],
+    pub frames: &'a [Vec<u8>],
 }
 
 /// What stands beneath a picture.
@@ -57,13 +57,13 @@ struct Caption {
     colour: Colour,
 }
 
-impl Film {
+impl Video {
     /// A film of one episode, or of several side by side, call by call; who is through first waits
     /// in its last picture.
-    pub fn new(parts: &[Part<'_>]) -> Self {
+    pub fn new(parts: &[VideoSegment<'_>]) -> Self {
         let length = parts
             .iter()
-            .map(|part| part.pictures.len())
+            .map(|part| part.frames.len())
             .max()
             .unwrap_or(0);
         let width = parts.len() * FRAME_WIDTH + parts.len().saturating_sub(1) * GAP;
@@ -72,8 +72,8 @@ impl Film {
         let picture = |moment: usize| {
             let mut canvas = Canvas::new(width, height, PAPER);
             for (index, (part, captions)) in parts.iter().zip(&captions).enumerate() {
-                let at = moment.min(part.pictures.len().min(captions.len()).saturating_sub(1));
-                if let (Some(picture), Some(caption)) = (part.pictures.get(at), captions.get(at)) {
+                let at = moment.min(part.frames.len().min(captions.len()).saturating_sub(1));
+                if let (Some(picture), Some(caption)) = (part.frames.get(at), captions.get(at)) {
                     draw(
                         &mut canvas,
                         index * (FRAME_WIDTH + GAP),
@@ -88,7 +88,7 @@ impl Film {
         Self {
             width,
             height,
-            pictures: (0..length).map(picture).collect(),
+            frames: (0..length).map(picture).collect(),
         }
     }
 
@@ -99,7 +99,7 @@ impl Film {
     /// When it is larger than a GIF can be.
     pub fn gif(&self, fps: f64) -> Result<Vec<u8>, ViewError> {
         let size = |pixels: usize| {
-            u16::try_from(pixels).map_err(|_| ViewError::FilmSize {
+            u16::try_from(pixels).map_err(|_| ViewError::VideoSize {
                 width: self.width,
                 height: self.height,
             })
@@ -109,8 +109,8 @@ impl Film {
         let mut bytes = Vec::new();
         let mut encoder = gif::Encoder::new(&mut bytes, width, height, &[])?;
         encoder.set_repeat(gif::Repeat::Infinite)?;
-        for (index, picture) in self.pictures.iter().enumerate() {
-            let times = if index + 1 == self.pictures.len() {
+        for (index, picture) in self.frames.iter().enumerate() {
+            let times = if index + 1 == self.frames.len() {
                 LAST
             } else {
                 1
@@ -126,11 +126,11 @@ impl Film {
     /// The pictures as a stream for an encoder that takes each equally long.
     pub fn stream(&self) -> impl Iterator<Item = &[u8]> {
         let last = self
-            .pictures
+            .frames
             .last()
             .into_iter()
             .flat_map(|picture| std::iter::repeat_n(picture.as_slice(), LAST - 1));
-        self.pictures.iter().map(Vec::as_slice).chain(last)
+        self.frames.iter().map(Vec::as_slice).chain(last)
     }
 }
 

@@ -15,12 +15,12 @@ mod side_by_side;
 mod transcript;
 
 pub use contact_sheet::contact_sheet;
-pub use film::{Film, Part};
-pub use moment::moment;
-pub use picture_difference::picture_difference;
+pub use film::{Video, VideoSegment};
+pub use moment::state_text;
+pub use picture_difference::image_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
-pub use sheet::{Card, sheet};
+pub use sheet::{SheetImage, sheet};
 pub use side_by_side::side_by_side;
 pub use transcript::{step, transcript};
 
@@ -38,7 +38,7 @@ pub enum ViewError {
     Gif(#[from] gif::EncodingError),
     /// A film is too large.
     #[error("a GIF has at most 65,535 x 65,535 pixels, not {width} x {height}")]
-    FilmSize {
+    VideoSize {
         /// In pixels.
         width: usize,
         /// In pixels.

@@ -6,7 +6,7 @@ use reel_replay::Replay;
 use reel_world::record::MarkerTarget;
 
 /// What holds after the calls that a replay executed: robot, gripper, markers, graph, motion.
-pub fn moment(replay: &Replay<'_>) -> String {
+pub fn state_text(replay: &Replay<'_>) -> String {
     let simulator = replay.episode().simulator();
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {

@@ -17,7 +17,7 @@ const HALO: usize = 2;
 ///
 /// # Errors
 /// When the PNG cannot be made.
-pub fn picture_difference(recorded: &[u8], replayed: &[u8]) -> Result<Vec<u8>, ViewError> {
+pub fn image_difference(recorded: &[u8], replayed: &[u8]) -> Result<Vec<u8>, ViewError> {
     let mut canvas = Canvas::new(
         3 * (FRAME_WIDTH + MARGIN) + MARGIN,
         FRAME_HEIGHT + TITLE_HEIGHT + 2 * MARGIN,
@@ -74,9 +74,9 @@ mod tests {
                 .filter(|pixel| pixel[0] > 200 && pixel[1] < 60 && pixel[2] < 60)
                 .count()
         };
-        assert_eq!(red(&picture_difference(&recorded, &recorded).unwrap()), 0);
+        assert_eq!(red(&image_difference(&recorded, &recorded).unwrap()), 0);
         assert_eq!(
-            red(&picture_difference(&recorded, &replayed).unwrap()),
+            red(&image_difference(&recorded, &replayed).unwrap()),
             (2 * HALO + 1) * (2 * HALO + 1)
         );
     }

@@ -7,7 +7,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-use reel_replay::pictures_at;
+use reel_replay::frames_at;
 use reel_trace::Trace;
 use reel_world::{
     DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task,
@@ -64,7 +64,7 @@ pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
             .filter(|record| record.digests.frame.is_some())
             .map(|record| Some(record.step));
         let moments: BTreeSet<_> = start.into_iter().chain(steps).collect();
-        drawn = pictures_at(trace, &moments).unwrap_or_default();
+        drawn = frames_at(trace, &moments).unwrap_or_default();
     }
     let recording = Recording {
         trace,

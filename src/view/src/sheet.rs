@@ -21,9 +21,9 @@ const HEIGHT: usize = FRAME_HEIGHT / 2;
 
 /// One picture of a sheet.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Card {
+pub struct SheetImage {
     /// RGB, as large as a frame; none leaves its place empty.
-    pub picture: Option<Vec<u8>>,
+    pub image: Option<Vec<u8>>,
     /// In bold below it.
     pub title: String,
     /// Below that.
@@ -34,7 +34,7 @@ pub struct Card {
 ///
 /// # Errors
 /// When it cannot be encoded.
-pub fn sheet(title: &str, cards: &[Card]) -> Result<Vec<u8>, ViewError> {
+pub fn sheet(title: &str, cards: &[SheetImage]) -> Result<Vec<u8>, ViewError> {
     let columns = cards.len().clamp(2, COLUMNS_MAX);
     let width = MARGIN + columns * (WIDTH + MARGIN);
     let titles = wrap(title, (width - 2 * MARGIN) / Font::Title.width(), 2);
@@ -63,7 +63,7 @@ pub fn sheet(title: &str, cards: &[Card]) -> Result<Vec<u8>, ViewError> {
         let x = MARGIN + index % columns * (WIDTH + MARGIN);
         let y = header + index / columns * (card_height + MARGIN);
         canvas.fill(x, y, WIDTH, card_height, CARD);
-        if let Some(picture) = &card.picture {
+        if let Some(picture) = &card.image {
             canvas.paste_halved(x, y, picture, FRAME_WIDTH, FRAME_HEIGHT);
         }
         let mut line = y + HEIGHT + PADDING;

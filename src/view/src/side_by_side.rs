@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use reel_replay::{Beside, Deed, EpisodeTitle, Row};
+use reel_replay::{CallPair, CallSummary, Comparison, EpisodeTitle};
 
 use crate::canvas::wrap;
 
@@ -13,7 +13,7 @@ const LINES_MAX: usize = 3;
 
 /// Two columns: the calls, what they came to, what they changed and their reward, then how each
 /// episode ended.
-pub fn side_by_side(beside: &Beside) -> String {
+pub fn side_by_side(beside: &Comparison) -> String {
     let mut text = String::new();
     for (name, episode) in ["A", "B"].into_iter().zip(&beside.episodes) {
         let _ = writeln!(text, "{name}  {}", title(episode, beside));
@@ -55,7 +55,7 @@ pub fn side_by_side(beside: &Beside) -> String {
     text
 }
 
-fn title(episode: &EpisodeTitle, beside: &Beside) -> String {
+fn title(episode: &EpisodeTitle, beside: &Comparison) -> String {
     let file = episode
         .trace
         .file_name()
@@ -79,7 +79,7 @@ fn title(episode: &EpisodeTitle, beside: &Beside) -> String {
 
 /// `=` where all is the same, `~` where the same call came to something else, `|` where the calls
 /// differ.
-fn write_row(text: &mut String, row: &Row) {
+fn write_row(text: &mut String, row: &CallPair) {
     let mark = match (row.same_call, row.same_outcome) {
         (true, true) => "=",
         (true, false) => "~",
@@ -103,7 +103,7 @@ fn write_row(text: &mut String, row: &Row) {
 }
 
 /// The lines of one call: left and right-aligned text.
-fn column(deed: &Deed, short: bool) -> Vec<(String, String)> {
+fn column(deed: &CallSummary, short: bool) -> Vec<(String, String)> {
     let reward = if deed.reward == 0.0 {
         String::new()
     } else {

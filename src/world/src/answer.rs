@@ -21,7 +21,7 @@ pub struct Call {
 
 /// An assistant's turn, read.
 #[derive(Clone, PartialEq, Debug, Default)]
-pub struct Answer {
+pub struct AssistantTurn {
     /// The text up to `</think>`, and what stands before the JSON.
     pub reasoning: String,
     /// `History`, in words.
@@ -36,7 +36,7 @@ pub struct Answer {
     pub object: Option<Map<String, Value>>,
 }
 
-impl Answer {
+impl AssistantTurn {
     /// Reads the message of a model that calls functions: its `content` is the answer, where it has
     /// one.
     pub fn of_message(message: &Value) -> Self {
@@ -84,7 +84,7 @@ impl Answer {
     }
 }
 
-impl Answer {
+impl AssistantTurn {
     /// Reasoning, History and plan as a trace keeps them, without the raw text.
     pub fn output(&self) -> PolicyOutput {
         let plan = [
@@ -230,7 +230,7 @@ mod tests {
 {"summary": {"History": "went", "New Schedule": ["pick", "place"], "Current subtask": "pick it"},
  "next action": {"name": "pick", "arguments": "{\"marker_id\": 1}"}}
 ```"#;
-        let answer = Answer::parse(fenced);
+        let answer = AssistantTurn::parse(fenced);
         assert_eq!(answer.reasoning, "it is red");
         assert_eq!(answer.history.as_deref(), Some("went"));
         assert_eq!(answer.schedule.as_deref(), Some("pick; place"));
@@ -240,7 +240,7 @@ mod tests {
             (action.name.as_str(), &action.arguments),
             ("pick", &json!({"marker_id": 1}))
         );
-        let plain = Answer::parse(
+        let plain = AssistantTurn::parse(
             r#"so {"summary": "went", "action": {"tool_name": "finish", "args": {}}}"#,
         );
         assert_eq!(
@@ -248,15 +248,15 @@ mod tests {
             ("so", Some("went"))
         );
         assert_eq!(plain.action.expect("it has one").canonical(), "finish({})");
-        assert_eq!(Answer::parse("I {do not} know").action, None);
+        assert_eq!(AssistantTurn::parse("I {do not} know").action, None);
     }
 
     #[test]
     fn the_order_of_keys_is_no_difference() {
-        let one = Answer::parse(
+        let one = AssistantTurn::parse(
             r#"{"next_action": {"tool_name": "ask", "args": {"b": 1, "a": {"d": 1, "c": 2}}}}"#,
         );
-        let other = Answer::parse(
+        let other = AssistantTurn::parse(
             r#"{"next_action": {"tool_name": "ask", "args": {"a": {"c": 2, "d": 1}, "b": 1}}}"#,
         );
         assert_eq!(
@@ -268,7 +268,7 @@ mod tests {
     proptest! {
         #[test]
         fn nothing_panics(text in "(\\PC|[{}\"\\[\\]:,]|</think>|```|summary|next_action){0,200}") {
-            let _ = Answer::parse(&text);
+            let _ = AssistantTurn::parse(&text);
         }
     }
 }

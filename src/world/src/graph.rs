@@ -147,7 +147,7 @@ impl WorldGraph {
     }
 
     /// The first receptacle (or the floor) that holds the object.
-    pub fn place_of(&self, object: &InstanceId) -> Option<&ReceptacleId> {
+    pub fn receptacle_of(&self, object: &InstanceId) -> Option<&ReceptacleId> {
         self.receptacles
             .iter()
             .find(|(_, state)| state.content.contains_key(object))

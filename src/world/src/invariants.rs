@@ -9,7 +9,7 @@ use crate::{
 
 /// What an invariant is checked on.
 #[derive(Clone, Copy)]
-pub struct Moment<'a> {
+pub struct InvariantInput<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// The task.
@@ -37,7 +37,7 @@ pub struct Violation {
 pub struct Invariant {
     /// Its name, as in messages and documents.
     pub name: &'static str,
-    check: fn(&Moment<'_>) -> Result<(), String>,
+    check: fn(&InvariantInput<'_>) -> Result<(), String>,
 }
 
 impl fmt::Debug for Invariant {
@@ -74,7 +74,7 @@ pub const ALL: [Invariant; 5] = [
 ///
 /// # Errors
 /// The first violation.
-pub fn check(moment: &Moment<'_>) -> Result<(), Violation> {
+pub fn check(moment: &InvariantInput<'_>) -> Result<(), Violation> {
     ALL.iter().try_for_each(|invariant| {
         (invariant.check)(moment).map_err(|detail| Violation {
             name: invariant.name,
@@ -83,7 +83,7 @@ pub fn check(moment: &Moment<'_>) -> Result<(), Violation> {
     })
 }
 
-fn objects_are_conserved(moment: &Moment<'_>) -> Result<(), String> {
+fn objects_are_conserved(moment: &InvariantInput<'_>) -> Result<(), String> {
     let mut count: BTreeMap<&InstanceId, i64> = BTreeMap::new();
     for object in &moment.task.objects {
         *count.entry(&object.instance).or_default() += 1;
@@ -103,17 +103,17 @@ fn objects_are_conserved(moment: &Moment<'_>) -> Result<(), String> {
     }
 }
 
-fn held_object_is_in_no_receptacle(moment: &Moment<'_>) -> Result<(), String> {
+fn held_object_is_in_no_receptacle(moment: &InvariantInput<'_>) -> Result<(), String> {
     match moment
         .held
-        .and_then(|held| moment.graph.place_of(held).map(|place| (held, place)))
+        .and_then(|held| moment.graph.receptacle_of(held).map(|place| (held, place)))
     {
         None => Ok(()),
         Some((held, place)) => Err(format!("{held} is held and on {place}")),
     }
 }
 
-fn receptacles_are_the_scenes(moment: &Moment<'_>) -> Result<(), String> {
+fn receptacles_are_the_scenes(moment: &InvariantInput<'_>) -> Result<(), String> {
     let unknown = moment
         .graph
         .receptacles
@@ -125,7 +125,7 @@ fn receptacles_are_the_scenes(moment: &Moment<'_>) -> Result<(), String> {
     }
 }
 
-fn doors_only_where_the_scene_has_them(moment: &Moment<'_>) -> Result<(), String> {
+fn doors_only_where_the_scene_has_them(moment: &InvariantInput<'_>) -> Result<(), String> {
     for receptacle in &moment.scene.receptacles {
         let in_graph = moment.graph.door(&receptacle.id).is_some();
         if in_graph != receptacle.door.exists() {
@@ -139,7 +139,7 @@ fn doors_only_where_the_scene_has_them(moment: &Moment<'_>) -> Result<(), String
     Ok(())
 }
 
-fn markers_are_unique_and_known(moment: &Moment<'_>) -> Result<(), String> {
+fn markers_are_unique_and_known(moment: &InvariantInput<'_>) -> Result<(), String> {
     for (index, marker) in moment.markers.iter().enumerate() {
         if moment.markers[..index]
             .iter()

@@ -127,7 +127,7 @@ pub enum MeshFault {
     #[error("it has {found} {what}, and at most {limit} are taken; {advice}")]
     TooMany {
         /// Of what.
-        what: &'static str,
+        kind: &'static str,
         /// How many there are.
         found: usize,
         /// How many there may be.
@@ -139,7 +139,7 @@ pub enum MeshFault {
     #[error("{what} {index} is not finite")]
     NotFinite {
         /// Of what kind.
-        what: &'static str,
+        kind: &'static str,
         /// Which.
         index: usize,
     },
@@ -149,7 +149,7 @@ pub enum MeshFault {
         /// Which triangle.
         triangle: usize,
         /// To what.
-        what: &'static str,
+        kind: &'static str,
         /// To which.
         index: usize,
         /// How many there are.
@@ -171,7 +171,7 @@ pub enum MeshFault {
     #[error("it has {found} {what} for {expected} vertices")]
     Lengths {
         /// Of what.
-        what: &'static str,
+        kind: &'static str,
         /// How many there are.
         found: usize,
         /// How many there should be.
@@ -179,7 +179,7 @@ pub enum MeshFault {
     },
     /// No picture.
     #[error("texture {texture} holds {bytes} bytes, which are not {width} x {height} pixels")]
-    NoPicture {
+    NoTextureImage {
         /// Which.
         texture: usize,
         /// What it holds.
@@ -318,7 +318,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     ] {
         if found > limit {
             return Err(MeshFault::TooMany {
-                what,
+                kind: what,
                 found,
                 limit,
                 advice,
@@ -332,7 +332,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     ] {
         if found != 0 && found != vertices {
             return Err(MeshFault::Lengths {
-                what,
+                kind: what,
                 found,
                 expected: vertices,
             });
@@ -352,7 +352,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     )?;
     for (texture, Texture { width, height, rgb }) in data.textures.iter().enumerate() {
         if rgb.is_empty() || rgb.len() as u128 != u128::from(*width) * u128::from(*height) * 3 {
-            return Err(MeshFault::NoPicture {
+            return Err(MeshFault::NoTextureImage {
                 texture,
                 bytes: rgb.len(),
                 width: *width,
@@ -370,7 +370,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     for (index, triangle) in data.triangles.iter().enumerate() {
         let outside = |what, index_of: usize, count| MeshFault::OutOfRange {
             triangle: index,
-            what,
+            kind: what,
             index: index_of,
             count,
         };
@@ -398,7 +398,7 @@ fn finite<const N: usize>(what: &'static str, list: &[[f32; N]]) -> Result<(), M
         .iter()
         .position(|values| !values.iter().all(|value| value.is_finite()))
     {
-        Some(index) => Err(MeshFault::NotFinite { what, index }),
+        Some(index) => Err(MeshFault::NotFinite { kind: what, index }),
         None => Ok(()),
     }
 }

@@ -98,7 +98,7 @@ error_codes! {
 impl ErrorCode {
     /// What a text of the published server or of ours says went wrong; none where it says of no
     /// failure that is known. Never ask it of what a user answered.
-    pub fn told_by(text: &str) -> Option<Self> {
+    pub fn from_message(text: &str) -> Option<Self> {
         TOLD.iter()
             .find(|(part, _)| text.contains(part))
             .map(|(_, code)| *code)

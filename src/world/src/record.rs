@@ -184,7 +184,7 @@ pub struct StepInput {
 
 impl StepInput {
     /// A call with nothing from outside.
-    pub fn bare(call: ToolCall) -> Self {
+    pub fn from_call(call: ToolCall) -> Self {
         Self {
             call,
             policy: None,
@@ -194,10 +194,10 @@ impl StepInput {
     }
 
     /// A call and what came with it.
-    pub fn said(call: ToolCall, policy: PolicyOutput) -> Self {
+    pub fn with_policy_output(call: ToolCall, policy: PolicyOutput) -> Self {
         Self {
             policy: Some(policy),
-            ..Self::bare(call)
+            ..Self::from_call(call)
         }
     }
 }

@@ -177,11 +177,11 @@ impl Task {
 
     /// Whether the goal wants an object elsewhere than it is at the start.
     pub fn moves(&self, object: &ObjectInstance) -> bool {
-        self.goal.place_of(&object.instance) != self.initial.place_of(&object.instance)
+        self.goal.receptacle_of(&object.instance) != self.initial.receptacle_of(&object.instance)
     }
 
     /// The objects that the goal wants elsewhere.
-    pub fn moved(&self) -> impl Iterator<Item = &ObjectInstance> {
+    pub fn goal_objects(&self) -> impl Iterator<Item = &ObjectInstance> {
         self.objects.iter().filter(|object| self.moves(object))
     }
 
@@ -201,7 +201,7 @@ impl Task {
     }
 
     /// The indices of its objects in the order in which the file places them.
-    pub fn placed(&self) -> Vec<usize> {
+    pub fn placement_order(&self) -> Vec<usize> {
         let rank = |object: &ObjectInstance| {
             self.placement_order
                 .iter()

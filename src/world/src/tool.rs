@@ -134,7 +134,7 @@ impl Profile {
     /// The call as this profile's server takes it: the trainer and the agents also rename before
     /// they call. The question to the user becomes the description that branch `main` asks for.
     /// What is no tool of ours stays as it is.
-    pub fn spoken(self, call: ToolCall) -> ToolCall {
+    pub fn to_server_call(self, call: ToolCall) -> ToolCall {
         let Some(spec) = ToolSpec::by_name(&call.name).filter(|_| self.is_published()) else {
             return call;
         };

@@ -28,7 +28,7 @@ pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectI
         }
     };
     let at_destination =
-        |object: &ObjectInstance| task.goal.place_of(&task.target) == Some(&object.receptacle);
+        |object: &ObjectInstance| task.goal.receptacle_of(&task.target) == Some(&object.receptacle);
     let stays = |object: &ObjectInstance| !task.moves(object);
     let others = task.objects.iter().filter(|object| {
         object.instance != task.target && !at_destination(object) && stays(object)
@@ -96,7 +96,7 @@ pub(super) fn usable(scene: &Scene) -> impl Iterator<Item = &Receptacle> {
 
 /// Where the target has to go.
 pub(super) fn destination(task: &Task) -> &ReceptacleId {
-    task.goal.place_of(&task.target).unwrap_or(&task.dest)
+    task.goal.receptacle_of(&task.target).unwrap_or(&task.dest)
 }
 
 /// Whether a receptacle is closed at the start.

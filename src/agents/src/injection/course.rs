@@ -12,7 +12,7 @@ use super::{
     deed::{Deed, Leg, Until},
     faults,
 };
-use crate::{faults::mistaken_task, oracle::Habits, random};
+use crate::{faults::mistaken_task, oracle::OracleOptions, random};
 
 /// In how many of a hundred episodes with a wrong deed the agent never comes to finish.
 const NEVER_FINISHES: usize = 15;
@@ -65,7 +65,7 @@ pub(super) struct Draft<'a> {
     pub object: Option<ObjectInstance>,
     /// What is taken for the destination, if it is another receptacle.
     pub place: Option<ReceptacleId>,
-    pub habits: Habits,
+    pub habits: OracleOptions,
     /// Where a fault takes or puts something: another one must not mean the same place, or there is
     /// nothing left to do.
     pub engaged: Vec<ReceptacleId>,
@@ -81,7 +81,7 @@ impl Course {
             rng: random::stream(injection.seed, "injection", 0),
             object: None,
             place: None,
-            habits: Habits::default(),
+            habits: OracleOptions::default(),
             engaged: Vec::new(),
             course: Course::default(),
         };

@@ -12,7 +12,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::{Context, oracle::Habits, random};
+use crate::{Context, oracle::OracleOptions, random};
 
 /// One stretch of a course.
 #[derive(Clone, Debug)]
@@ -20,7 +20,7 @@ pub(super) enum Leg {
     /// The oracle acts, believing this task, until it comes to that point (which it does not pass).
     Follow {
         task: Arc<Task>,
-        habits: Habits,
+        habits: OracleOptions,
         until: Until,
     },
     /// The deeds in turn, so many in all; none: until the horizon.
@@ -43,7 +43,7 @@ pub(super) enum Leg {
     /// What is taken for the destination from here on; none: the destination. Only in a draft.
     Place(Option<ReceptacleId>),
     /// The habits from here on. Only in a draft.
-    Habits(Habits),
+    Habits(OracleOptions),
     /// The oracle as far as that, on what is believed then. Only in a draft.
     Go(Until),
 }

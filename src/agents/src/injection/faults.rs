@@ -9,7 +9,7 @@ use super::{
     course::{Draft, Insert, Watch},
     deed::{Deed, Leg, OldTool, Until},
 };
-use crate::{oracle::Habits, random};
+use crate::{oracle::OracleOptions, random};
 
 /// Things that are in nobody's household here: what one looks for in vain.
 const ABSENT: [&str; 6] = [
@@ -208,9 +208,9 @@ fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
             last: false,
         })
     };
-    let never_asks = Leg::Habits(Habits {
+    let never_asks = Leg::Habits(OracleOptions {
         asks: false,
-        ..Habits::default()
+        ..OracleOptions::default()
     });
     let believes = Leg::Object(Some(object.clone()));
     match fault.kind {
@@ -256,7 +256,7 @@ fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Leg> {
         Leg::Repaired(index),
         Leg::Unclaim,
         Leg::Object(None),
-        Leg::Habits(Habits::default()),
+        Leg::Habits(OracleOptions::default()),
     ]);
     legs
 }
@@ -400,12 +400,12 @@ fn missing_open(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
         });
     }
     let end = if draft.chance(30) { idly() } else { finish() };
-    let sees_doors = Leg::Habits(Habits::default());
+    let sees_doors = Leg::Habits(OracleOptions::default());
     let mut inserts = one(index, fault, at, legs, vec![end]);
     inserts[0].legs.push(sees_doors);
-    let blind = Leg::Habits(Habits {
+    let blind = Leg::Habits(OracleOptions {
         minds_doors: false,
-        ..Habits::default()
+        ..OracleOptions::default()
     });
     inserts.push(Insert {
         at: Until::Start,

@@ -311,17 +311,17 @@ impl Policy for Injected {
 
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let Some(truth) = context.truth else {
-            return Ok(StepInput::bare(Tool::Finish.to_call()));
+            return Ok(StepInput::from_call(Tool::Finish.to_call()));
         };
         self.held = truth.held.cloned();
-        self.target_at = truth.graph.place_of(&self.task.target).cloned();
+        self.target_at = truth.graph.receptacle_of(&self.task.target).cloned();
         let call = self.decide(context, truth);
         self.note(&call, context, truth);
         let thought = self.thought.take();
         let output = self
             .voice
             .tell(&call, thought.as_deref(), context.observation);
-        Ok(StepInput::said(call, output))
+        Ok(StepInput::with_policy_output(call, output))
     }
 
     fn gave_up(&self) -> Option<String> {

@@ -63,7 +63,7 @@ impl Draft<'_> {
         target
             .into_iter()
             .chain(others)
-            .find(|object| self.graph.place_of(object) != task.goal.place_of(object))
+            .find(|object| self.graph.receptacle_of(object) != task.goal.receptacle_of(object))
             .cloned()
     }
 
@@ -74,7 +74,7 @@ impl Draft<'_> {
         };
         let from = self
             .graph
-            .place_of(object)
+            .receptacle_of(object)
             .cloned()
             .ok_or_else(|| unreachable("it is nowhere".into()))?;
         if from.as_str() == FLOOR {
@@ -135,7 +135,7 @@ impl Draft<'_> {
             .situation
             .task
             .goal
-            .place_of(object)
+            .receptacle_of(object)
             .ok_or_else(|| unreachable("the goal has no place for it".into()))?;
         match self.situation.scene.receptacle(to) {
             None => Err(unreachable(format!("{to} is no receptacle of the scene"))),

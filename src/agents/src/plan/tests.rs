@@ -61,7 +61,7 @@ fn run(
     for intent in intents {
         match intent {
             Intent::NavTo(id) => at = Some(id.clone()),
-            Intent::Find { target, .. } => assert_eq!(graph.place_of(target), at.as_ref()),
+            Intent::Find { target, .. } => assert_eq!(graph.receptacle_of(target), at.as_ref()),
             Intent::Pick(object) => {
                 let here = at.clone().unwrap();
                 assert!(held.is_none() && !closed(&graph, &here));

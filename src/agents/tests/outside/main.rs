@@ -4,12 +4,12 @@
 use std::sync::Arc;
 
 use reel_agents::{
-    AgentError, Asked, EpisodeReport, Matcher, NoAnswer, Outside, RecordTo, User, policy,
+    AgentError, EpisodeReport, Matcher, NoAnswer, RecordTo, Responders, User, UserQuestion, policy,
     run_episode,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::{Images, Trace};
 use reel_world::{
     ErrorCode, Family, Profile, Skills,
@@ -20,7 +20,7 @@ use reel_world::{
 struct Blunt;
 
 impl User for Blunt {
-    fn answer(&mut self, asked: &Asked<'_>) -> Result<UserReply, NoAnswer> {
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
         assert!(!asked.question.is_empty());
         Ok(UserReply {
             text: format!("Take {}.", asked.task.target),
@@ -32,7 +32,7 @@ impl User for Blunt {
 struct Nobody;
 
 impl User for Nobody {
-    fn answer(&mut self, _: &Asked<'_>) -> Result<UserReply, NoAnswer> {
+    fn answer(&mut self, _: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
         Err(NoAnswer::new("nobody is there"))
     }
 }
@@ -54,8 +54,8 @@ impl Matcher for Blind {
 }
 
 /// The oracle in a task in which it asks, with these outside.
-fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, AgentError>, Trace) {
-    let scene = home();
+fn play(outside: Responders, path: &std::path::Path) -> (Result<EpisodeReport, AgentError>, Trace) {
+    let scene = home_scene();
     let mut tasks = draw(&DrawOptions {
         scene: &scene,
         families: &[Family::SUL],
@@ -90,9 +90,9 @@ fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, Agen
 fn what_comes_from_outside_decides_and_is_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let (report, trace) = play(
-        Outside {
+        Responders {
             user: Some(Box::new(Blunt)),
-            ..Outside::default()
+            ..Responders::default()
         },
         &folder.path().join("blunt.mcap"),
     );
@@ -120,12 +120,12 @@ fn what_comes_from_outside_decides_and_is_recorded() {
         .unwrap();
     assert_eq!((told, told.source), (answer, UserSource::Model));
 
-    let outside = Outside {
+    let outside = Responders {
         matcher: Some(Box::new(Blind)),
-        ..Outside::default()
+        ..Responders::default()
     };
     let (_, blind) = play(outside, &folder.path().join("blind.mcap"));
-    let (_, seeing) = play(Outside::default(), &folder.path().join("seeing.mcap"));
+    let (_, seeing) = play(Responders::default(), &folder.path().join("seeing.mcap"));
     let shown = |trace: &Trace| {
         let step = trace
             .steps
@@ -149,9 +149,9 @@ fn what_comes_from_outside_decides_and_is_recorded() {
 fn who_does_not_answer_ends_the_episode_and_what_was_done_stays() {
     let folder = tempfile::tempdir().unwrap();
     let (report, trace) = play(
-        Outside {
+        Responders {
             user: Some(Box::new(Nobody)),
-            ..Outside::default()
+            ..Responders::default()
         },
         &folder.path().join("nobody.mcap"),
     );

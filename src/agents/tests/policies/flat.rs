@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use reel_agents::{Context, Policy, Seen};
+use reel_agents::{Context, PerceivedItem, Policy};
 use reel_episode::{Briefing, Observation, Privileged};
 use reel_world::{
     Attributes, DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool,
@@ -151,7 +151,7 @@ impl Flat {
                     .act(&Context {
                         briefing: &briefing,
                         observation: &observation,
-                        seen: &seen,
+                        perceived: &seen,
                         truth,
                         step,
                     })
@@ -186,7 +186,8 @@ impl Flat {
     pub fn success(&self) -> bool {
         let objects = &self.task.objects;
         objects.iter().all(|object| {
-            self.graph.place_of(&object.instance) == self.task.goal.place_of(&object.instance)
+            self.graph.receptacle_of(&object.instance)
+                == self.task.goal.receptacle_of(&object.instance)
         })
     }
 
@@ -205,17 +206,17 @@ impl Flat {
         }
     }
 
-    fn seen(&self) -> Vec<Seen> {
+    fn seen(&self) -> Vec<PerceivedItem> {
         let object = |id: &InstanceId, marker| {
             let known = self.task.object(id).unwrap();
-            Seen {
+            PerceivedItem {
                 marker,
                 furniture: false,
                 category: known.category.clone(),
                 caption: known.caption.clone(),
                 attributes: known.attributes.clone(),
-                receptacle_hint: self.graph.place_of(id).cloned(),
-                thing: self
+                receptacle_hint: self.graph.receptacle_of(id).cloned(),
+                object: self
                     .task
                     .objects
                     .iter()
@@ -233,14 +234,14 @@ impl Flat {
                 }
                 MarkerTarget::Receptacle(id) => {
                     let known = self.scene.receptacle(id).unwrap();
-                    Seen {
+                    PerceivedItem {
                         marker: Some(marker.id),
                         furniture: true,
                         category: known.category.clone(),
                         caption: known.main_caption().map(str::to_owned),
                         attributes: Attributes::new(),
                         receptacle_hint: Some(id.clone()),
-                        thing: None,
+                        object: None,
                     }
                 }
             });
@@ -331,7 +332,7 @@ impl Flat {
                 }
                 let place = self
                     .graph
-                    .place_of(&object)
+                    .receptacle_of(&object)
                     .cloned()
                     .ok_or(ErrorCode::OutOfReach)?;
                 self.graph.remove(&place, &object);

@@ -9,7 +9,7 @@ use reel_agents::{
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::Trace;
 use reel_world::{
     ErrorCode, FailureClass, Family, HORIZON, Profile, Scene, Skills, Task, record::PolicyInfo,
@@ -325,7 +325,7 @@ struct World {
 
 impl World {
     fn new(count: usize, seed: u64) -> World {
-        let scene = Arc::new(home());
+        let scene = Arc::new(home_scene());
         let made = draw(&DrawOptions {
             scene: &scene,
             families: &Family::ALL,

@@ -341,7 +341,9 @@ fn the_wrong_object_is_a_similar_one() {
 fn the_wrong_receptacle_is_a_similar_one() {
     let flat = played("wrong-receptacle", tables(), 3);
     assert_eq!(
-        flat.graph.place_of(&flat.task.target).map(|id| id.as_str()),
+        flat.graph
+            .receptacle_of(&flat.task.target)
+            .map(|id| id.as_str()),
         Some("desk_2")
     );
     assert!(flat.finished);

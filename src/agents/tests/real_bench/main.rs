@@ -9,7 +9,7 @@ use std::sync::Arc;
 use reel_agents::{Job, builtin, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_sim::{Simulator, Stage, model::Surface};
+use reel_sim::{PreparedTask, Simulator, model::Surface};
 use reel_world::{Family, ObjectInstance, Profile, Skills, Task, record::PolicyInfo};
 
 /// How far aside of the surface's rectangle a reference rest still counts as over it, in metres.
@@ -90,7 +90,11 @@ fn what_stayed_on_its_receptacle_there_stays_here() {
     let (mut stayed, mut excluded, mut ejected, mut without) = (0_u32, 0_u32, 0_u32, 0_u32);
     let mut exceptions = Vec::new();
     for task in &tasks {
-        let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 1);
+        let simulator = Simulator::new(
+            PreparedTask::new(scene.clone(), task.clone()),
+            Profile::Paper,
+            1,
+        );
         let graph = simulator.physical_graph();
         for object in &task.objects {
             let Some(rest) = object.reference_rest else {
@@ -114,7 +118,7 @@ fn what_stayed_on_its_receptacle_there_stays_here() {
                 ejected += 1;
                 continue;
             }
-            match graph.place_of(&object.instance) {
+            match graph.receptacle_of(&object.instance) {
                 Some(place) if *place == object.receptacle => stayed += 1,
                 place => exceptions.push(format!(
                     "{}: {} ({}, {:?} m) on {} went to {place:?}; put at {:?}, rested there at {rest:?}; surface {:?}",

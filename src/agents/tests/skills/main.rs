@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, env, sync::Arc, thread};
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
 use reel_sim::Primitive;
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_world::{
     Door, ErrorCode, Family, Profile, ReceptacleId, Scene, Skills, Task, Tool,
     record::{MarkerTarget, PolicyInfo, StepInput, StepRecord},
@@ -86,7 +86,7 @@ impl Play {
     }
 
     fn call(&mut self, tool: &Tool) -> StepRecord {
-        let StepOutput { record, .. } = self.episode.step(StepInput::bare(tool.to_call()));
+        let StepOutput { record, .. } = self.episode.step(StepInput::from_call(tool.to_call()));
         record
     }
 
@@ -217,7 +217,7 @@ impl Play {
 
 /// 120 executions of each primitive at a seed and those after it.
 fn measure(seed: u64) -> [u32; 5] {
-    let scene = home();
+    let scene = home_scene();
     let made = |families: &[Family], count| {
         draw(&DrawOptions {
             scene: &scene,

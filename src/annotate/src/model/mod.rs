@@ -19,7 +19,7 @@ use reel_world::Digest;
 pub use prompt::version as prompt_version;
 
 use crate::{
-    AnnotateError, Entry, Note, Provenance, PublicTask, Secrets, Step, annotate,
+    AnnotateError, Entry, Note, PrivilegedFacts, Provenance, PublicTask, Step, annotate,
     sidecar::{read_some, write_notes},
 };
 
@@ -44,7 +44,7 @@ pub struct ModelAnnotator<'a> {
 
 /// What came of an episode.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Written {
+pub struct AnnotatedEpisode {
     /// Whose notes they are.
     pub provenance: Provenance,
     /// One for each decision.
@@ -53,7 +53,7 @@ pub struct Written {
     pub resumed: usize,
 }
 
-impl Written {
+impl AnnotatedEpisode {
     /// How many notes the rules wrote in the model's place.
     pub fn fallbacks(&self) -> usize {
         self.entries
@@ -75,10 +75,10 @@ impl ModelAnnotator<'_> {
         &self,
         task: &PublicTask,
         steps: &[Step<'_>],
-        secrets: &Secrets,
+        secrets: &PrivilegedFacts,
         trace: Digest,
         path: &Path,
-    ) -> Result<Written, AnnotateError> {
+    ) -> Result<AnnotatedEpisode, AnnotateError> {
         let annotator = self.client.endpoint().model.clone();
         let provenance = Provenance {
             trace,
@@ -106,7 +106,7 @@ impl ModelAnnotator<'_> {
         if steps.is_empty() {
             write_notes(path, &provenance, &entries)?;
         }
-        Ok(Written {
+        Ok(AnnotatedEpisode {
             provenance,
             entries,
             resumed,
@@ -118,7 +118,7 @@ impl ModelAnnotator<'_> {
         &self,
         task: &PublicTask,
         steps: &[Step<'_>],
-        secrets: &Secrets,
+        secrets: &PrivilegedFacts,
         entries: &[Entry],
         batch: std::ops::Range<usize>,
     ) -> Result<Vec<(usize, Note)>, AnnotateError> {
@@ -153,7 +153,7 @@ impl ModelAnnotator<'_> {
         index: usize,
         note: Option<&Note>,
         rules: &Note,
-        secrets: &Secrets,
+        secrets: &PrivilegedFacts,
         steps: &[Step<'_>],
     ) -> Entry {
         let Some(note) = note else {

@@ -9,8 +9,8 @@ use reel_world::Digest;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    PublicTask, Secrets, Step,
-    step::{Marked, Thing},
+    PrivilegedFacts, PublicTask, Step,
+    step::{MarkedItem, ObservedObject},
 };
 
 /// What the model is told before it gets a record.
@@ -32,12 +32,12 @@ pub(super) fn request(
     robot: &Arc<Prompt>,
     task: &PublicTask,
     steps: &[Step<'_>],
-    secrets: &Secrets,
+    secrets: &PrivilegedFacts,
     before: Option<&str>,
     batch: Range<usize>,
 ) -> Request {
     let receptacles: Vec<Value> = task
-        .places
+        .receptacles
         .iter()
         .map(|place| json!({"id": place.id, "category": place.category, "room": place.room}))
         .collect();
@@ -54,7 +54,7 @@ pub(super) fn request(
         record.push_str(&format!("{}\n", line(index, step, secrets, over)));
     }
     let places = task
-        .places
+        .receptacles
         .iter()
         .map(|place| (place.id.as_str(), place.room.as_str()));
     let prompt = SingleTurn::new(Arc::new(EpisodePrompt::new(
@@ -82,7 +82,7 @@ pub(super) fn request(
     }
 }
 
-fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {
+fn line(index: usize, step: &Step<'_>, secrets: &PrivilegedFacts, over: bool) -> Value {
     let mut line = Map::new();
     line.insert("step".into(), json!(index));
     line.insert("tool".into(), json!(step.tool));
@@ -97,24 +97,25 @@ fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {
     if let Some(reply) = step.reply {
         line.insert("reply".into(), json!(reply));
     }
-    let looks = |thing: &Thing<'_>| json!({"category": thing.category, "looks": thing.caption});
+    let looks =
+        |thing: &ObservedObject<'_>| json!({"category": thing.category, "looks": thing.caption});
     let markers = step.markers.iter().map(|(number, marked)| match marked {
-        Marked::Object(thing) => {
+        MarkedItem::Object(thing) => {
             json!({"marker": number, "category": thing.category, "looks": thing.caption, "is_what_is_meant": secrets.is_target(marked)})
         }
-        Marked::Receptacle(id) => json!({"marker": number, "receptacle": id}),
+        MarkedItem::Receptacle(id) => json!({"marker": number, "receptacle": id}),
     });
     let markers: Vec<Value> = markers.collect();
     if !markers.is_empty() {
         line.insert("markers".into(), Value::Array(markers));
     }
-    let numbered = |thing: &&Thing<'_>| {
+    let numbered = |thing: &&ObservedObject<'_>| {
         step.markers
             .iter()
-            .any(|(_, marked)| *marked == Marked::Object(**thing))
+            .any(|(_, marked)| *marked == MarkedItem::Object(**thing))
     };
     let in_view: Vec<Value> = step
-        .seen
+        .visible
         .iter()
         .filter(|thing| step.error.is_none() && !numbered(thing))
         .map(looks)

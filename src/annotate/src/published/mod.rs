@@ -13,6 +13,6 @@ mod trace;
 
 pub use action::{action_text, normalise};
 pub use answer::{Thought, json_text, thought};
-pub use record::{Episode, StreamStep, TaskMeta, Wording};
+pub use record::{Episode, RequestWording, StreamStep, TaskMeta};
 pub use stream::{Pair, pairs};
 pub use trace::{answers, episode, events, meta};

@@ -12,7 +12,7 @@ use super::{
 
 /// Sentences that surround the facts of a request.
 #[derive(Clone, Copy, Debug)]
-pub struct Wording<'a> {
+pub struct RequestWording<'a> {
     /// Text of the system message, the first of a record.
     pub system: &'a str,
     /// First entry of every History, with its number 1.
@@ -25,7 +25,7 @@ pub struct Wording<'a> {
     pub asked: fn(&str) -> &'a str,
 }
 
-impl Wording<'static> {
+impl RequestWording<'static> {
     /// The sentences that Reel writes where the published ones are not given.
     pub const OURS: Self = Self {
         system: "You write down what a household robot thinks before each of its actions.",
@@ -117,7 +117,7 @@ impl Episode {
     }
 
     /// The template records: what a model is asked, with nothing in the place of its thought.
-    pub fn templates(&self, wording: &Wording<'_>) -> Vec<Value> {
+    pub fn templates(&self, wording: &RequestWording<'_>) -> Vec<Value> {
         let request = |step| {
             (
                 self.request(step, wording.first_history, wording),
@@ -134,7 +134,7 @@ impl Episode {
     /// The annotated records: the answer to each request, its History replaced by the numbered list
     /// of all so far. An answer whose History is empty or unreadable adds nothing to the list; one
     /// that is unreadable stands as it came.
-    pub fn samples(&self, answers: &[String], wording: &Wording<'_>) -> Vec<Value> {
+    pub fn samples(&self, answers: &[String], wording: &RequestWording<'_>) -> Vec<Value> {
         let mut history = wording.first_history.to_owned();
         let mut entries = 1;
         let sample = |step: usize| {
@@ -159,7 +159,7 @@ impl Episode {
     }
 
     /// What a model is asked at a step.
-    fn request(&self, step: usize, history: &str, wording: &Wording<'_>) -> Value {
+    fn request(&self, step: usize, history: &str, wording: &RequestWording<'_>) -> Value {
         let task = &self.task;
         let shown = step.checked_sub(1).map(|index| &self.steps[index]);
         let past = shown.map_or_else(
@@ -195,7 +195,13 @@ impl Episode {
         })
     }
 
-    fn record(&self, step: usize, human: &Value, gpt: String, wording: &Wording<'_>) -> Value {
+    fn record(
+        &self,
+        step: usize,
+        human: &Value,
+        gpt: String,
+        wording: &RequestWording<'_>,
+    ) -> Value {
         let mut metadata = Map::new();
         for (key, value) in [
             ("model_name", &self.model_name),

@@ -4,12 +4,12 @@
 use std::{fs, path::Path, sync::Arc, time::Duration};
 
 use reel_annotate::{
-    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate,
-    history_check, prompt_version, read_notes,
+    AnnotateError, AnnotatedEpisode, BATCH, ModelAnnotator, PrivilegedFacts, PublicTask, Step,
+    annotate, history_check, prompt_version, read_notes,
 };
-use reel_history::{Deed, Setting};
+use reel_history::{Setting, StepFacts};
 use reel_llm::client::{CallLog, Client, Endpoint};
-use reel_prompt::{Prompt, TEMPLATE, Wording};
+use reel_prompt::{Prompt, PromptWording, TEMPLATE};
 use reel_trace::Trace;
 use reel_world::Digest;
 use serde_json::{Value, json};
@@ -36,7 +36,7 @@ fn run(
     base_url: &str,
     path: &Path,
     check: &reel_annotate::Check<'_>,
-) -> Result<Written, AnnotateError> {
+) -> Result<AnnotatedEpisode, AnnotateError> {
     run_with(Prompt::builtin(), trace, base_url, path, check)
 }
 
@@ -47,7 +47,7 @@ fn run_with(
     base_url: &str,
     path: &Path,
     check: &reel_annotate::Check<'_>,
-) -> Result<Written, AnnotateError> {
+) -> Result<AnnotatedEpisode, AnnotateError> {
     let endpoint = Endpoint {
         retries: 0,
         timeout: Duration::from_secs(20),
@@ -67,7 +67,7 @@ fn run_with(
     annotator.annotate(
         &task,
         &Step::all(trace),
-        &Secrets::of(&trace.task),
+        &PrivilegedFacts::of(&trace.task),
         chain(trace),
         path,
     )
@@ -161,7 +161,7 @@ fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes(
     let own = Prompt::new(
         "own",
         &TEMPLATE.replacen("{TASK}", "It shall be done: {TASK}", 1),
-        Wording::default(),
+        PromptWording::default(),
     )
     .unwrap();
     let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
@@ -327,7 +327,7 @@ fn a_history_is_held_against_the_deeds_before_it() {
         placed.receptacle.as_ref().unwrap()
     );
     let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
-    let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
+    let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
     assert_eq!(check(placed.step as usize + 1, &history), None);
     let why = check(placed.step as usize, &history).unwrap();
     assert!(why.contains(&history[..20]), "{why}");
@@ -363,7 +363,7 @@ fn the_truth_is_found_in_every_part_of_a_note_and_the_rules_never_say_it() {
         let (task, steps, secrets) = (
             PublicTask::of(&trace.task, &trace.scene),
             Step::all(&trace),
-            Secrets::of(&trace.task),
+            PrivilegedFacts::of(&trace.task),
         );
         for (index, note) in annotate(&task, &steps, 3).into_iter().enumerate() {
             assert_eq!(

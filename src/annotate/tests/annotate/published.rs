@@ -1,11 +1,11 @@
 //! Traces in the forms of REAL's annotation.
 
-use reel_annotate::published::{Wording, answers, episode, events, pairs, thought};
+use reel_annotate::published::{RequestWording, answers, episode, events, pairs, thought};
 use serde_json::Value;
 
 use crate::{notes, traces};
 
-const WORDING: Wording<'_> = Wording {
+const WORDING: RequestWording<'_> = RequestWording {
     system: "S",
     first_history: "1) Begun.",
     important: "I",

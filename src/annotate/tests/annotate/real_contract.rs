@@ -2,7 +2,8 @@
 //! `answers.json`.
 
 use reel_annotate::published::{
-    Episode, Pair, StreamStep, TaskMeta, Wording, action_text, json_text, normalise, pairs, thought,
+    Episode, Pair, RequestWording, StreamStep, TaskMeta, action_text, json_text, normalise, pairs,
+    thought,
 };
 use reel_vectors::{Report, items, load, text};
 use serde_json::{Map, Value, json};
@@ -10,7 +11,7 @@ use serde_json::{Map, Value, json};
 const MEMORY: &str = "memory.json";
 
 /// Tokens in the place of published wording.
-const TOKENS: Wording<'_> = Wording {
+const TOKENS: RequestWording<'_> = RequestWording {
     system: "SYS",
     first_history: "⟦history 1⟧",
     important: "⟦fixed⟧",

@@ -85,7 +85,7 @@ fn a_note_does_not_know_what_its_call_comes_to() {
             let last = known.last_mut().unwrap();
             (last.outcome, last.error, last.reply, last.held) =
                 ("?", Some(ErrorCode::BackendError), None, None);
-            (last.markers, last.seen, last.receptacle) = (Vec::new(), Vec::new(), None);
+            (last.markers, last.visible, last.receptacle) = (Vec::new(), Vec::new(), None);
             assert_eq!(
                 annotate(&task, &known, 7)[index],
                 notes[index],

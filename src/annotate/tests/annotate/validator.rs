@@ -2,7 +2,7 @@
 //! most are understood.
 
 use reel_annotate::{PublicTask, Step, annotate};
-use reel_history::{Checker, Deed, Setting, Verdict};
+use reel_history::{Checker, Setting, StepFacts, Verdict};
 
 use crate::traces;
 
@@ -33,9 +33,9 @@ fn no_history_is_contradicted_by_the_record() {
                 }
                 // the published `ask` has two arguments, which are one question
                 let argument = steps[index].argument.as_deref().map(str::to_owned);
-                checker.did(Deed {
+                checker.push_step(StepFacts {
                     argument,
-                    ..Deed::of(&trace.steps[index])
+                    ..StepFacts::of(&trace.steps[index])
                 });
             }
         }

@@ -7,16 +7,16 @@ use std::{
 
 use rayon::prelude::*;
 use reel_annotate::{
-    Entry, ModelAnnotator, Provenance, PublicTask, Secrets, Step, annotate, episode_seed,
+    Entry, ModelAnnotator, PrivilegedFacts, Provenance, PublicTask, Step, annotate, episode_seed,
     history_check, notes_path, version, write_notes,
 };
-use reel_history::{Deed, Setting};
+use reel_history::{Setting, StepFacts};
 use reel_llm::client::Client;
 use reel_prompt::Prompt;
 use reel_trace::Trace;
 use serde_json::json;
 
-use crate::{Answer, inputs, model::Model, progress, prompt::PromptArguments};
+use crate::{ExitStatus, inputs, model::Model, progress, prompt::PromptArguments};
 
 /// Write what an agent might have said along with each decision of a trace: reasoning, History,
 /// schedule and subtask, from what it could know at that moment. By rules in varied words, or by a
@@ -68,7 +68,7 @@ struct Noted {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let prompt = arguments.prompt.prompt()?;
@@ -122,9 +122,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if errors > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 
@@ -159,7 +159,7 @@ fn note(
         });
     };
     let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
-    let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
+    let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
     let annotator = ModelAnnotator {
         client,
         seed,
@@ -169,7 +169,7 @@ fn note(
     let written = annotator.annotate(
         &public,
         &steps,
-        &Secrets::of(&trace.task),
+        &PrivilegedFacts::of(&trace.task),
         trace.chain(),
         &notes,
     )?;

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use reel_tasks::assets::{Folder, Listed, Survey, Verdict};
+use reel_tasks::assets::{FileReport, Folder, Survey, Verdict};
 use serde_json::json;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Check a folder of meshes.
 #[derive(clap::Args)]
@@ -35,12 +35,12 @@ enum Command {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Command::Check { folder, json } = &arguments.command;
     check(folder, *json)
 }
 
-fn check(path: &Path, as_json: bool) -> anyhow::Result<Answer> {
+fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
     let folder = Folder::open(path).with_context(|| format!("cannot list {}", path.display()))?;
     let listed = folder.check();
     if listed.is_empty() {
@@ -67,13 +67,13 @@ fn check(path: &Path, as_json: bool) -> anyhow::Result<Answer> {
         );
     }
     Ok(if refused == 0 {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
-fn told(file: &Listed) -> String {
+fn told(file: &FileReport) -> String {
     let name = &file.file;
     match &file.verdict {
         Verdict::Refused { reason } => format!("{name}: REFUSED {reason}"),

@@ -12,12 +12,12 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, EpisodeReport, Job, RecordTo, Seats, run_all};
+use reel_agents::{AgentError, EpisodeReport, Job, Participants, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
 use reel_query::statistics::{bootstrap, mcnemar, wilson};
 use reel_reward::Preset;
 use reel_sim::sim_version;
-use reel_tasks::Listed;
+use reel_tasks::ObjectOrder;
 use reel_trace::{Durability, Images, RecordOptions, Trace};
 use reel_world::{
     Digest, Family, Profile, Skills, Task,
@@ -26,10 +26,10 @@ use reel_world::{
 use serde_json::{Value, json};
 
 use crate::{
-    Answer,
+    ExitStatus,
     commands::run::remove_abandoned,
     inputs,
-    players::{Cast, Players},
+    players::{AgentArguments, AgentSet},
     progress,
 };
 
@@ -65,7 +65,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     #[command(flatten)]
-    players: Players,
+    players: AgentArguments,
     /// Episodes of every task, each with a seed of its own
     #[arg(long, value_name = "N", default_value_t = 1)]
     repeat: u64,
@@ -113,14 +113,14 @@ impl Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match arguments.compare.as_deref() {
         Some([a, b]) => compare(a, b, arguments.json),
         _ => play(arguments),
     }
 }
 
-fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
+fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let profile = Profile::parse(&arguments.profile).with_context(|| {
         format!(
             "no profile is called '{}'; there are paper, real-repo and real-gspo",
@@ -135,10 +135,12 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
         tasks,
         scenes,
         broken,
-    } = inputs::tasks(tasks, arguments.scene.as_deref(), Listed::AsWritten)?;
+    } = inputs::tasks(tasks, arguments.scene.as_deref(), ObjectOrder::AsWritten)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-    let cast = arguments.players.cast(&arguments.out.join("calls.jsonl"))?;
+    let cast = arguments
+        .players
+        .agent_set(&arguments.out.join("calls.jsonl"))?;
     let name = cast.name();
     let job = |task: &Arc<Task>, seed: u64| {
         let file = format!("{}--{name}--{seed}.mcap", task.task_id)
@@ -210,14 +212,14 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         inputs::workers(arguments.jobs)
     };
-    let seat = |job: &Job| -> Result<Seats, AgentError> {
+    let seat = |job: &Job| -> Result<Participants, AgentError> {
         let not_played = |why| AgentError::NotPlayed {
             task: job.config.task.task_id.clone(),
             seed: job.config.seed,
             why,
         };
         budget.check().map_err(not_played)?;
-        cast.seat(job)
+        cast.instantiate(job)
     };
     let results = run_all(open, workers, seat, |report| {
         budget.spend(report);
@@ -263,17 +265,17 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if failed > 0 || skipped > 0 {
-        Answer::No
+        ExitStatus::CheckFailed
     } else if broken > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 
 /// The report of an episode that was played before; none where it was not, or did not come to its
 /// end. Another episode of that name is refused: it would be written over.
-fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<EpisodeReport>> {
+fn played(job: &Job, cast: &AgentSet, logprobs: bool) -> anyhow::Result<Option<EpisodeReport>> {
     let path = &job.record.as_ref().expect("every episode is recorded").path;
     if !path.exists() {
         return Ok(None);
@@ -281,7 +283,7 @@ fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<Episo
     let Ok(trace) = Trace::read(path) else {
         return Ok(None);
     };
-    let Seats { policy, outside } = cast.seat(job)?;
+    let Participants { policy, outside } = cast.instantiate(job)?;
     let mut policy = policy.info();
     policy.parameters.extend(outside.settings);
     let (header, config) = (&trace.header, &job.config);
@@ -521,7 +523,7 @@ struct Pair<'a> {
     b: &'a EpisodeReport,
 }
 
-fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
+fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
     let (ours, theirs) = (recorded(a)?, recorded(b)?);
     let other: BTreeMap<_, _> = theirs
         .iter()
@@ -554,7 +556,7 @@ fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
             "{}",
             json!({"a": names[0], "b": names[1], "pairs": pairs.len(), "unpaired": alone, "rows": rows})
         );
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     println!(
         "A {} ({})\nB {} ({})",
@@ -601,7 +603,7 @@ fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
     if alone > 0 {
         println!("{alone} episodes have no partner and were left out");
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {

@@ -7,13 +7,13 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_agents::{EpisodeReport, RecordTo};
-use reel_counterfactual::branch::{Branch, Then, fork, parse_call, parse_calls};
-use reel_replay::{Descent, Ending, verify_branch};
+use reel_counterfactual::branch::{Branch, Continuation, fork, parse_call, parse_calls};
+use reel_replay::{BranchVerification, Ending, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Digest, ToolCall};
 use serde_json::json;
 
-use crate::{Answer, commands::run::remove_abandoned, inputs};
+use crate::{ExitStatus, commands::run::remove_abandoned, inputs};
 
 /// Play another future of a recorded episode: its calls up to one, exactly as they were, then other
 /// calls or a policy. The result is a trace like any other; its header names the parent, the call
@@ -77,7 +77,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let parent = arguments.assets.read(&arguments.trace)?;
     let Some(at) = arguments.at else {
         return check(&parent, arguments);
@@ -112,7 +112,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let report = match made {
         Err(error) if error.is_divergence() => {
             eprintln!("reel: {error}");
-            return Ok(Answer::No);
+            return Ok(ExitStatus::CheckFailed);
         }
         made => made?,
     };
@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         print(&branch, &made, &parent, at);
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// What the arguments ask to substitute.
@@ -141,7 +141,7 @@ fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Bran
             .collect::<Result<_, _>>()
             .context("--call")?,
     };
-    let policy = |name: &String| Then::Policy {
+    let policy = |name: &String| Continuation::Policy {
         name: name.clone(),
         seed: arguments.seed.unwrap_or(parent.header.seed),
     };
@@ -150,20 +150,23 @@ fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Bran
         (None, None) if calls.is_empty() => {
             bail!("say what comes at call {at}: --call, --calls, --policy or --then")
         }
-        (None, None) => Then::Stop,
+        (None, None) => Continuation::Stop,
         (None, Some(who)) => match who.split_once(':') {
             None if who == "parent" && at + calls.len() > parent.steps.len() => {
-                Then::Parent(parent.steps.len())
+                Continuation::Parent(parent.steps.len())
             }
-            None if who == "parent" => Then::Parent(at + calls.len()),
-            Some(("parent", from)) => Then::Parent(
+            None if who == "parent" => Continuation::Parent(at + calls.len()),
+            Some(("parent", from)) => Continuation::Parent(
                 from.parse()
                     .with_context(|| format!("--then parent:{from}: no call"))?,
             ),
             _ => policy(who),
         },
     };
-    Ok(Branch { calls, then })
+    Ok(Branch {
+        calls,
+        continuation: then,
+    })
 }
 
 fn default_path(trace: &Path, parent: &Trace, branch: &Branch, at: usize) -> PathBuf {
@@ -202,12 +205,12 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
         println!("  {:>3}  {}   {told}", step.step, step.input.call);
     }
     let so_far = (at + branch.calls.len()).min(made.steps.len());
-    match (&branch.then, made.steps.len() - so_far) {
-        (Then::Stop, _) => {}
-        (Then::Parent(from), more) => {
+    match (&branch.continuation, made.steps.len() - so_far) {
+        (Continuation::Stop, _) => {}
+        (Continuation::Parent(from), more) => {
             println!("  then {more} calls of the parent, from its call {from} on")
         }
-        (Then::Policy { name, seed }, more) => {
+        (Continuation::Policy { name, seed }, more) => {
             println!("  then {more} calls of {name}, seed {seed}")
         }
     }
@@ -220,7 +223,7 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
     println!("trace: {}", made.path.display());
 }
 
-fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<Answer> {
+fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut all_hold = true;
     for path in &arguments.check {
         let branch = arguments.assets.read(path)?;
@@ -235,10 +238,14 @@ fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<Answer> {
             println!("{}: {}", path.display(), told(&descent, &branch));
         }
     }
-    Ok(if all_hold { Answer::Yes } else { Answer::No })
+    Ok(if all_hold {
+        ExitStatus::Success
+    } else {
+        ExitStatus::CheckFailed
+    })
 }
 
-fn told(descent: &Descent, branch: &Trace) -> String {
+fn told(descent: &BranchVerification, branch: &Trace) -> String {
     let call = branch
         .header
         .parent

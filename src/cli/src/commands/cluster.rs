@@ -6,10 +6,10 @@ use std::{
     sync::Arc,
 };
 
-use reel_cluster::{Address, Executor, Scheduler, run_executor, run_scheduler};
+use reel_cluster::{Address, ExecutorOptions, SchedulerOptions, run_executor, run_scheduler};
 
 use crate::{
-    Answer,
+    ExitStatus,
     commands::{blame, ingest, replay, reward},
     elsewhere, inputs,
 };
@@ -32,11 +32,11 @@ use crate::{
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: Command,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// Plan questions and hand out their parts
     Scheduler {
         /// Where to listen
@@ -82,22 +82,22 @@ enum What {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     match &arguments.what {
-        What::Scheduler {
+        Command::Scheduler {
             listen,
             advertise,
             patience,
         } => {
             eprintln!("reel: scheduler at {listen}; Ctrl-C ends it");
-            run_scheduler(&Scheduler {
+            run_scheduler(&SchedulerOptions {
                 listen: *listen,
                 advertise: reached(advertise.as_deref(), listen.ip()),
                 patience_s: *patience,
             })?;
         }
-        What::Executor {
+        Command::Executor {
             scheduler,
             listen,
             advertise,
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 .chain([blame::work(), ingest::work(), reward::work()])
                 .collect();
             let cores = std::thread::available_parallelism().map_or(1, usize::from);
-            let executor = Executor {
+            let executor = ExecutorOptions {
                 scheduler: Address::parse(scheduler)?,
                 listen: *listen,
                 advertise: reached(advertise.as_deref(), listen.ip()),
@@ -131,7 +131,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             run_executor(&executor)?;
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Where a process that listens at an address is reached.

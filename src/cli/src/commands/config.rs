@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use reel_server::Config;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Check a configuration of `reel serve`, or print the default.
 ///
@@ -15,11 +15,11 @@ use crate::Answer;
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: Command,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// Check a file, load its tasks, and print what it comes to
     Check {
         /// The file
@@ -31,10 +31,10 @@ enum What {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
-        What::Default => print!("{}", Config::default().to_toml()),
-        What::Check { file } => {
+        Command::Default => print!("{}", Config::default().to_toml()),
+        Command::Check { file } => {
             let config = Config::read(file)?;
             let mut broken = 0;
             let setup = config.setup("check".to_owned(), |complaint| {
@@ -53,11 +53,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 scenes.join(", ")
             );
             return Ok(if broken > 0 {
-                Answer::Loss
+                ExitStatus::Partial
             } else {
-                Answer::Yes
+                ExitStatus::Success
             });
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

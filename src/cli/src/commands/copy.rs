@@ -8,11 +8,11 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_tables::buckets::Sent;
-use reel_trace::{is_remote, list_remote, local};
+use reel_tables::buckets::UploadOutcome;
+use reel_trace::{is_remote, list_remote, local_copy};
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Copy files to a bucket of an S3-compatible store, or back: traces with what lies beside them.
 /// What is there already, of the same size and not older, is left alone, so a copy that was
@@ -46,7 +46,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let outward = is_remote(&arguments.to);
     let files = files(&arguments.from)?;
     if let Some((file, _)) = files.iter().find(|(file, _)| is_remote(file) == outward) {
@@ -66,11 +66,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 "{}/{name}",
                 arguments.to.to_string_lossy().trim_end_matches('/')
             );
-            buckets.send(from, &to)?
+            buckets.upload(from, &to)?
         } else {
             bring(from, &arguments.to.join(name))?
         };
-        if let Sent::Sent { bytes: size } = sent {
+        if let UploadOutcome::Sent { bytes: size } = sent {
             copied.fetch_add(1, Ordering::Relaxed);
             bytes.fetch_add(size, Ordering::Relaxed);
         }
@@ -109,9 +109,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if failed.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::Loss
+        ExitStatus::Partial
     })
 }
 
@@ -152,14 +152,14 @@ fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
 }
 
 /// Brings a file of a bucket into its place at once.
-fn bring(from: &Path, to: &Path) -> anyhow::Result<Sent> {
-    let here = local(from)?;
+fn bring(from: &Path, to: &Path) -> anyhow::Result<UploadOutcome> {
+    let here = local_copy(from)?;
     let bytes = fs::metadata(&here)
         .with_context(|| format!("cannot read {}", here.display()))?
         .len();
     let failed = || format!("cannot write {}", to.display());
     if to.exists() && fs::read(to).with_context(failed)? == fs::read(&here)? {
-        return Ok(Sent::Same);
+        return Ok(UploadOutcome::Same);
     }
     let folder = to.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).with_context(failed)?;
@@ -167,5 +167,5 @@ fn bring(from: &Path, to: &Path) -> anyhow::Result<Sent> {
     fs::write(&part, fs::read(&here)?)
         .and_then(|()| fs::rename(&part, to))
         .with_context(failed)?;
-    Ok(Sent::Sent { bytes })
+    Ok(UploadOutcome::Sent { bytes })
 }

@@ -4,9 +4,9 @@ use std::{fs, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
 use reel_dataset::TokenizerFile;
-use reel_dataset::lint::{Dataset, Format, Options, image_bytes, lint, show};
+use reel_dataset::lint::{Dataset, Format, LintOptions, image_bytes, lint, show};
 
-use crate::{Answer, progress};
+use crate::{ExitStatus, progress};
 
 /// Training sets of any origin: Hugging Face Parquet, Qwen-VL, ms-swift, LLaMA-Factory, TRL and
 /// OpenAI files, and folders of them.
@@ -78,7 +78,7 @@ struct Input {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::Lint {
             input,
@@ -88,11 +88,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             examples,
             json,
         } => {
-            let mut options = Options {
+            let mut options = LintOptions {
                 context_tokens_max: *budget,
                 similarity_min: *similarity,
                 examples_max: *examples,
-                ..Options::default()
+                ..LintOptions::default()
             };
             if let Some(path) = tokenizer {
                 options.tokenizer = Arc::new(TokenizerFile::open(path)?);
@@ -108,9 +108,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 print!("{report}");
             }
             Ok(if report.is_bad() {
-                Answer::No
+                ExitStatus::CheckFailed
             } else {
-                Answer::Yes
+                ExitStatus::Success
             })
         }
         Command::Show {
@@ -125,7 +125,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             let example = example.with_context(|| format!("example {row} cannot be read"))?;
             println!("{}", show(&example));
             let Some(folder) = pictures else {
-                return Ok(Answer::Yes);
+                return Ok(ExitStatus::Success);
             };
             fs::create_dir_all(folder)
                 .with_context(|| format!("cannot make {}", folder.display()))?;
@@ -144,7 +144,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     .with_context(|| format!("cannot write {}", file.display()))?;
                 println!("{}", file.display());
             }
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
     }
 }

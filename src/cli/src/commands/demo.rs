@@ -14,9 +14,9 @@ use reel_trace::Trace;
 use reel_world::{Family, Profile, Skills, Task};
 
 use crate::{
-    Answer,
+    ExitStatus,
     commands::{blame, ingest, query, run, taxonomy},
-    elsewhere::Elsewhere,
+    elsewhere::ClusterArguments,
     inputs, progress,
 };
 
@@ -51,7 +51,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let begun = Instant::now();
     let out = &arguments.out;
     let (traces, store) = (out.join("traces"), out.join("store"));
@@ -119,7 +119,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 
     let store = store.to_string_lossy();
-    let report = ingest::ingest(&recorded, &store, &Elsewhere::default())?;
+    let report = ingest::ingest(&recorded, &store, &ClusterArguments::default())?;
     println!("4. {} episodes in tables\n", report.added);
     let name = "main_results";
     let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
@@ -131,9 +131,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     query::print(&store, named.sql, Format::Table)?;
     let why = out.join("why.png");
     println!("\nWhich call lost the others (reel blame --store {store})");
-    blame::tell(&store, arguments.jobs)?;
+    blame::measure_and_print(&store, arguments.jobs)?;
     println!("\nWhy they failed (reel taxonomy --store {store})");
-    taxonomy::tell(&store, why.clone())?;
+    taxonomy::classify_and_print(&store, why.clone())?;
     println!();
 
     let sheet = out.join("contact_sheet.png");
@@ -157,7 +157,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     );
     println!("  reel export sft --store {store} --out sft");
     println!("  reel export rrd {} --out episode.rrd", episode.display());
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// The oracle's first FODP episode: same-category objects to tell apart.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use reel_replay::lay_beside;
 use reel_trace::Trace;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Show two traces of one task side by side, from the first difference on: calls, what came of
 /// them, changes of the world graph, reward. Between the columns stands | where the calls differ, ~
@@ -31,16 +31,16 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let beside = lay_beside(&Trace::read(&arguments.a)?, &Trace::read(&arguments.b)?)?;
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let beside = compare(&Trace::read(&arguments.a)?, &Trace::read(&arguments.b)?)?;
     if arguments.json {
         println!("{}", serde_json::to_string(&beside)?);
     } else {
         print!("{}", reel_view::side_by_side(&beside));
     }
     Ok(if beside.is_same() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use reel_trace::{Examination, TraceError, examine};
+use reel_trace::{DoctorReport, TraceError, examine};
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Check traces: magic bytes, structure, every checksum, index against content, schemas against
 /// those of this version, order, hash chain, attachments and pictures against their digests. Says
@@ -28,10 +28,10 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::recordings(&arguments.paths)?;
     let bar = progress::bar(paths.len(), "doctor");
-    let results: Vec<Result<Examination, TraceError>> = paths
+    let results: Vec<Result<DoctorReport, TraceError>> = paths
         .iter()
         .map(|path| {
             let result = examine(path);
@@ -61,16 +61,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         println!("{} of {} healthy", paths.len() - ill - failed, paths.len());
     }
     Ok(if failed > 0 {
-        Answer::BadInput
+        ExitStatus::BadInput
     } else if ill > 0 {
-        Answer::No
+        ExitStatus::CheckFailed
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 
-fn text(examination: &Examination) -> String {
-    let Examination {
+fn text(examination: &DoctorReport) -> String {
+    let DoctorReport {
         path,
         bytes,
         steps,

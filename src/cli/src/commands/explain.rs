@@ -7,12 +7,12 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_replay::{Explanation, FieldChange, Moment, body_changes, explain, state_at};
+use reel_replay::{EpisodePosition, Explanation, FieldChange, body_changes, explain, state_at};
 use reel_trace::Trace;
 use reel_world::{Assets, record::BodyState};
 use serde_json::json;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Most lines of differing fields that are printed for people; JSON has all.
 const LINES: usize = 24;
@@ -32,7 +32,7 @@ pub fn run(
     against: Option<&Build<'_>>,
     pictures: Option<&Path>,
     as_json: bool,
-) -> anyhow::Result<Answer> {
+) -> anyhow::Result<ExitStatus> {
     let mut all_exact = true;
     for path in paths {
         let trace = Trace::read(path)?.with_meshes(assets);
@@ -62,17 +62,25 @@ pub fn run(
             );
         }
     }
-    Ok(if all_exact { Answer::Yes } else { Answer::No })
+    Ok(if all_exact {
+        ExitStatus::Success
+    } else {
+        ExitStatus::CheckFailed
+    })
 }
 
 /// Prints motion states after a physics step as JSON.
-pub fn print_state(paths: &[PathBuf], assets: &dyn Assets, place: &str) -> anyhow::Result<Answer> {
+pub fn print_state(
+    paths: &[PathBuf],
+    assets: &dyn Assets,
+    place: &str,
+) -> anyhow::Result<ExitStatus> {
     let (call, step) = place
         .split_once(':')
         .context("--state-at takes CALL:STEP, e.g. 3:120 or start:499")?;
     let moment = match call {
-        "start" => Moment::Start,
-        call => Moment::Call(
+        "start" => EpisodePosition::Start,
+        call => EpisodePosition::Call(
             call.parse()
                 .with_context(|| format!("'{call}' is no call; --state-at takes CALL:STEP"))?,
         ),
@@ -94,7 +102,7 @@ pub fn print_state(paths: &[PathBuf], assets: &dyn Assets, place: &str) -> anyho
             Err(verdict) => bail!("{}: {verdict}", path.display()),
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// What differs between the motion states of the other build and ours at the first differing
@@ -111,7 +119,7 @@ fn other_states(
         return Ok(None);
     };
     let place = match divergence.moment {
-        Moment::Call(call) => format!("{call}:{step}"),
+        EpisodePosition::Call(call) => format!("{call}:{step}"),
         _ => format!("start:{step}"),
     };
     let Build {
@@ -159,7 +167,7 @@ fn draw(explanation: &Explanation, trace: &Path, folder: &Path) -> anyhow::Resul
         |name| name.to_string_lossy().into_owned(),
     );
     let path = folder.join(format!("{name}.difference.png"));
-    fs::write(&path, reel_view::picture_difference(recorded, replayed)?)
+    fs::write(&path, reel_view::image_difference(recorded, replayed)?)
         .with_context(|| format!("cannot write {}", path.display()))?;
     Ok(Some(path))
 }

@@ -16,12 +16,12 @@ use reel_agents::{
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::Listed;
+use reel_tasks::ObjectOrder;
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{FailureClass, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Play tasks with a policy that makes mistakes on purpose, and record every episode as a trace,
 /// with what went wrong in a file `<trace>.label.json` beside it. Ingest does not read those; `reel
@@ -37,11 +37,11 @@ use crate::{Answer, inputs, progress};
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: Command,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// The kinds of fault, with their classes
     List {
         /// Print JSON
@@ -103,9 +103,9 @@ const TRY: u64 = 1 << 32;
 const TRIES_MAX: u64 = 60;
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
-        What::List { json } => {
+        Command::List { json } => {
             for kind in FaultKind::ALL {
                 if *json {
                     println!(
@@ -121,13 +121,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     );
                 }
             }
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
-        What::Run(run) => play(run),
+        Command::Run(run) => play(run),
     }
 }
 
-fn play(run: &Run) -> anyhow::Result<Answer> {
+fn play(run: &Run) -> anyhow::Result<ExitStatus> {
     let known = |name: &String| {
         FaultKind::ALL
             .iter()
@@ -152,7 +152,7 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
         tasks,
         scenes,
         broken,
-    } = inputs::tasks(&run.tasks, run.scene.as_deref(), Listed::AsWritten)?;
+    } = inputs::tasks(&run.tasks, run.scene.as_deref(), ObjectOrder::AsWritten)?;
     fs::create_dir_all(&run.out)
         .with_context(|| format!("cannot make the folder {}", run.out.display()))?;
     let wanted: Vec<Wanted> = match run.paper {
@@ -184,9 +184,9 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
     bar.finish_and_clear();
     let mut counts: BTreeMap<String, u64> = BTreeMap::new();
     let mut answer = if broken > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     };
     for result in results {
         match result {
@@ -205,7 +205,7 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
             }
             Ok(None) => *counts.entry("no task admits it".into()).or_default() += 1,
             Err(error) => {
-                answer = Answer::No;
+                answer = ExitStatus::CheckFailed;
                 eprintln!("reel: {error:#}");
             }
         }

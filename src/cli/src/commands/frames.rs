@@ -10,7 +10,7 @@ use reel_trace::{Trace, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::json;
 
-use crate::{Answer, camera::Camera, inputs};
+use crate::{ExitStatus, camera::Camera, inputs};
 
 /// Write the pictures of a trace as PNG files, and a contact sheet of all of them. Pictures that
 /// the trace leaves out are rendered again; so are those from another camera than the agent's, in
@@ -50,7 +50,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             println!("{}", path.display());
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// The pictures as the trace holds them; where it holds none, or from another camera, rendered

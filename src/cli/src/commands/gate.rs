@@ -14,7 +14,7 @@ use reel_world::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Traces that the other build is asked for at a time: a command line has its limits.
 const TRACES_PER_CALL: usize = 500;
@@ -68,7 +68,7 @@ struct Row {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let folder = &arguments.corpus;
     let paths =
         corpus(folder).with_context(|| format!("cannot list the corpus {}", folder.display()))?;
@@ -111,7 +111,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let exact = rows
         .iter()
         .all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(Line::is_exact));
-    Ok(if exact { Answer::Yes } else { Answer::No })
+    Ok(if exact {
+        ExitStatus::Success
+    } else {
+        ExitStatus::CheckFailed
+    })
 }
 
 /// Has another build replay the traces; its lines in the order of the paths.
@@ -205,11 +209,11 @@ impl Row {
             text.push_str(&format!(
                 "{name}: call {call} {}\n  recorded  {}\n",
                 known.what,
-                told(&known.recorded)
+                outcome_line(&known.recorded)
             ));
             for (build, line) in self.lines() {
                 let now = match (line.changed(*call), &line.outcomes) {
-                    (Some(changed), _) => told(&changed.replayed),
+                    (Some(changed), _) => outcome_line(&changed.replayed),
                     (None, Some(_)) => "as recorded".to_owned(),
                     (None, None) => format!("({})", line.verdict),
                 };
@@ -295,7 +299,7 @@ fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
 }
 
 /// An outcome in a line.
-pub fn told(outcome: &Outcome) -> String {
+pub fn outcome_line(outcome: &Outcome) -> String {
     let code = outcome.error.map_or("ok", |code| code.as_str());
     format!(
         "{code}: {}",

@@ -5,7 +5,7 @@ use reel_export::{GspoOptions, GspoReport, SequenceUnit, gspo};
 use reel_reward::gspo::{ClipRange, KlEstimator};
 
 use super::export::{Grouping, StoreSource};
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Compute the GSPO objective of a policy from the log-probabilities in a store: sequence ratios,
 /// clip shares, KL and loss, over the groups, returns and advantages of `reel export rl`. Nothing
@@ -79,7 +79,7 @@ fn sequence_unit(name: &str) -> Result<SequenceUnit, String> {
 }
 
 /// Computes the objective and prints it.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Arguments {
         source,
         old,
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         print!("{}", table(&options, &report));
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 fn table(options: &GspoOptions, report: &GspoReport) -> String {

@@ -8,14 +8,14 @@ use std::{
 use anyhow::Context;
 use rayon::prelude::*;
 use reel_import::{
-    ImportError, Imported, Options,
+    ImportError, ImportOptions, ImportedEpisode,
     robot::{Mapping, Recording},
 };
-use reel_tasks::Listed;
+use reel_tasks::ObjectOrder;
 use reel_world::Scenes;
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Turn what other frameworks recorded into traces.
 #[derive(clap::Args)]
@@ -116,7 +116,7 @@ struct Importing {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::RealEval {
             folder,
@@ -139,13 +139,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 }
 
-fn robot(root: &Path, mapping: &Path, run: &str, importing: &Importing) -> anyhow::Result<Answer> {
+fn robot(
+    root: &Path,
+    mapping: &Path,
+    run: &str,
+    importing: &Importing,
+) -> anyhow::Result<ExitStatus> {
     let text = fs::read_to_string(mapping)
         .with_context(|| format!("cannot read the mapping {}", mapping.display()))?;
     let mapping = Mapping::parse(&text)
         .with_context(|| format!("the mapping {} is not understood", mapping.display()))?;
     let recordings = reel_import::robot::recordings(root)?;
-    let one = |recording: &Path, out: &Path, options: &Options<'_>| {
+    let one = |recording: &Path, out: &Path, options: &ImportOptions<'_>| {
         reel_import::robot::import(recording, &mapping, out, options)
     };
     let (results, broken) = importing.each(&recordings, run, one)?;
@@ -203,7 +208,7 @@ impl Importing {
         &self,
         sources: &[PathBuf],
         run_id: &str,
-        import: impl Fn(&Path, &Path, &Options<'_>) -> T + Sync,
+        import: impl Fn(&Path, &Path, &ImportOptions<'_>) -> T + Sync,
     ) -> anyhow::Result<(Vec<T>, usize)> {
         let Importing {
             out,
@@ -218,7 +223,7 @@ impl Importing {
                     tasks,
                     scenes,
                     broken,
-                } = inputs::tasks(path, scene.as_deref(), Listed::AsWritten)?;
+                } = inputs::tasks(path, scene.as_deref(), ObjectOrder::AsWritten)?;
                 (tasks, Some(scenes), broken)
             }
             None => (
@@ -233,7 +238,7 @@ impl Importing {
         };
         fs::create_dir_all(out)
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
-        let options = Options {
+        let options = ImportOptions {
             run_id,
             tasks: &tasks,
             scenes: scenes.as_ref(),
@@ -255,13 +260,13 @@ impl Importing {
 
 fn tell(
     episode: &Path,
-    result: &Result<Imported, ImportError>,
+    result: &Result<ImportedEpisode, ImportError>,
     as_json: bool,
 ) -> anyhow::Result<()> {
     match result {
         Ok(imported) if as_json => println!("{}", serde_json::to_string(imported)?),
         Ok(imported) => {
-            let Imported {
+            let ImportedEpisode {
                 steps, pictures, ..
             } = imported;
             let end = format!("{:?}", imported.end).to_lowercase();
@@ -297,12 +302,12 @@ fn tell(
 
 /// Sums up; episodes that the agent skipped are no loss, what was lost beside the episodes is.
 fn answer(
-    results: &[Result<Imported, ImportError>],
+    results: &[Result<ImportedEpisode, ImportError>],
     lost_beside: usize,
     out: &Path,
     as_json: bool,
-) -> Answer {
-    let imported: Vec<&Imported> = results
+) -> ExitStatus {
+    let imported: Vec<&ImportedEpisode> = results
         .iter()
         .filter_map(|result| result.as_ref().ok())
         .collect();
@@ -324,8 +329,8 @@ fn answer(
         );
     }
     match (imported.len(), failed + incomplete + lost_beside) {
-        (_, 0) => Answer::Yes,
-        (0, _) => Answer::BadInput,
-        _ => Answer::Loss,
+        (_, 0) => ExitStatus::Success,
+        (0, _) => ExitStatus::BadInput,
+        _ => ExitStatus::Partial,
     }
 }

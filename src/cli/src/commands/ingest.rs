@@ -7,7 +7,7 @@ use reel_tables::TraceRows;
 use reel_tables::{IngestReport, Progress, Store};
 use serde_json::json;
 
-use crate::{Answer, elsewhere::Elsewhere, inputs, progress};
+use crate::{ExitStatus, elsewhere::ClusterArguments, inputs, progress};
 
 /// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces
 /// what it was; a bad file is put in quarantine with its reason, and the rest goes on.
@@ -25,14 +25,14 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let report = ingest(&paths, &arguments.store, &arguments.elsewhere)?;
     for (path, reason) in &report.quarantined {
@@ -58,9 +58,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if quarantined.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::Loss
+        ExitStatus::Partial
     })
 }
 
@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 pub fn ingest(
     paths: &[PathBuf],
     store: &str,
-    elsewhere: &Elsewhere,
+    elsewhere: &ClusterArguments,
 ) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
     let progress = |done: usize, _: usize| bar.set_position(done as u64);
@@ -90,7 +90,7 @@ const TRACES_PER_GROUP: usize = 16;
 fn read_elsewhere(
     mut store: Store,
     paths: &[PathBuf],
-    elsewhere: &Elsewhere,
+    elsewhere: &ClusterArguments,
     progress: Progress<'_>,
 ) -> anyhow::Result<IngestReport> {
     let Some(cluster) = elsewhere.open()? else {
@@ -115,7 +115,7 @@ fn read_elsewhere(
 fn read_elsewhere(
     mut store: Store,
     paths: &[PathBuf],
-    _: &Elsewhere,
+    _: &ClusterArguments,
     progress: Progress<'_>,
 ) -> anyhow::Result<IngestReport> {
     Ok(store.ingest(paths, progress)?)
@@ -123,15 +123,15 @@ fn read_elsewhere(
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
-pub fn work() -> reel_cluster::Work {
+pub fn work() -> reel_cluster::TraceJob {
     // parses tasks and scenes once
     let reader = reel_trace::RecordsReader::default();
     let run = move |traces: &[PathBuf], _: &str| {
-        let rows = TraceRows::read(&reader, traces, &reel_tables::Seen::default());
+        let rows = TraceRows::read(&reader, traces, &reel_tables::DocumentSet::default());
         rows.and_then(|rows| rows.to_bytes())
             .map_err(|error| error.to_string())
     };
-    reel_cluster::Work {
+    reel_cluster::TraceJob {
         name: "ingest",
         traces: true,
         run: std::sync::Arc::new(run),

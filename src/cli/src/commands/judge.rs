@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use reel_llm::client::Clock as _;
-use reel_query::Session;
+use reel_query::QuerySession;
 use reel_tables::{Label, Store};
 use reel_taxonomy::{
-    Stored,
-    judge::{Case, Options, Picture, Proven, Source, Turn, Verdict, judge_all},
+    StoredClass,
+    judge::{Case, CaseImage, JudgeOptions, JudgedCase, RuleFinding, Source, Turn, judge_all},
 };
 use reel_trace::Trace;
 use serde_json::json;
 
 use crate::{
-    Answer,
+    ExitStatus,
     commands::taxonomy::classes_of,
     inputs,
     model::{Model, RealClock},
@@ -60,15 +60,15 @@ pub struct Arguments {
 const PORTION: usize = 32;
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let client = client.context("--endpoint and --model are missing: whom to ask")?;
-    let session = Session::new(Store::open(&arguments.store)?)?;
+    let session = QuerySession::new(Store::open(&arguments.store)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
-    let options = Options {
+    let options = JudgeOptions {
         frames: arguments.frames,
-        ..Options::default()
+        ..JudgeOptions::default()
     };
     let bar = progress::bar(failed.len(), "judging");
     let (mut labels, mut errors, mut agree, mut proven) = (Vec::new(), 0, 0, 0);
@@ -126,14 +126,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if errors > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 
 /// What the judge gets of an episode.
-fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
+fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
     let trace = Trace::read(Path::new(&episode.trace)).context("its trace cannot be read")?;
     let turn = |step: &reel_world::record::StepRecord| {
         let policy = step.input.policy.clone().unwrap_or_default();
@@ -168,7 +168,7 @@ fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
     let first = decisive.saturating_sub(frames as u32 / 2);
     let pictures = (first..).take(frames).filter_map(|step| {
         let bytes = trace.image(Some(step))?.to_vec();
-        Some(Picture {
+        Some(CaseImage {
             step,
             media_type: "image/webp".into(),
             bytes,
@@ -179,7 +179,7 @@ fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
         instruction: trace.task.instruction.clone(),
         transcript: trace.steps.iter().map(turn).collect(),
         frames: pictures.collect(),
-        proven: Some(Proven {
+        proven: Some(RuleFinding {
             class: episode.class.clone(),
             sub_class: Some(episode.sub_class.clone()),
             step: decisive,
@@ -190,7 +190,7 @@ fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
 }
 
 /// The judge's opinion as a label; what it was overruled in is said in the note.
-fn label(verdict: &Verdict) -> Label {
+fn label(verdict: &JudgedCase) -> Label {
     let opinion = &verdict.opinion;
     let proposal = opinion
         .proposed_sub_class

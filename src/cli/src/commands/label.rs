@@ -8,13 +8,13 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_query::{Format, Session, format};
+use reel_query::{Format, QuerySession, format};
 use reel_tables::{Label, Store};
 use reel_taxonomy::{
     CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
 };
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Keep labels of failed episodes: who says that it is of which class, and how sure. The rules
 /// never read them; `reel taxonomy agreement` compares the two.
@@ -30,7 +30,7 @@ use crate::Answer;
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: Command,
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store", global = true)]
     store: String,
@@ -40,7 +40,7 @@ pub struct Arguments {
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// Label one episode
     Set(Set),
     /// Read labels: CSV, JSON, or a folder with the `.label.json` files of injected faults
@@ -93,16 +93,16 @@ struct Set {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let now_ms = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |time| time.as_millis() as i64);
     match &arguments.what {
-        What::Set(set) => keep(
+        Command::Set(set) => keep(
             &arguments.store,
             vec![labelled(&arguments.store, set, now_ms)?],
         ),
-        What::Import { path, author } => {
+        Command::Import { path, author } => {
             let labels = read(
                 path,
                 Defaults {
@@ -112,8 +112,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             )?;
             known_episodes(&arguments.store, labels)
         }
-        What::Export { out } => export(&arguments.store, out.as_deref()),
-        What::List => {
+        Command::Export { out } => export(&arguments.store, out.as_deref()),
+        Command::List => {
             let labels = Store::open(&arguments.store)?.labels()?;
             print!(
                 "{}",
@@ -123,9 +123,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     lines(labels.iter())
                 }
             );
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
-        What::Disputed => {
+        Command::Disputed => {
             let open = disputed(&Store::open(&arguments.store)?.labels()?);
             for labels in open.values() {
                 print!(
@@ -144,9 +144,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 );
             }
             Ok(if open.is_empty() {
-                Answer::Yes
+                ExitStatus::Success
             } else {
-                Answer::No
+                ExitStatus::CheckFailed
             })
         }
     }
@@ -229,7 +229,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
 
 /// The episodes of a store with the number of their steps.
 fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, i32>> {
-    let session = Session::new(Store::open(store)?)?;
+    let session = QuerySession::new(Store::open(store)?)?;
     let text = format(
         &session.run("SELECT episode_id, array_length(steps) FROM episodes")?,
         Format::Csv,
@@ -280,7 +280,7 @@ fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
 }
 
 /// Keeps labels of episodes that the store has, and says which it does not have.
-fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
+fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<ExitStatus> {
     let episodes = episodes(store)?;
     let (known, unknown): (Vec<Label>, Vec<Label>) = labels
         .into_iter()
@@ -296,10 +296,10 @@ fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
         "reel: {} labels are of episodes that the store does not have",
         unknown.len()
     );
-    Ok(Answer::Loss)
+    Ok(ExitStatus::Partial)
 }
 
-fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
+fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<ExitStatus> {
     let count = labels.len();
     // of one author about one episode the last word counts
     let of = |label: &Label| {
@@ -316,10 +316,10 @@ fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
         before
     })?;
     println!("{count} labels kept");
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn export(store: &str, out: Option<&Path>) -> anyhow::Result<Answer> {
+fn export(store: &str, out: Option<&Path>) -> anyhow::Result<ExitStatus> {
     let labels = Store::open(store)?.labels()?;
     let as_json = out
         .and_then(Path::extension)
@@ -335,5 +335,5 @@ fn export(store: &str, out: Option<&Path>) -> anyhow::Result<Answer> {
         }
         None => print!("{text}"),
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, bail};
 use reel_trace::{ScoredTokens, Trace};
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Log-probabilities of the tokens that a model wrote: list those that traces hold, and add what
 /// another checkpoint gives the same tokens. They stand in channel /logprobs, outside of every
@@ -53,7 +53,7 @@ enum Command {
 }
 
 /// Lists or adds log-probabilities.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::List { traces } => list(traces),
         Command::Add {
@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 }
 
-fn list(paths: &[PathBuf]) -> anyhow::Result<Answer> {
+fn list(paths: &[PathBuf]) -> anyhow::Result<ExitStatus> {
     let mut any = false;
     for path in inputs::traces(paths)? {
         for line in Trace::read(&path)?.scored_tokens() {
@@ -77,10 +77,14 @@ fn list(paths: &[PathBuf]) -> anyhow::Result<Answer> {
             "reel: no trace there holds log-probabilities; `reel bench --logprobs` records them"
         );
     }
-    Ok(if any { Answer::Yes } else { Answer::No })
+    Ok(if any {
+        ExitStatus::Success
+    } else {
+        ExitStatus::CheckFailed
+    })
 }
 
-fn add(paths: &[PathBuf], from: &Path, policy: Option<&str>) -> anyhow::Result<Answer> {
+fn add(paths: &[PathBuf], from: &Path, policy: Option<&str>) -> anyhow::Result<ExitStatus> {
     let mut traces = Vec::new();
     for path in inputs::traces(paths)? {
         traces.push(Trace::read(&path)?);
@@ -129,9 +133,9 @@ fn add(paths: &[PathBuf], from: &Path, policy: Option<&str>) -> anyhow::Result<A
         changed.len()
     );
     Ok(if by_episode.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::Loss
+        ExitStatus::Partial
     })
 }
 

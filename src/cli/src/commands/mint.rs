@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use reel_replay::{MintOptions, mint};
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Execute the inputs of every trace of a corpus with this simulator, write them anew without
 /// pictures, and note the reason in the corpus' NOTES.md. Traces of another simulator move to
@@ -29,7 +29,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let minted = mint(&MintOptions {
         corpus: &arguments.corpus,
         reason: &arguments.reason,
@@ -59,5 +59,5 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         "simulator {}: {all} traces, {added} added, {rewritten} rewritten",
         minted.sim_version
     );
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

@@ -2,11 +2,11 @@
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
-use reel_llm::agent::script::{Script, Trouble};
+use reel_llm::agent::script::{InjectedError, Script};
 use reel_server::{MockOptions, mock_llm};
 use reel_trace::Trace;
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Stand in for a model: give the decisions of recorded episodes to whoever plays them again, on
 /// the protocol of OpenAI-compatible endpoints (chat completions with and without functions,
@@ -31,8 +31,8 @@ pub struct Arguments {
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8000")]
     listen: SocketAddr,
     /// What goes wrong, and at which call; may be repeated
-    #[arg(long, value_name = "KIND@CALL", value_parser = Trouble::parse)]
-    trouble: Vec<(Trouble, usize)>,
+    #[arg(long, value_name = "KIND@CALL", value_parser = InjectedError::parse)]
+    trouble: Vec<(InjectedError, usize)>,
     /// How long every answer takes, in milliseconds
     #[arg(long, value_name = "MS", default_value_t = 0)]
     delay: u64,
@@ -45,7 +45,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.traces)?;
     let traces = paths
         .iter()
@@ -65,5 +65,5 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             traces.len()
         );
     })?;
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

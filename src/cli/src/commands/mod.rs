@@ -29,6 +29,7 @@ pub mod gspo;
 pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
+pub mod isolation_check;
 #[cfg(feature = "analytics")]
 pub mod judge;
 #[cfg(feature = "analytics")]
@@ -37,7 +38,6 @@ pub mod logprobs;
 pub mod mint;
 #[cfg(feature = "service")]
 pub mod mock_llm;
-pub mod paranoid;
 pub mod perf;
 #[cfg(feature = "analytics")]
 pub mod query;

@@ -13,7 +13,9 @@ use reel_counterfactual::blame::{alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
-use reel_sim::{Given, Simulator, Stage, geometry::Pose, physics::Physics, render::Detail};
+use reel_sim::{
+    CallContext, PreparedTask, Simulator, geometry::Pose, physics::Physics, render::Detail,
+};
 use reel_tasks::{DrawOptions, draw};
 use reel_trace::{Images, Trace, encode_webp};
 use reel_world::{
@@ -21,7 +23,7 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Physics steps after spawning that are timed: the world is awake in all of them.
 const PHYSICS_STEPS: u32 = 200;
@@ -86,7 +88,7 @@ struct Figures {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let figures = measure(arguments)?;
     fs::remove_dir_all(&arguments.out)
         .with_context(|| format!("cannot clear {}", arguments.out.display()))?;
@@ -96,9 +98,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         print(&figures);
     }
     Ok(if figures.exact == figures.episodes {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
@@ -161,7 +163,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
         (seconds, lean) = play("lean", Some(Images::None), 1)?;
         best[2] = best[2].min(seconds);
         best[3] = best[3].min(play("two", Some(Images::Full), 2)?.0);
-        let (seconds, found) = replay(&full, Detail::Picture)?;
+        let (seconds, found) = replay(&full, Detail::Full)?;
         (best[4], exact) = (best[4].min(seconds), found);
         best[5] = best[5].min(replay(&full, Detail::Geometry)?.0);
     }
@@ -304,7 +306,7 @@ fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Res
             Ok(begun.elapsed().as_secs_f64())
         };
         let replay =
-            seconds(&mut || Ok(_ = std::hint::black_box(verify_with(&trace, Detail::Picture))))?;
+            seconds(&mut || Ok(_ = std::hint::black_box(verify_with(&trace, Detail::Full))))?;
         let Some(decisive) = blame(&trace).decisive else {
             continue;
         };
@@ -371,7 +373,11 @@ fn seeks(paths: &[PathBuf], folder: &Path) -> anyhow::Result<(f64, f64)> {
 /// Steps per second with our digest of every step, and without anything of ours; interleaved, each
 /// the best of its rounds.
 fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
-    let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
+    let simulator = Simulator::new(
+        PreparedTask::new(scene.clone(), task.clone()),
+        Profile::Paper,
+        0,
+    );
     let spawn = || {
         let models = simulator.object_models();
         let mut physics = Physics::new(simulator.model(), models.len());
@@ -408,7 +414,11 @@ fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
 
 /// Milliseconds per picture, rendered, rendered without shading, and encoded: the medians.
 fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
-    let mut simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
+    let mut simulator = Simulator::new(
+        PreparedTask::new(scene.clone(), task.clone()),
+        Profile::Paper,
+        0,
+    );
     let (mut render, mut geometry, mut encode) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..PICTURES {
         let target = &scene.receptacles[index as usize % scene.receptacles.len()].id;
@@ -416,16 +426,16 @@ fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
             &reel_world::Tool::NavTo {
                 receptacle: target.clone(),
             },
-            Given::default(),
+            CallContext::default(),
         );
         let begun = Instant::now();
-        let frame = simulator.take_picture();
+        let frame = simulator.capture_frame();
         render.push(begun.elapsed().as_secs_f64() * 1e3);
         simulator.set_detail(Detail::Geometry);
         let begun = Instant::now();
-        std::hint::black_box(simulator.take_picture());
+        std::hint::black_box(simulator.capture_frame());
         geometry.push(begun.elapsed().as_secs_f64() * 1e3);
-        simulator.set_detail(Detail::Picture);
+        simulator.set_detail(Detail::Full);
         let begun = Instant::now();
         std::hint::black_box(encode_webp(
             &frame.rgb,

@@ -11,12 +11,12 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{
-    Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named,
+    Format, Limits, Parameters, QueryError, QuerySession, StopReason, arrow_file, format, named,
     parquet_file,
 };
 use reel_tables::Store;
 
-use crate::{Answer, cost::Cost, elsewhere::Elsewhere, progress};
+use crate::{ExitStatus, cost::Cost, elsewhere::ClusterArguments, progress};
 
 /// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of
 /// Reel's own work on the steps of an episode and call the simulator: `reel query --functions`.
@@ -50,7 +50,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     at: Option<u64>,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// table, csv, json, arrow (IPC file) or parquet
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json", "arrow", "parquet"])]
     format: String,
@@ -86,7 +86,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.functions {
         for function in reel_query::functions() {
             println!(
@@ -94,7 +94,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 function.call, function.meaning, function.example
             );
         }
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     if arguments.list {
         match &arguments.named {
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 .iter()
                 .for_each(|query| println!("{:24} {}", query.name, query.summary())),
         }
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     let mut parameters: Parameters = BTreeMap::new();
     let sql = match (&arguments.sql, &arguments.named, &arguments.file) {
@@ -135,8 +135,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     };
     let session = arguments.elsewhere.session(store, limits)?;
     let ask = || match watched(&session, || session.run_with(&sql, &parameters)) {
-        Err(QueryError::Stopped(Stopped::Cancelled)) => {
-            eprintln!("reel: {}", Stopped::Cancelled);
+        Err(QueryError::Stopped(StopReason::Cancelled)) => {
+            eprintln!("reel: {}", StopReason::Cancelled);
             std::process::exit(130);
         }
         answer => answer,
@@ -171,7 +171,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             written => written?,
         },
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Asks and prints.
@@ -186,7 +186,7 @@ pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
 
 /// Runs a query while Ctrl-C stops it and a spinner counts the traces that its functions have
 /// worked off.
-fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
+fn watched<T>(session: &QuerySession, run: impl FnOnce() -> T) -> T {
     session.stop_on_ctrl_c();
     let control = session.control();
     let spinner = progress::spinner();

@@ -9,16 +9,18 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_proxy::{Bridge, Endings, Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
+use reel_proxy::{
+    Bridge, Mapping, OnFull, PendingTraces, Proxy, ProxyEvent, Report, Setup, Upstream,
+};
 use reel_reward::Preset;
-use reel_tasks::Listed;
+use reel_tasks::ObjectOrder;
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{
     Profile, Scenes,
     record::{Backend, EndReason},
 };
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Stand between any MCP agent and any MCP tool server, pass everything through byte for byte, and
 /// record the episodes that go by as traces. The agent is given this command's address instead of
@@ -144,7 +146,7 @@ impl Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let setup = Arc::new(setup(arguments)?);
     if arguments.takes_its_place() {
         let code = reel_proxy::run_stdio(setup.clone(), &arguments.command)?;
@@ -209,7 +211,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
     let mapping = arguments.mapping.as_deref().map(mapping).transpose()?;
     let (tasks, scenes) = match &arguments.tasks {
         Some(path) => {
-            let loaded = inputs::tasks(path, arguments.scene.as_deref(), Listed::AsWritten)?;
+            let loaded = inputs::tasks(path, arguments.scene.as_deref(), ObjectOrder::AsWritten)?;
             (loaded.tasks, loaded.scenes)
         }
         None => {
@@ -253,7 +255,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         hosts: arguments.hosts.clone(),
         watch: Box::new(move |seen| tell(&seen, shows, to_stderr)),
         report: Report::default(),
-        endings: Endings::default(),
+        endings: PendingTraces::default(),
     })
 }
 
@@ -279,17 +281,20 @@ fn preset(name: &str) -> anyhow::Result<Preset> {
 }
 
 /// Trouble is always told; the transcript where it is asked for.
-fn tell(seen: &Seen<'_>, shows: bool, to_stderr: bool) {
+fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
     let text = match seen {
-        Seen::Trouble { session, what } => {
+        ProxyEvent::RecordingFailed {
+            session,
+            problem: what,
+        } => {
             eprintln!("reel: {session}: {what}");
             return;
         }
-        Seen::PictureLeftOut { session, why } => {
+        ProxyEvent::ImageOmitted { session, why } => {
             eprintln!("reel: {session}: a picture is left out: {why}");
             return;
         }
-        Seen::Began {
+        ProxyEvent::Began {
             session,
             task,
             path,
@@ -306,14 +311,14 @@ fn tell(seen: &Seen<'_>, shows: bool, to_stderr: bool) {
                 path.display()
             )
         }
-        Seen::Step {
+        ProxyEvent::Step {
             session,
             record,
             timing,
         } if shows => {
             reel_view::step(record, Some(timing)).replacen('\n', &format!("\n{session}"), 1)
         }
-        Seen::Ended {
+        ProxyEvent::Ended {
             session,
             path,
             reason,
@@ -343,7 +348,7 @@ fn tell(seen: &Seen<'_>, shows: bool, to_stderr: bool) {
     }
 }
 
-fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Answer> {
+fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<ExitStatus> {
     let counts = report.counts();
     let text = if as_json {
         serde_json::to_string(&counts)?
@@ -379,5 +384,9 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Ans
         println!("{text}");
     }
     let lost = counts.unrecorded + counts.refused + counts.too_large + counts.pictures_left_out;
-    Ok(if lost > 0 { Answer::Loss } else { Answer::Yes })
+    Ok(if lost > 0 {
+        ExitStatus::Partial
+    } else {
+        ExitStatus::Success
+    })
 }

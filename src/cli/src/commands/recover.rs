@@ -4,9 +4,9 @@ use std::{collections::BTreeMap, fs, path::PathBuf};
 
 use anyhow::Context;
 use reel_live::restore;
-use reel_trace::{Recovery, Restored, TraceError};
+use reel_trace::{Recovery, RecoveryStatus, TraceError};
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Restore every whole step of recordings that were killed, ran into a full disk, or were torn or
 /// damaged later, and write finished traces that open again. An episode without an end ends as
@@ -37,7 +37,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::recordings(&arguments.paths)?;
     if let Some(out) = &arguments.out {
         fs::create_dir_all(out)
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for recovery in &recoveries {
         if arguments.json {
             println!("{}", serde_json::to_string(recovery)?);
-        } else if recovery.restored != Restored::NotNeeded || paths.len() == 1 {
+        } else if recovery.restored != RecoveryStatus::NotNeeded || paths.len() == 1 {
             print!("{}", text(recovery));
         }
     }
@@ -79,11 +79,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         println!("{}", summary(&recoveries, lossy));
     }
     Ok(if failed > 0 {
-        Answer::BadInput
+        ExitStatus::BadInput
     } else if lossy > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 
@@ -99,10 +99,10 @@ fn text(recovery: &Recovery) -> String {
         "ends as aborted"
     };
     let mut text = match recovery.restored {
-        Restored::NotNeeded => format!("{source}: whole, nothing to recover\n"),
-        Restored::Written => format!("{source}: {steps} steps restored, {end}: {trace}\n"),
-        Restored::Before => format!("{source}: its {steps} steps are already in {trace}\n"),
-        Restored::Nothing => format!("{source}: nothing can be restored; {trace} says so\n"),
+        RecoveryStatus::NotNeeded => format!("{source}: whole, nothing to recover\n"),
+        RecoveryStatus::Written => format!("{source}: {steps} steps restored, {end}: {trace}\n"),
+        RecoveryStatus::Before => format!("{source}: its {steps} steps are already in {trace}\n"),
+        RecoveryStatus::Nothing => format!("{source}: nothing can be restored; {trace} says so\n"),
     };
     for lost in &recovery.lost {
         text.push_str(&format!("  lost: {lost}\n"));
@@ -127,10 +127,10 @@ fn summary(recoveries: &[Recovery], lossy: usize) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for recovery in recoveries {
         let what = match recovery.restored {
-            Restored::NotNeeded => "whole",
-            Restored::Written => "restored",
-            Restored::Before => "restored before",
-            Restored::Nothing => "with nothing to restore",
+            RecoveryStatus::NotNeeded => "whole",
+            RecoveryStatus::Written => "restored",
+            RecoveryStatus::Before => "restored before",
+            RecoveryStatus::Nothing => "with nothing to restore",
         };
         *counts.entry(what).or_default() += 1;
     }

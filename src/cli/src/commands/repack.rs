@@ -12,7 +12,7 @@ use reel_replay::RepackError;
 use reel_trace::{Trace, TraceSummary, content};
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Drop the pictures of traces: about a twentieth of the bytes remains. Their digests stay, and
 /// `reel expand` draws the pictures again, to the last bit, with a build of the same simulator
@@ -70,14 +70,14 @@ struct Common {
 }
 
 /// Runs `reel compact`.
-pub fn compact(arguments: &Compact) -> anyhow::Result<Answer> {
+pub fn compact(arguments: &Compact) -> anyhow::Result<ExitStatus> {
     repack(&arguments.common, "compact", |trace, to| {
         reel_replay::compact(trace, to, !arguments.unverified)
     })
 }
 
 /// Runs `reel expand`.
-pub fn expand(arguments: &Expand) -> anyhow::Result<Answer> {
+pub fn expand(arguments: &Expand) -> anyhow::Result<ExitStatus> {
     repack(&arguments.common, "expand", reel_replay::expand)
 }
 
@@ -94,7 +94,7 @@ fn repack(
     arguments: &Common,
     name: &'static str,
     write: impl Fn(&Trace, &Path) -> Result<TraceSummary, RepackError> + Sync,
-) -> anyhow::Result<Answer> {
+) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let assets = arguments.assets.open()?;
     let targets = targets(&paths, arguments.out.as_deref())?;
@@ -160,9 +160,9 @@ fn repack(
         print(&done, paths.len());
     }
     Ok(if done.len() == paths.len() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 

@@ -7,7 +7,7 @@ use reel_counterfactual::blame::{Edit, Repair, blame, repair};
 use reel_trace::Trace;
 use serde_json::{Value, json};
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Find the smallest change of a failed episode's calls that makes it succeed: calls put in,
 /// replaced or left out from the decisive step on, by search over branches. No single one of the
@@ -37,7 +37,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let found = blame(&trace);
     let Some(decisive) = &found.decisive else {
@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             "reel: nothing to repair: the episode did not fail, or nothing was lost in it: {}",
             trace.path.display()
         );
-        return Ok(Answer::No);
+        return Ok(ExitStatus::CheckFailed);
     };
     let stem = trace.path.file_stem().map_or_else(
         || "trace".into(),
@@ -65,12 +65,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Ok(repaired) => repaired,
         Err(why) => {
             eprintln!("reel: cannot be repaired: {why}: {}", trace.path.display());
-            return Ok(Answer::No);
+            return Ok(ExitStatus::CheckFailed);
         }
     };
     if arguments.json {
         println!("{}", in_json(&trace, &repaired));
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     println!(
         "{}: {} change(s), found with {} branches",
@@ -92,7 +92,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         "DOES NOT REPLAY EXACTLY"
     };
     println!("trace: {}: {verdict}", out.display());
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 fn in_json(trace: &Trace, repaired: &Repair) -> Value {

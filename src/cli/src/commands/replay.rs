@@ -2,13 +2,13 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use reel_replay::{Judgement, Verdict, judge_all, verify_all, verify_all_restored};
+use reel_replay::{ReplayReport, Verdict, judge_all, verify_all, verify_all_restored};
 use reel_world::Assets;
 
 use crate::{
-    Answer,
+    ExitStatus,
     commands::{explain, gate},
-    elsewhere::Elsewhere,
+    elsewhere::ClusterArguments,
     inputs, progress,
 };
 
@@ -36,7 +36,7 @@ pub struct Arguments {
     #[command(flatten)]
     assets: inputs::Assets,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -69,7 +69,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let assets = arguments.assets.open()?;
     if let Some(place) = &arguments.state_at {
@@ -98,13 +98,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if arguments.outcomes {
         let judgements = match arguments
             .elsewhere
-            .each("outcomes", &(), &paths, |more| bar.inc(more))?
+            .map_traces("outcomes", &(), &paths, |more| bar.inc(more))?
         {
             // with the traces called as here
             Some(judged) => paths
                 .iter()
                 .zip(judged)
-                .map(|(path, one)| Judgement {
+                .map(|(path, one)| ReplayReport {
                     trace: path.clone(),
                     ..one
                 })
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let verdicts =
         match arguments
             .elsewhere
-            .each("replay", &arguments.restored, &paths, |more| bar.inc(more))?
+            .map_traces("replay", &arguments.restored, &paths, |more| bar.inc(more))?
         {
             Some(verdicts) => verdicts,
             None => verify(&paths, &assets, workers, arguments.restored, || bar.inc(1)),
@@ -162,9 +162,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     Ok(if exact == paths.len() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
@@ -185,7 +185,7 @@ fn verify(
 #[cfg(feature = "cluster")]
 pub fn works(
     assets: &std::sync::Arc<Option<reel_tasks::assets::Folder>>,
-) -> [reel_cluster::Work; 2] {
+) -> [reel_cluster::TraceJob; 2] {
     use crate::elsewhere::work;
 
     let (of_replay, of_outcomes) = (assets.clone(), assets.clone());
@@ -200,9 +200,9 @@ pub fn works(
 }
 
 /// Verdicts with what changed beside them.
-fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer> {
+fn tell_outcomes(judgements: &[ReplayReport], json: bool) -> anyhow::Result<ExitStatus> {
     for judgement in judgements {
-        let Judgement {
+        let ReplayReport {
             trace,
             verdict,
             outcomes,
@@ -217,8 +217,10 @@ fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer>
         };
         println!("  executed to the end: {changes}");
         for changed in &changes.outcomes {
-            let (recorded, replayed) =
-                (gate::told(&changed.recorded), gate::told(&changed.replayed));
+            let (recorded, replayed) = (
+                gate::outcome_line(&changed.recorded),
+                gate::outcome_line(&changed.replayed),
+            );
             println!(
                 "  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}",
                 changed.call, changed.what
@@ -230,9 +232,9 @@ fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer>
             .iter()
             .all(|judgement| judgement.verdict.is_exact())
         {
-            Answer::Yes
+            ExitStatus::Success
         } else {
-            Answer::No
+            ExitStatus::CheckFailed
         },
     )
 }

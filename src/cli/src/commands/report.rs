@@ -5,7 +5,7 @@ use std::{fmt::Write as _, fs, path::PathBuf};
 
 use anyhow::Context;
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use reel_query::{Format, Session, format, named};
+use reel_query::{Format, QuerySession, format, named};
 use reel_replay::{Viewpoint, view_at};
 use reel_tables::Store;
 use reel_taxonomy::sankey::{Flow, Sankey};
@@ -13,7 +13,7 @@ use reel_trace::{Trace, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, de::DeserializeOwned};
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Write what a store says of its episodes as one self-contained HTML file: success rates with
 /// intervals, why episodes failed, what lost them, the hardest tasks, and an example of each kind
@@ -101,21 +101,21 @@ struct Example {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = match arguments.at {
         Some(version) => Store::open_at(&arguments.store, version)?,
         None => Store::open(&arguments.store)?,
     };
     let version = store.version();
-    let session = Session::new(store)?;
+    let session = QuerySession::new(store)?;
     let html = page(&session, arguments, version)?;
     fs::write(&arguments.out, html)
         .with_context(|| format!("cannot write {}", arguments.out.display()))?;
     println!("{}", arguments.out.display());
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn page(session: &Session, arguments: &Arguments, version: u64) -> anyhow::Result<String> {
+fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::Result<String> {
     let these = format!("(SELECT * FROM episodes WHERE ({}\n))", arguments.condition);
     let rates: Vec<Rate> = rows(session, &rates_sql(&these))?;
     anyhow::ensure!(
@@ -371,7 +371,7 @@ fn picture(example: &Example) -> Option<Vec<u8>> {
     Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
 }
 
-fn rows<T: DeserializeOwned>(session: &Session, sql: &str) -> anyhow::Result<Vec<T>> {
+fn rows<T: DeserializeOwned>(session: &QuerySession, sql: &str) -> anyhow::Result<Vec<T>> {
     let text = format(&session.run(sql)?, Format::Json)?;
     serde_json::from_str(&text)
         .with_context(|| format!("an answer has another form than expected: {sql}"))

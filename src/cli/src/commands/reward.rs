@@ -5,11 +5,11 @@ use std::{fs, path::PathBuf};
 use anyhow::{Context, bail};
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
 use reel_reward::{Ending, Preset, RewardDifference, difference};
-use reel_tables::{Rescored, Store, StoreError, Table};
+use reel_tables::{RescoredEpisodes, Store, StoreError, Table};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::{Answer, elsewhere::Elsewhere, progress};
+use crate::{ExitStatus, elsewhere::ClusterArguments, progress};
 
 /// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`
 /// (the published reward class), `real-trainer` (what the published trainer pays, until it stops),
@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// Score under this preset and keep the result
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
@@ -50,10 +50,10 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.list {
         list(arguments.json);
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     match (&arguments.preset, &arguments.diff) {
         (Some(name), _) => keep(arguments, &Named::find(name)?),
@@ -89,21 +89,21 @@ fn list(as_json: bool) {
     }
 }
 
-fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result<Answer> {
+fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result<ExitStatus> {
     let spinner = progress::spinner();
     let mut store = Store::open(&arguments.store)?;
     let told = |done: usize| {
         spinner.set_message(format!("{done} episodes scored"));
         spinner.tick();
     };
-    let mut scored = Rescored::default();
+    let mut scored = RescoredEpisodes::default();
     let elsewhere = score_elsewhere(
         arguments,
         &store,
         &Asked::Keep(text.clone()),
         |part| match part {
             Part::Kept(rows) => {
-                scored.append(Rescored::from_bytes(&BASE64.decode(rows)?)?);
+                scored.append(RescoredEpisodes::from_bytes(&BASE64.decode(rows)?)?);
                 Ok(())
             }
             _ => bail!("an executor answered something else"),
@@ -134,10 +134,10 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
             report.unchanged
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<Answer> {
+fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<ExitStatus> {
     let store = Store::open(&arguments.store)?;
     let (mut changed, mut episodes) = (0_usize, 0_usize);
     let asked = Asked::Compare(a.text.clone(), b.text.clone(), arguments.json);
@@ -175,7 +175,7 @@ fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<Answer
             b.preset.name()
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Tells of every episode in some files how its rewards under two presets differ, if they do.
@@ -266,7 +266,7 @@ fn checked(store: &Store, files: &[String]) -> Result<Checked, StoreError> {
     Ok(found)
 }
 
-fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
+fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = Store::open(&arguments.store)?;
     let mut found = Checked::default();
     let elsewhere = score_elsewhere(arguments, &store, &Asked::Check, |part| match part {
@@ -305,9 +305,9 @@ fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if differing.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
@@ -372,7 +372,7 @@ fn score_elsewhere(
 
 /// What executors do for this command: with files of a store, at one version.
 #[cfg(feature = "cluster")]
-pub fn work() -> reel_cluster::Work {
+pub fn work() -> reel_cluster::TraceJob {
     let scored = |files: &[PathBuf], options: &str| -> anyhow::Result<Vec<u8>> {
         let (place, version, asked): (PathBuf, u64, Asked) = serde_json::from_str(options)?;
         let store = Store::open_at(&place, version)?;
@@ -400,7 +400,7 @@ pub fn work() -> reel_cluster::Work {
     let run = move |files: &[PathBuf], options: &str| {
         scored(files, options).map_err(|error| format!("{error:#}"))
     };
-    reel_cluster::Work {
+    reel_cluster::TraceJob {
         name: "reward",
         traces: false,
         run: std::sync::Arc::new(run),

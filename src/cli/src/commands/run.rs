@@ -10,11 +10,11 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, builtin, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::Listed;
+use reel_tasks::ObjectOrder;
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Assets as _, Meshes, Profile, Scenes, Skills, Task, record::PolicyInfo};
 
-use crate::{Answer, commands::paranoid, inputs, progress};
+use crate::{ExitStatus, commands::isolation_check, inputs, progress};
 
 /// Play tasks with a policy and record every episode as a trace.
 ///
@@ -78,7 +78,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !POLICIES.iter().any(|(name, _)| *name == arguments.policy) {
         let known: Vec<String> = POLICIES
             .iter()
@@ -103,9 +103,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     };
     let listed = if arguments.reversed {
-        Listed::Reversed
+        ObjectOrder::Reversed
     } else {
-        Listed::AsWritten
+        ObjectOrder::AsWritten
     };
     let inputs::Tasks {
         mut tasks,
@@ -166,16 +166,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         println!("traces: {}", arguments.out.display());
     }
     let leaks = if arguments.paranoid {
-        paranoid::leaks(arguments, &reports)?
+        isolation_check::leaks(arguments, &reports)?
     } else {
         0
     };
     Ok(if failed > 0 || leaks > 0 {
-        Answer::No
+        ExitStatus::CheckFailed
     } else if broken + refused > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::Context;
 use reel_tasks::generate::{
-    portrait,
+    object_thumbnail,
     scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
 };
 use reel_tasks::{
@@ -17,7 +17,7 @@ use reel_tasks::{
 use reel_world::Scene;
 use serde_json::json;
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// List, make, check and draw scenes.
 ///
@@ -137,7 +137,7 @@ enum Command {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::List { json } => list(*json),
         Command::Show {
@@ -175,7 +175,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
                 None => print!("{text}"),
             }
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
         Command::Check { scenes, json } => check_all(scenes, *json),
         Command::Objects {
@@ -193,15 +193,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 _ => anyhow::bail!("{}: a plan is written as .svg or .png", out.display()),
             }
             println!("{}", out.display());
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
     }
 }
 
-fn list(as_json: bool) -> anyhow::Result<Answer> {
+fn list(as_json: bool) -> anyhow::Result<ExitStatus> {
     let scenes: Vec<Scene> = names()
         .filter_map(built_in)
-        .chain([reel_tasks::home()])
+        .chain([reel_tasks::home_scene()])
         .collect();
     if as_json {
         let rows = scenes.iter().map(|scene| {
@@ -214,10 +214,10 @@ fn list(as_json: bool) -> anyhow::Result<Answer> {
             println!("{:5} {}", scene.scene_id, summary(scene));
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<ExitStatus> {
     let scene = inputs::scene(Some(path))?;
     if as_json {
         print!("{}", scene_file(&scene)?);
@@ -244,7 +244,7 @@ fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<A
     if let Some(file) = pictures {
         write(file, &sheet(&scene)?)?;
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Every receptacle from where the robot looks at it, with what people call it.
@@ -260,8 +260,8 @@ fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
     let cards = views(scene)
         .into_iter()
         .enumerate()
-        .map(|(index, view)| reel_view::Card {
-            picture: view.frame.map(|frame| frame.rgb),
+        .map(|(index, view)| reel_view::SheetImage {
+            image: view.frame.map(|frame| frame.rgb),
             title: view.receptacle.to_string(),
             text: called(index),
         });
@@ -276,7 +276,7 @@ fn list_objects(
     seed: u64,
     pictures: Option<&Path>,
     as_json: bool,
-) -> anyhow::Result<Answer> {
+) -> anyhow::Result<ExitStatus> {
     let all: Vec<&LibraryObject> = objects().iter().collect();
     let listed = match sample {
         Some(count) => Stream::new(seed, "objects", 0).pick_some(&all, count),
@@ -301,8 +301,8 @@ fn list_objects(
             .for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
     }
     if let Some(file) = pictures {
-        let card = |object: &&LibraryObject| reel_view::Card {
-            picture: Some(portrait(object).rgb),
+        let card = |object: &&LibraryObject| reel_view::SheetImage {
+            image: Some(object_thumbnail(object).rgb),
             title: object.asset.to_string(),
             text: object.caption.clone(),
         };
@@ -311,10 +311,10 @@ fn list_objects(
             &reel_view::sheet("objects", &listed.iter().map(card).collect::<Vec<_>>())?,
         )?;
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {
+fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<ExitStatus> {
     let mut checked: Vec<(String, Vec<Finding>)> = Vec::new();
     for path in paths {
         let scene = inputs::scene(Some(path))?;
@@ -341,7 +341,11 @@ fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {
             println!("{scene}: {} findings", findings.len());
         }
     }
-    Ok(if fine { Answer::Yes } else { Answer::No })
+    Ok(if fine {
+        ExitStatus::Success
+    } else {
+        ExitStatus::CheckFailed
+    })
 }
 
 fn captions(scene: &Scene) -> usize {

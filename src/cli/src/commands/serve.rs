@@ -3,10 +3,10 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use anyhow::{Context, bail};
-use reel_server::{AskWhom, Config, Order};
+use reel_server::{AskResponder, Config, Order};
 use reel_world::Profile;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
 /// Everything that agents do is on tape before they are answered.
@@ -112,9 +112,9 @@ impl Settings {
         }
         play.ask = match self.ask.as_deref() {
             None => play.ask,
-            Some("rules") => AskWhom::Rules,
-            Some("client") => AskWhom::Client,
-            Some("rest") => AskWhom::Rest,
+            Some("rules") => AskResponder::Rules,
+            Some("client") => AskResponder::Client,
+            Some("rest") => AskResponder::Rest,
             Some(other) => bail!("--ask is rules, client or rest, not '{other}'"),
         };
         if self.shuffle {
@@ -134,7 +134,7 @@ impl Settings {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut config = arguments.settings.config()?;
     config.listen = arguments.listen.unwrap_or(config.listen);
     config.store = arguments.store.clone().or(config.store);
@@ -143,11 +143,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     reel_server::run(config, |address, tasks| {
         println!("listening on http://{address}: {tasks} tasks; Ctrl-C stops");
     })?;
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Runs `reel mcp`.
-pub fn mcp(arguments: &Mcp) -> anyhow::Result<Answer> {
+pub fn mcp(arguments: &Mcp) -> anyhow::Result<ExitStatus> {
     reel_server::run_stdio(arguments.settings.config()?)?;
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

@@ -7,7 +7,7 @@ use reel_replay::seek;
 use reel_trace::Trace;
 use serde_json::json;
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Print a trace as a readable transcript: calls, outcomes, graph changes, reward.
 ///
@@ -35,7 +35,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
     if let Some(calls) = arguments.at {
         return at(
@@ -52,12 +52,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     if let Some(lost) = lost {
         eprintln!("reel: {}: {lost}", arguments.trace.display());
-        return Ok(Answer::Loss);
+        return Ok(ExitStatus::Partial);
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<Answer> {
+fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let replay = match seek(trace, calls, arguments.cache.open().as_ref()) {
         Ok(replay) => replay,
         Err(verdict) => bail!(
@@ -74,7 +74,7 @@ fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<Answ
         });
         println!("{state}");
     } else {
-        print!("{}", reel_view::moment(&replay));
+        print!("{}", reel_view::state_text(&replay));
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

@@ -11,7 +11,7 @@ use reel_tasks::{DrawOptions, draw};
 use reel_world::{Family, Task};
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Look after a store: its tables and versions, compaction and vacuum.
 ///
@@ -24,7 +24,7 @@ use crate::{Answer, inputs, progress};
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: Command,
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store", global = true)]
     store: String,
@@ -34,7 +34,7 @@ pub struct Arguments {
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// The tables with their files, and the views
     List,
     /// The versions there are, the newest first; `reel query --at N` asks one of them
@@ -69,8 +69,8 @@ enum What {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    if let What::Synthesize {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    if let Command::Synthesize {
         episodes,
         tasks,
         seed,
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let mut store = Store::open(&arguments.store)?;
     match &arguments.what {
-        What::List => {
+        Command::List => {
             let tables = Table::ALL.map(|table| (table, store.files(table).len()));
             if arguments.json {
                 let tables: Vec<_> = tables
@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     "{}",
                     json!({ "version": store.version(), "tables": tables })
                 );
-                return Ok(Answer::Yes);
+                return Ok(ExitStatus::Success);
             }
             println!("version {}", store.version());
             for (table, files) in tables {
@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 println!("{:16} view       {}", view.name, view.meaning);
             }
         }
-        What::History => {
+        Command::History => {
             for commit in store.history()? {
                 if arguments.json {
                     println!("{}", serde_json::to_string(&commit)?);
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
             }
         }
-        What::Quarantine => {
+        Command::Quarantine => {
             let files = store.quarantine()?;
             if arguments.json {
                 println!("{}", json!(files));
@@ -127,8 +127,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     .for_each(|(path, reason)| println!("{path}: {reason}"));
             }
         }
-        What::Synthesize { .. } => unreachable!("it has no store to open"),
-        What::Compact => {
+        Command::Synthesize { .. } => unreachable!("it has no store to open"),
+        Command::Compact => {
             let report = store.compact()?;
             if arguments.json {
                 println!("{}", serde_json::to_string(&report)?);
@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 );
             }
         }
-        What::Vacuum {
+        Command::Vacuum {
             retention_hours,
             dry_run,
         } => {
@@ -160,10 +160,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             }
         }
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Result<Answer> {
+fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Result<ExitStatus> {
     if Store::open(store).is_ok() {
         bail!("there is a store already: {store}; made-up episodes go into a new one");
     }
@@ -186,7 +186,7 @@ fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Re
         tasks.len(),
         store.version()
     );
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 fn age(age: Duration) -> String {

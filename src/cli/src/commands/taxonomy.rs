@@ -7,16 +7,17 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_query::{Format, Limits, Session, format};
+use reel_query::{Format, Limits, QuerySession, format};
 use reel_tables::{Label, Store};
 use reel_taxonomy::{
-    Agreement, CLASSES, RuleSet, Stored, agreement, baseline, classify, disputed, drift, label_set,
+    Agreement, CLASSES, RuleSet, StoredClass, agreement, baseline, classify, disputed, drift,
+    label_set,
     sankey::{Flow, Sankey},
     stored,
 };
 use serde_json::json;
 
-use crate::{Answer, commands::judge, elsewhere::Elsewhere, progress};
+use crate::{ExitStatus, commands::judge, elsewhere::ClusterArguments, progress};
 
 /// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what
 /// within it, the decisive step and the evidence. The rules are SQL, one file each (`reel taxonomy
@@ -33,13 +34,13 @@ use crate::{Answer, commands::judge, elsewhere::Elsewhere, progress};
 #[command(verbatim_doc_comment, args_conflicts_with_subcommands = true)]
 pub struct Arguments {
     #[command(subcommand)]
-    what: Option<What>,
+    what: Option<Command>,
     #[command(flatten)]
     classify: Classify,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// List the rules: priority, class, sub-class, and what each says
     Rules(Rules),
     /// Compare the classes with labels: precision, recall, F1, Cohen's kappa, confusion matrix,
@@ -59,7 +60,7 @@ struct Classify {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// Folder with rule files of your own, beside those that come with Reel
     #[arg(long, value_name = "DIR")]
     rules: Option<PathBuf>,
@@ -127,13 +128,13 @@ struct Drift {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
         None => run_classify(&arguments.classify),
-        Some(What::Rules(rules)) => list_rules(rules),
-        Some(What::Agreement(with)) => compare(with),
-        Some(What::Drift(sets)) => compare_sets(sets),
-        Some(What::Judge(arguments)) => judge::run(arguments),
+        Some(Command::Rules(rules)) => list_rules(rules),
+        Some(Command::Agreement(with)) => compare(with),
+        Some(Command::Drift(sets)) => compare_sets(sets),
+        Some(Command::Judge(arguments)) => judge::run(arguments),
     }
 }
 
@@ -141,9 +142,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 ///
 /// # Errors
 /// When the store cannot be read or written, or the picture cannot be written.
-pub fn tell(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
+pub fn classify_and_print(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
     let sankey = vec![sankey];
-    let elsewhere = Elsewhere::default();
+    let elsewhere = ClusterArguments::default();
     let classify = Classify {
         store: store.to_owned(),
         elsewhere,
@@ -164,7 +165,7 @@ fn rule_set(folder: Option<&Path>) -> anyhow::Result<RuleSet> {
     })
 }
 
-fn list_rules(arguments: &Rules) -> anyhow::Result<Answer> {
+fn list_rules(arguments: &Rules) -> anyhow::Result<ExitStatus> {
     let set = rule_set(arguments.rules.as_deref())?;
     for rule in set.rules() {
         if arguments.json {
@@ -179,10 +180,10 @@ fn list_rules(arguments: &Rules) -> anyhow::Result<Answer> {
     if !arguments.json {
         println!("version {}", set.version().short());
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
+fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
     let set = rule_set(arguments.rules.as_deref())?;
     let spinner = progress::spinner();
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
@@ -226,11 +227,11 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
             .iter()
             .try_for_each(|file| draw(&picture, file))?;
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Episodes that were played to an end, and how many of them succeeded.
-fn how_many(session: &Session, condition: &str) -> anyhow::Result<(u64, u64)> {
+fn how_many(session: &QuerySession, condition: &str) -> anyhow::Result<(u64, u64)> {
     let sql = format!(
         "SELECT count(success), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})"
     );
@@ -347,16 +348,16 @@ impl<'a> Table<'a> {
 }
 
 /// The classes that the store holds.
-pub fn classes_of(session: &Session, store: &str) -> anyhow::Result<Vec<Stored>> {
-    let classes = stored(session)?;
+pub fn classes_of(session: &QuerySession, store: &str) -> anyhow::Result<Vec<StoredClass>> {
+    let classes = stored_classes(session)?;
     if classes.is_empty() {
         bail!("no failed episode has a class yet; run `reel taxonomy --store {store}` first");
     }
     Ok(classes)
 }
 
-fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
-    let session = Session::new(Store::open(&arguments.store)?)?;
+fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
+    let session = QuerySession::new(Store::open(&arguments.store)?)?;
     let labels = session.store().labels()?;
     let truth = label_set(&labels, &arguments.set);
     let found = match arguments.of.as_str() {
@@ -454,7 +455,7 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
             "{}",
             json!({ "reports": printed, "disagreements": list, "disputed": open.keys().collect::<Vec<_>>() })
         );
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     if !differing.is_empty() {
         println!(
@@ -484,12 +485,12 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
             open.len()
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// A label in the place of what the rules found.
-fn as_found(label: Label) -> Stored {
-    Stored {
+fn as_found(label: Label) -> StoredClass {
+    StoredClass {
         episode_id: label.episode_id,
         family: String::new(),
         policy: String::new(),
@@ -541,8 +542,8 @@ fn confusion(agreement: &Agreement) -> String {
     text
 }
 
-fn compare_sets(arguments: &Drift) -> anyhow::Result<Answer> {
-    let session = Session::new(Store::open(&arguments.store)?)?;
+fn compare_sets(arguments: &Drift) -> anyhow::Result<ExitStatus> {
+    let session = QuerySession::new(Store::open(&arguments.store)?)?;
     classes_of(&session, &arguments.store)?;
     let (before, _) = how_many(&session, &arguments.before)?;
     let (after, _) = how_many(&session, &arguments.after)?;
@@ -603,5 +604,5 @@ fn compare_sets(arguments: &Drift) -> anyhow::Result<Answer> {
             "* more than chance explains: Fisher's exact test, two-sided, Holm's correction, 5%"
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

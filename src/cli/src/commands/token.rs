@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, path::PathBuf};
 use reel_server::{Config, Role, Tokens};
 use serde_json::json;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Make, list and revoke the tokens that clients of `reel serve` show. The file holds hashes only:
 /// a token is printed once.
@@ -31,11 +31,11 @@ pub struct Arguments {
     #[arg(long, global = true)]
     json: bool,
     #[command(subcommand)]
-    what: What,
+    what: Command,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum Command {
     /// Make a token, and print it this once
     Create {
         /// Whose
@@ -60,7 +60,7 @@ fn role(text: &str) -> Result<Role, String> {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let defaults = Config::default();
     let data = arguments.data.clone().unwrap_or(defaults.data.clone());
     let path = Config {
@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     .tokens();
     let tokens = Tokens::open(&path)?;
     match &arguments.what {
-        What::Create { name, roles } => {
+        Command::Create { name, roles } => {
             let token = tokens.create(name, roles.iter().copied().collect::<BTreeSet<_>>())?;
             if arguments.json {
                 println!(
@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 println!("{token}");
             }
         }
-        What::List => {
+        Command::List => {
             for entry in tokens.entries().iter() {
                 let roles = json!(entry.roles);
                 if arguments.json {
@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
             }
         }
-        What::Revoke { name } => tokens.revoke(name)?,
+        Command::Revoke { name } => tokens.revoke(name)?,
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }

@@ -10,10 +10,10 @@ use std::{
 use anyhow::{Context, bail};
 use reel_replay::{lay_beside, views};
 use reel_trace::Trace;
-use reel_view::{Film, Part};
+use reel_view::{Video, VideoSegment};
 use serde_json::json;
 
-use crate::{Answer, camera::Camera, inputs};
+use crate::{ExitStatus, camera::Camera, inputs};
 
 /// Write an episode as moving pictures: one a call, with the call, what came of it and the reward
 /// beneath. The pictures are drawn again by an exact replay, from any camera.
@@ -50,7 +50,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !(arguments.fps.is_finite() && (0.01..=50.0).contains(&arguments.fps)) {
         bail!("--fps is from 0.01 to 50, not {}", arguments.fps);
     }
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         .map(|path| arguments.assets.read(path))
         .collect::<Result<_, _>>()?;
     if let [trace, beside] = &traces[..] {
-        lay_beside(trace, beside)?;
+        compare(trace, beside)?;
     }
     let mut pictures = Vec::new();
     for trace in &traces {
@@ -86,26 +86,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     "reel: {}: the pictures cannot be made: {verdict}",
                     trace.path.display()
                 );
-                return Ok(Answer::No);
+                return Ok(ExitStatus::CheckFailed);
             }
         }
     }
-    let parts: Vec<Part<'_>> = traces
+    let parts: Vec<VideoSegment<'_>> = traces
         .iter()
         .zip(&pictures)
-        .map(|(trace, pictures)| Part { trace, pictures })
+        .map(|(trace, pictures)| VideoSegment {
+            trace,
+            frames: pictures,
+        })
         .collect();
-    let film = Film::new(&parts);
+    let film = Video::new(&parts);
     match kind.as_str() {
         "mp4" => mp4(&film, arguments.fps, &out)?,
         _ => fs::write(&out, film.gif(arguments.fps)?)
             .with_context(|| format!("cannot write {}", out.display()))?,
     }
     let bytes = fs::metadata(&out).map_or(0, |file| file.len());
-    let Film {
+    let Video {
         width,
         height,
-        pictures,
+        frames: pictures,
     } = &film;
     if arguments.json {
         println!(
@@ -120,11 +123,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             bytes / 1000
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Pipes the pictures through ffmpeg.
-fn mp4(film: &Film, fps: f64, out: &Path) -> anyhow::Result<()> {
+fn mp4(film: &Video, fps: f64, out: &Path) -> anyhow::Result<()> {
     let size = format!("{}x{}", film.width, film.height);
     let rate = fps.to_string();
     let mut encoder = match Command::new("ffmpeg")

@@ -4,7 +4,7 @@ use std::{env, io::ErrorKind, net::SocketAddr, path::PathBuf, process::Command};
 
 use anyhow::{Context, bail};
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on
 /// one clock. Where Rerun is installed it is opened; elsewhere its web viewer, which comes with
@@ -33,7 +33,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let last = trace.steps.len().checked_sub(1);
     if let Some(step) = arguments
@@ -61,9 +61,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             ended => {
                 let ended = ended.context("cannot run rerun; `--web` needs none")?;
                 return Ok(if ended.success() {
-                    Answer::Yes
+                    ExitStatus::Success
                 } else {
-                    Answer::No
+                    ExitStatus::CheckFailed
                 });
             }
         }
@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 #[cfg(feature = "service")]
-fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<Answer> {
+fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<ExitStatus> {
     // A name for the address; what the file is called otherwise is of no concern there.
     let name = arguments
         .trace
@@ -99,11 +99,11 @@ fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<Answer> {
             println!("open it in a browser; Ctrl-C stops");
         },
     )?;
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 #[cfg(not(feature = "service"))]
-fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<Answer> {
+fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<ExitStatus> {
     bail!(
         "Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer"
     )

@@ -151,7 +151,7 @@ fn tasks_come_from_a_table_that_people_change() {
         "FODP",
     ]);
     assert_eq!(said, "", "one line of JSON");
-    let home = reel_tasks::home();
+    let home = reel_tasks::home_scene();
     let toys = reel_tasks::load(&folder.join("toys"), &home).tasks;
     let is_toy = |asset: &reel_world::AssetId| {
         reel_tasks::library::objects()

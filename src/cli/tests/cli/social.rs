@@ -101,7 +101,7 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
 #[cfg(feature = "service")]
 #[test]
 fn a_models_proposal_stands_where_nothing_is_against_it() {
-    use reel_tasks::generate::social::{Options, Strategy, annotate};
+    use reel_tasks::generate::social::{AnnotateOptions, Strategy, annotate};
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -114,7 +114,7 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
     );
     let scene = reel_tasks::generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;
-    let options = Options {
+    let options = AnnotateOptions {
         strategies: &Strategy::ALL,
         seed: 77,
     };

@@ -196,10 +196,10 @@ impl<'t> Truth<'t> {
         let mut work = BTreeMap::new();
         for object in &self.task.objects {
             let id = &object.instance;
-            let wanted = self.task.goal.place_of(id);
-            let moved = wanted != self.task.initial.place_of(id);
+            let wanted = self.task.goal.receptacle_of(id);
+            let moved = wanted != self.task.initial.receptacle_of(id);
             let held = self.held.as_ref() == Some(id);
-            let place = self.graph.place_of(id);
+            let place = self.graph.receptacle_of(id);
             if !(moved || self.taken.contains(id)) || (place == wanted && !held) {
                 continue;
             }

@@ -10,7 +10,7 @@ use crate::blame::{Alternative, Blame, alternative, blame};
 
 /// A measured trace.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Measured {
+pub struct MeasuredTrace {
     /// The trace.
     pub trace: PathBuf,
     /// What was measured.
@@ -24,7 +24,7 @@ pub struct Measured {
 
 /// How traces are measured.
 #[derive(Clone, Debug, Default)]
-pub struct Options {
+pub struct BlameOptions {
     /// Whether what would have been better is played.
     pub alternatives: bool,
     /// The folder for those branches, verified; none: they are played and thrown away.
@@ -36,9 +36,9 @@ pub struct Options {
 pub fn blame_all(
     paths: &[PathBuf],
     workers: usize,
-    options: &Options,
+    options: &BlameOptions,
     on_done: impl Fn() + Sync,
-) -> Vec<Result<Measured, String>> {
+) -> Vec<Result<MeasuredTrace, String>> {
     let measure = |path: &PathBuf| {
         let measured = Trace::read(path)
             .map_err(|error| error.to_string())
@@ -55,7 +55,7 @@ pub fn blame_all(
     }
 }
 
-fn measure(trace: &Trace, options: &Options) -> Measured {
+fn measure(trace: &Trace, options: &BlameOptions) -> MeasuredTrace {
     let blame = blame(trace);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
@@ -69,7 +69,7 @@ fn measure(trace: &Trace, options: &Options) -> Measured {
             Err(error) => reason = Some(error.to_string()),
         }
     }
-    Measured {
+    MeasuredTrace {
         trace: trace.path.clone(),
         blame,
         alternative: found,

@@ -15,6 +15,6 @@ mod report;
 pub use alternative::{Alternative, alternative};
 pub use cost::StepCost;
 pub use decide::Harm;
-pub use many::{Measured, Options, blame_all};
+pub use many::{BlameOptions, MeasuredTrace, blame_all};
 pub use repair::{Edit, Repair, repair};
 pub use report::{Blame, Cause, Decisive, Shares, blame};

@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::branch::{Branch, BranchError, Then, fork};
+use crate::branch::{Branch, BranchError, Continuation, fork};
 use reel_replay::Fork;
 use reel_trace::Trace;
 use reel_world::{Tool, ToolCall};
@@ -98,7 +98,7 @@ pub fn repair(
         Some(path) => recorded(
             &Branch {
                 calls: calls.clone(),
-                then: Then::Stop,
+                continuation: Continuation::Stop,
             },
             &fork(trace, at, None)?,
             path,
@@ -137,7 +137,7 @@ impl Search<'_, '_> {
         self.tried += 1;
         let branch = Branch {
             calls: applied(script),
-            then: Then::Stop,
+            continuation: Continuation::Stop,
         };
         Ok(branch.play(self.fork, None)?.success)
     }

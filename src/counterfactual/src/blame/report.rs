@@ -235,7 +235,7 @@ fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause
     };
     let (target, wanted) = (
         named(&task.target),
-        task.goal.place_of(&task.target).unwrap_or(&task.dest),
+        task.goal.receptacle_of(&task.target).unwrap_or(&task.dest),
     );
     let (tool, object, receptacle) = (
         record.tool_name(),

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_agents::{EpisodeReport, Policy, RecordTo, Running, policy};
+use reel_agents::{EpisodeReport, Policy, RecordTo, RunningEpisode, policy};
 use reel_episode::Episode;
-use reel_replay::{Fork, pictures_at};
+use reel_replay::{Fork, frames_at};
 use reel_sim::render::Detail;
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -25,12 +25,12 @@ pub struct Branch {
     /// The calls that come first.
     pub calls: Vec<ToolCall>,
     /// What comes then.
-    pub then: Then,
+    pub continuation: Continuation,
 }
 
 /// How a branch goes on after the substituted calls.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub enum Then {
+pub enum Continuation {
     /// Not at all: it ends as aborted, unless the calls ended it.
     #[default]
     Stop,
@@ -51,7 +51,7 @@ impl Branch {
     pub fn policy(name: &str, seed: u64) -> Self {
         Self {
             calls: Vec::new(),
-            then: Then::Policy {
+            continuation: Continuation::Policy {
                 name: name.to_owned(),
                 seed,
             },
@@ -62,7 +62,7 @@ impl Branch {
     pub fn replacing(at: usize, call: ToolCall) -> Self {
         Self {
             calls: vec![call],
-            then: Then::Parent(at + 1),
+            continuation: Continuation::Parent(at + 1),
         }
     }
 
@@ -74,10 +74,12 @@ impl Branch {
             parameters.insert("calls".into(), json!(self.calls));
         }
         let mut then = |value: Value| parameters.insert("then".into(), value);
-        match &self.then {
-            Then::Stop => {}
-            Then::Parent(from) => drop(then(json!({ "parent": from }))),
-            Then::Policy { name, seed } => drop(then(json!({ "policy": name, "seed": seed }))),
+        match &self.continuation {
+            Continuation::Stop => {}
+            Continuation::Parent(from) => drop(then(json!({ "parent": from }))),
+            Continuation::Policy { name, seed } => {
+                drop(then(json!({ "policy": name, "seed": seed })))
+            }
         }
         PolicyInfo {
             name: POLICY_NAME.into(),
@@ -125,7 +127,7 @@ impl Branch {
         show: impl FnOnce(&Episode),
     ) -> Result<EpisodeReport, BranchError> {
         let parent = fork.parent();
-        if let Then::Parent(from) = self.then
+        if let Continuation::Parent(from) = self.continuation
             && from > parent.steps.len()
         {
             return Err(BranchError::NoSuchCall {
@@ -134,12 +136,14 @@ impl Branch {
                 calls: parent.steps.len(),
             });
         }
-        let mut heir: Option<Box<dyn Policy + Send>> = match &self.then {
-            Then::Policy { name, seed } => Some(policy(name, &parent.task, &parent.scene, *seed)?),
+        let mut heir: Option<Box<dyn Policy + Send>> = match &self.continuation {
+            Continuation::Policy { name, seed } => {
+                Some(policy(name, &parent.task, &parent.scene, *seed)?)
+            }
             _ => None,
         };
         let detail = if record.is_some() {
-            Detail::Picture
+            Detail::Full
         } else {
             Detail::Geometry
         };
@@ -152,17 +156,17 @@ impl Branch {
             }
             _ => BTreeMap::new(),
         };
-        let mut running = Running::resume(
+        let mut running = RunningEpisode::resume(
             episode,
             record,
             |step| pictures.remove(&step),
             witness(&mut heir),
         )?;
         for call in &self.calls {
-            let input = StepInput::bare(call.clone());
+            let input = StepInput::from_call(call.clone());
             make(&mut running, input, &mut heir)?;
         }
-        if let Then::Parent(from) = self.then {
+        if let Continuation::Parent(from) = self.continuation {
             for step in &parent.steps[from..] {
                 make(
                     &mut running,
@@ -215,13 +219,13 @@ pub fn fork<'t>(
 
 /// Makes a call, unless the episode has ended before.
 fn make(
-    running: &mut Running,
+    running: &mut RunningEpisode,
     input: StepInput,
     heir: &mut Option<Box<dyn Policy + Send>>,
 ) -> Result<(), BranchError> {
     match running.episode().ended() {
         Some(_) => Ok(()),
-        None => Ok(running.make(input, witness(heir))?),
+        None => Ok(running.execute(input, witness(heir))?),
     }
 }
 
@@ -237,7 +241,7 @@ fn pictures_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Br
         .filter(|step| step.digests.frame.is_some());
     let moments: BTreeSet<Option<u32>> =
         pictured.map(|step| Some(step.step)).chain([None]).collect();
-    pictures_at(parent, &moments).map_err(|verdict| BranchError::Pictures {
+    frames_at(parent, &moments).map_err(|verdict| BranchError::Frames {
         path: parent.path.clone(),
         call: fork.call(),
         verdict: Box::new(verdict),

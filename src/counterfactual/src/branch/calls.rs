@@ -14,7 +14,7 @@ use crate::branch::BranchError;
 pub fn parse_call(text: &str) -> Result<ToolCall, BranchError> {
     let refused = |what: String| BranchError::Call {
         text: text.trim().to_owned(),
-        what,
+        reason: what,
     };
     let value: Value = serde_json::from_str(text).map_err(|error| refused(error.to_string()))?;
     let Value::Object(mut fields) = value else {

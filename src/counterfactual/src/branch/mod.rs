@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use reel_replay::Verdict;
 
-pub use branch::{Branch, POLICY_NAME, Then, fork};
+pub use branch::{Branch, Continuation, POLICY_NAME, fork};
 pub use calls::{parse_call, parse_calls};
 
 /// Why there is no branch.
@@ -39,7 +39,7 @@ pub enum BranchError {
     },
     /// A picture of the parent is wanted and cannot be had.
     #[error("the pictures before call {call} cannot be had: {what}: {path}", what = told(verdict), path = path.display())]
-    Pictures {
+    Frames {
         /// The trace.
         path: PathBuf,
         /// The call it branches at.
@@ -55,7 +55,7 @@ pub enum BranchError {
         /// As written.
         text: String,
         /// What is wrong.
-        what: String,
+        reason: String,
     },
     /// A line of a file of calls is none.
     #[error("line {line}: {source}")]

@@ -3,7 +3,7 @@
 
 use reel_agents::{FaultKind, Injection, Label, RecordTo, SampleOptions, sample};
 use reel_counterfactual::blame::{Edit, Harm, alternative, blame, repair};
-use reel_counterfactual::branch::{Branch, Then};
+use reel_counterfactual::branch::{Branch, Continuation};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Family, ToolCall};
 
@@ -143,7 +143,7 @@ fn a_door_closed_again_is_to_blame_and_one_call_less_repairs_it() {
         };
         let branch = Branch {
             calls: vec![close],
-            then: Then::Parent(open + 1),
+            continuation: Continuation::Parent(open + 1),
         };
         branch.play_at(&parent, open + 1, Some(&record)).unwrap();
         let trace = Trace::read(&path).unwrap();

@@ -2,9 +2,9 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use reel_agents::{Injection, Label, Outside, RecordTo, policy, run_episode, run_injected};
+use reel_agents::{Injection, Label, RecordTo, Responders, policy, run_episode, run_injected};
 use reel_counterfactual::blame::Blame;
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Family, Scene, Task};
 use tempfile::TempDir;
@@ -20,7 +20,7 @@ pub struct Stage {
 
 impl Stage {
     pub fn new(count: usize, seed: u64) -> Self {
-        let scene = home();
+        let scene = home_scene();
         let options = DrawOptions {
             scene: &scene,
             families: &Family::ALL,
@@ -48,7 +48,7 @@ impl Stage {
         run_episode(
             config(task, &self.scene, 3),
             policy.as_mut(),
-            Outside::default(),
+            Responders::default(),
             Some(&to(&path)),
         )
         .unwrap();

@@ -10,7 +10,7 @@ mod takeover;
 
 use std::sync::Arc;
 
-use reel_counterfactual::branch::{Branch, BranchError, POLICY_NAME, Then, fork};
+use reel_counterfactual::branch::{Branch, BranchError, Continuation, POLICY_NAME, fork};
 use reel_replay::{Fork, Verdict, compact, lay_beside, verify_branch, verify_trace};
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -34,7 +34,7 @@ fn a_branch_has_the_parents_past_its_own_future_and_says_so() {
     let parent = folder.play(&tasks()[0], "no-ask", Images::Full);
     let branch = Branch {
         calls: vec![walk(), ToolCall::new("throw", json!({ "marker_id": 3 }))],
-        then: Then::Stop,
+        continuation: Continuation::Stop,
     };
     let made = folder.branch(&branch, &parent, 3, Images::Full);
     let header = &made.header;
@@ -72,7 +72,7 @@ fn a_branch_has_the_parents_past_its_own_future_and_says_so() {
     let other = folder.branch(
         &Branch {
             calls: vec![walk()],
-            then: Then::Stop,
+            continuation: Continuation::Stop,
         },
         &parent,
         3,
@@ -103,7 +103,7 @@ fn the_parents_calls_go_on_after_what_was_put_in_for_them() {
     let whole = calls(&parent);
     let inserted = Branch {
         calls: vec![walk()],
-        then: Then::Parent(0),
+        continuation: Continuation::Parent(0),
     };
     let made = folder.branch(&inserted, &parent, 0, Images::None);
     assert_eq!(calls(&made)[1..], whole[..]);
@@ -121,7 +121,7 @@ fn the_parents_calls_go_on_after_what_was_put_in_for_them() {
     let deleted = folder.branch(
         &Branch {
             calls: Vec::new(),
-            then: Then::Parent(last - 1),
+            continuation: Continuation::Parent(last - 1),
         },
         &parent,
         last - 2,
@@ -136,17 +136,17 @@ fn the_parents_calls_go_on_after_what_was_put_in_for_them() {
     }
     let nothing_left = Branch {
         calls: Vec::new(),
-        then: Then::Parent(last + 1),
+        continuation: Continuation::Parent(last + 1),
     };
     assert!(
         matches!(nothing_left.play_at(&parent, 1, None), Err(BranchError::NoSuchCall { from, .. }) if from == last + 1)
     );
 
     // Side by side a call more does not shift what follows.
-    let beside = lay_beside(&parent, &made).unwrap();
+    let beside = compare(&parent, &made).unwrap();
     assert_eq!((beside.same_calls, beside.rows.len()), (0, last + 1));
     assert!(beside.rows[0].a.is_none() && beside.rows[1..].iter().all(|row| row.same_call));
-    let beside = lay_beside(&parent, &replaced).unwrap();
+    let beside = compare(&parent, &replaced).unwrap();
     assert_eq!(
         (
             beside.same_calls,
@@ -155,10 +155,10 @@ fn the_parents_calls_go_on_after_what_was_put_in_for_them() {
         ),
         (1, false, last - 1)
     );
-    assert!(lay_beside(&parent, &parent).unwrap().is_same());
+    assert!(compare(&parent, &parent).unwrap().is_same());
     let elsewhere = folder.play(&tasks()[1], "oracle", Images::None);
     assert!(
-        lay_beside(&parent, &elsewhere)
+        compare(&parent, &elsewhere)
             .unwrap_err()
             .to_string()
             .contains("different tasks")
@@ -170,7 +170,7 @@ fn a_trial_comes_to_what_a_recording_comes_to() {
     let folder = Folder::new();
     let parent = folder.play(&tasks()[2], "wrong-object", Images::None);
     let branch = Branch::policy("planner", 5);
-    let forks = Fork::everywhere(&parent).unwrap();
+    let forks = Fork::at_every_call(&parent).unwrap();
     assert_eq!(
         forks.iter().map(Fork::call).collect::<Vec<_>>(),
         (0..parent.steps.len()).collect::<Vec<_>>()
@@ -247,7 +247,7 @@ fn a_past_that_is_not_the_parents_is_found() {
     let branch = folder.branch(
         &Branch {
             calls: vec![walk()],
-            then: Then::Stop,
+            continuation: Continuation::Stop,
         },
         &parent,
         4,

@@ -10,7 +10,7 @@ use std::{
 
 use rayon::prelude::*;
 use reel_agents::POLICIES;
-use reel_counterfactual::branch::{Branch, Then};
+use reel_counterfactual::branch::{Branch, Continuation};
 use reel_replay::{compact, verify_branch};
 use reel_reward::{Preset, metrics};
 use reel_trace::{Images, Recorder, Trace, recover};
@@ -160,14 +160,19 @@ fn any_branch(draw: &mut Draw, parent: &Trace, at: usize) -> Branch {
         });
     }
     let then = match draw.below(4) {
-        0 if !calls.is_empty() => Then::Stop,
-        1 if at < parent.steps.len() => Then::Parent(at + draw.below(parent.steps.len() - at)),
-        _ => Then::Policy {
+        0 if !calls.is_empty() => Continuation::Stop,
+        1 if at < parent.steps.len() => {
+            Continuation::Parent(at + draw.below(parent.steps.len() - at))
+        }
+        _ => Continuation::Policy {
             name: POLICIES[draw.below(POLICIES.len())].0.to_owned(),
             seed: draw.below(9) as u64,
         },
     };
-    Branch { calls, then }
+    Branch {
+        calls,
+        continuation: then,
+    }
 }
 
 /// The same recording, but its recorder died after so many calls, and it was recovered.

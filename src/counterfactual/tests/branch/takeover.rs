@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use reel_counterfactual::branch::{Branch, Then};
+use reel_counterfactual::branch::{Branch, Continuation};
 use reel_replay::Fork;
 use reel_trace::{Images, Trace};
 use reel_world::Task;
@@ -14,7 +14,7 @@ use crate::{episodes::tasks, folder::Folder};
 /// many.
 fn rescued(folder: &Folder, task: &Arc<Task>, faulty: &str, heir: &str) -> (usize, usize, Trace) {
     let parent = folder.play(task, faulty, Images::None);
-    let forks = Fork::everywhere(&parent).unwrap();
+    let forks = Fork::at_every_call(&parent).unwrap();
     let reached = forks
         .iter()
         .filter(|fork| Branch::policy(heir, 1).play(fork, None).unwrap().success)
@@ -51,7 +51,7 @@ fn who_watched_itself_goes_on_as_it_would_have() {
     for at in [1, parent.steps.len() / 2, parent.steps.len() - 1] {
         let branch = Branch {
             calls: Vec::new(),
-            then: Then::Policy {
+            continuation: Continuation::Policy {
                 name: "planner".into(),
                 seed: 3,
             },

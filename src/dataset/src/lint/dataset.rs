@@ -9,8 +9,8 @@ use std::{
 use serde_json::{Map, Value};
 
 use crate::lint::{
-    Error, Example, Format, ImageSource, Place, RowError,
-    example::Oddity,
+    Example, Format, ImageSource, LintError, RowError, RowLocation,
+    example::FormatWarning,
     formats::{self, Columns, EXPECTED, Source},
     json::JsonRows,
     parquet_rows::{ParquetRows, schema_notes},
@@ -39,7 +39,7 @@ pub struct DatasetFile {
     /// Whether a `dataset_info.json` names it.
     pub declared: bool,
     /// What its loader would pass over in silence in the file as a whole.
-    pub(crate) notes: Vec<Oddity>,
+    pub(crate) notes: Vec<FormatWarning>,
     columns: Columns,
     /// A file beside it with the provenance of its rows.
     provenance: Option<PathBuf>,
@@ -57,14 +57,14 @@ impl Dataset {
         paths: &[PathBuf],
         format: Option<Format>,
         image_root: Option<PathBuf>,
-    ) -> Result<Self, Error> {
+    ) -> Result<Self, LintError> {
         let mut dataset = Self {
             files: Vec::new(),
             skipped: Vec::new(),
             image_root,
         };
         for path in paths {
-            let info = fs::metadata(path).map_err(|source| Error::Io {
+            let info = fs::metadata(path).map_err(|source| LintError::Io {
                 path: path.clone(),
                 source,
             })?;
@@ -87,7 +87,7 @@ impl Dataset {
                 }
             }
             if dataset.files.len() == before {
-                return Err(Error::NoRows { path: path.clone() });
+                return Err(LintError::NoRows { path: path.clone() });
             }
         }
         Ok(dataset)
@@ -134,17 +134,18 @@ impl Dataset {
 }
 
 impl DatasetFile {
-    fn open(path: &Path, root: &Path, format: Option<Format>) -> Result<Self, Error> {
+    fn open(path: &Path, root: &Path, format: Option<Format>) -> Result<Self, LintError> {
         let split = split_of(path.strip_prefix(root).unwrap_or(path));
-        let opened = |format: Format, columns: Columns, declared: bool, notes: Vec<Oddity>| Self {
-            path: path.to_owned(),
-            format,
-            split: split.clone(),
-            declared,
-            notes,
-            columns,
-            provenance: provenance_beside(path),
-        };
+        let opened =
+            |format: Format, columns: Columns, declared: bool, notes: Vec<FormatWarning>| Self {
+                path: path.to_owned(),
+                format,
+                split: split.clone(),
+                declared,
+                notes,
+                columns,
+                provenance: provenance_beside(path),
+            };
         let parquet = path.extension().is_some_and(|it| it == "parquet");
         if parquet {
             let notes = schema_notes(path)?;
@@ -168,7 +169,7 @@ impl DatasetFile {
         if let Some(format) = format {
             return Ok(opened(format, Columns::of(format), false, Vec::new()));
         }
-        let file = File::open(path).map_err(|source| Error::Io {
+        let file = File::open(path).map_err(|source| LintError::Io {
             path: path.to_owned(),
             source,
         })?;
@@ -193,7 +194,7 @@ impl DatasetFile {
     }
 }
 
-fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> Error {
+fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> LintError {
     let found = match row {
         Some(row) => {
             format!(
@@ -206,15 +207,15 @@ fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> Error {
         }
         None => "no JSON object is among the first rows".to_owned(),
     };
-    Error::NotRecognised {
+    LintError::NotRecognised {
         path: path.to_owned(),
         found,
         expected: EXPECTED,
     }
 }
 
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
-    let failed = |source| Error::Io {
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), LintError> {
+    let failed = |source| LintError::Io {
         path: folder.to_owned(),
         source,
     };
@@ -335,7 +336,7 @@ impl Rows<'_> {
                 .map(|it| JsonRows::new(BufReader::new(it)));
         }
         let reader = self.open.get_or_insert_with(|| Reader::open(file));
-        let mut place = Place {
+        let mut place = RowLocation {
             index: self.index,
             file: u32::try_from(self.file).unwrap_or(u32::MAX),
             line: 1,
@@ -344,7 +345,7 @@ impl Rows<'_> {
             Reader::Failed(message) => {
                 let message = message.take()?;
                 return Some(Err(RowError {
-                    place,
+                    location: place,
                     column: 0,
                     message,
                 }));
@@ -358,7 +359,7 @@ impl Rows<'_> {
                         self.beside.as_mut().and_then(Iterator::next);
                         place.line = broken.line;
                         return Some(Err(RowError {
-                            place,
+                            location: place,
                             column: broken.column,
                             message: broken.message,
                         }));
@@ -371,7 +372,7 @@ impl Rows<'_> {
                     Ok(row) => (Value::Object(row.fields), row.images),
                     Err(message) => {
                         return Some(Err(RowError {
-                            place,
+                            location: place,
                             column: 0,
                             message,
                         }));
@@ -387,7 +388,7 @@ impl Rows<'_> {
         let Value::Object(mut row) = row else {
             let message = "the row is no JSON object: expected one with turns".to_owned();
             return Some(Err(RowError {
-                place,
+                location: place,
                 column: 1,
                 message,
             }));
@@ -405,7 +406,7 @@ impl Rows<'_> {
         };
         Some(
             formats::example(row, inside, &source).map_err(|message| RowError {
-                place,
+                location: place,
                 column: 0,
                 message,
             }),

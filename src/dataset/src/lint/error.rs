@@ -5,11 +5,11 @@ use std::{io, path::PathBuf};
 
 use parquet::errors::ParquetError;
 
-use crate::lint::Place;
+use crate::lint::RowLocation;
 
 /// Why a dataset does not open.
 #[derive(thiserror::Error, Debug)]
-pub enum Error {
+pub enum LintError {
     /// The path cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Io {
@@ -49,7 +49,7 @@ pub enum Error {
 #[error("{message}")]
 pub struct RowError {
     /// The row.
-    pub place: Place,
+    pub location: RowLocation,
     /// Column of the offending character in its line, from 1; 0 where there is none.
     pub column: usize,
     /// What is wrong and what was expected.

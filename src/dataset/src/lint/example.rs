@@ -10,7 +10,7 @@ use crate::lint::{Call, Format};
 
 /// Where a row stands.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default, Serialize)]
-pub struct Place {
+pub struct RowLocation {
     /// Number of the row in the dataset, from 0, unreadable rows counted.
     pub index: u64,
     /// Number of the file in [`crate::lint::Dataset::files`].
@@ -23,7 +23,7 @@ pub struct Place {
 #[derive(Clone, Debug)]
 pub struct Example {
     /// Where it stands.
-    pub place: Place,
+    pub location: RowLocation,
     /// The format it was read as.
     pub format: Format,
     /// `train`, `validation`, `test`, or what the row says itself; from the row, or else from the
@@ -38,12 +38,12 @@ pub struct Example {
     /// All other keys of the row; an object under `meta`, `metadata` or `provenance` is laid flat.
     pub meta: Map<String, Value>,
     /// What the reader saw and the format's loader would pass over in silence.
-    pub oddities: Vec<Oddity>,
+    pub warnings: Vec<FormatWarning>,
 }
 
 /// Something that the loader of the format ignores, skips or trips over.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Oddity {
+pub struct FormatWarning {
     /// Short name, for counting.
     pub kind: &'static str,
     /// Whether training on it is harmful.

@@ -17,11 +17,11 @@ mod report;
 mod show;
 
 pub use crate::Format;
-pub use checks::{Options, lint};
+pub use checks::{LintOptions, lint};
 pub use dataset::{Dataset, DatasetFile, Rows};
-pub use error::{Error, RowError};
-pub use example::{Example, Image, ImageSource, Part, Place, Role, Turn};
-pub use picture::{Picture, PictureError, PictureFormat};
-pub use reel_world::answer::{Answer, Call};
+pub use error::{LintError, RowError};
+pub use example::{Example, Image, ImageSource, Part, Role, RowLocation, Turn};
+pub use picture::{ImageError, ImageFormat, ImageHeader};
+pub use reel_world::answer::{AssistantTurn, Call};
 pub use report::{CheckReport, ExampleRef, Finding, Report, Severity};
 pub use show::{image_bytes, show};

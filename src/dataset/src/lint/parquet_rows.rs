@@ -13,7 +13,7 @@ use arrow::{
 use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use serde_json::{Map, Value};
 
-use crate::lint::{Error, Image, ImageSource, example::Oddity, formats::oddity};
+use crate::lint::{Image, ImageSource, LintError, example::FormatWarning, formats::format_warning};
 
 /// Rows in memory at a time: pictures are large.
 const BATCH_ROWS: usize = 64;
@@ -33,9 +33,9 @@ pub(crate) struct ParquetRows {
 }
 
 impl ParquetRows {
-    pub(crate) fn open(path: &Path) -> Result<Self, Error> {
+    pub(crate) fn open(path: &Path) -> Result<Self, LintError> {
         let batches = builder(path)?.with_batch_size(BATCH_ROWS).build();
-        let batches = batches.map_err(|source| Error::Parquet {
+        let batches = batches.map_err(|source| LintError::Parquet {
             path: path.to_owned(),
             source,
         })?;
@@ -83,7 +83,7 @@ impl Iterator for ParquetRows {
 }
 
 /// What `datasets` would not tell about the file's schema.
-pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
+pub(crate) fn schema_notes(path: &Path) -> Result<Vec<FormatWarning>, LintError> {
     let builder = builder(path)?;
     let schema = builder.schema();
     let pictures: Vec<&str> = schema
@@ -103,7 +103,7 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
             .collect();
         if !missing.is_empty() {
             let names = missing.join(", ");
-            notes.push(oddity(
+            notes.push(format_warning(
                 "features",
                 true,
                 format!("the `huggingface` metadata does not name the columns {names}: datasets refuses the file"),
@@ -113,7 +113,7 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
             .values()
             .any(|feature| feature.to_string().contains(r#""_type":"List""#))
         {
-            notes.push(oddity(
+            notes.push(format_warning(
                 "features",
                 true,
                 "a feature in the `List` form: datasets 3 fails on it; the plain form [..] loads everywhere",
@@ -129,18 +129,18 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
             let told = format!(
                 "`{name}` holds pictures, but no `huggingface` metadata says so: datasets hands out raw bytes"
             );
-            notes.push(oddity("features", false, told));
+            notes.push(format_warning("features", false, told));
         }
     }
     Ok(notes)
 }
 
-fn builder(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, Error> {
-    let file = File::open(path).map_err(|source| Error::Io {
+fn builder(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, LintError> {
+    let file = File::open(path).map_err(|source| LintError::Io {
         path: path.to_owned(),
         source,
     })?;
-    ParquetRecordBatchReaderBuilder::try_new(file).map_err(|source| Error::Parquet {
+    ParquetRecordBatchReaderBuilder::try_new(file).map_err(|source| LintError::Parquet {
         path: path.to_owned(),
         source,
     })

@@ -7,9 +7,9 @@ use serde::Serialize;
 
 /// What the header says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-pub struct Picture {
+pub struct ImageHeader {
     /// Its format.
-    pub format: PictureFormat,
+    pub format: ImageFormat,
     /// Width, pixels.
     pub width: u32,
     /// Height, pixels.
@@ -18,7 +18,7 @@ pub struct Picture {
 
 /// Formats that trainers read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-pub enum PictureFormat {
+pub enum ImageFormat {
     /// PNG
     Png,
     /// JPEG
@@ -29,7 +29,7 @@ pub enum PictureFormat {
 
 /// Why a picture cannot be used.
 #[derive(thiserror::Error, Clone, Copy, PartialEq, Eq, Debug)]
-pub enum PictureError {
+pub enum ImageError {
     /// No bytes.
     #[error("the picture is empty")]
     Empty,
@@ -44,14 +44,14 @@ pub enum PictureError {
     CutOff,
 }
 
-impl Picture {
+impl ImageHeader {
     /// Reads a whole picture's header and looks for its end.
     ///
     /// # Errors
     /// A [`PictureError`] for what a decoder would refuse; damage inside the pixels is not seen.
-    pub fn of(bytes: &[u8]) -> Result<Self, PictureError> {
+    pub fn of(bytes: &[u8]) -> Result<Self, ImageError> {
         match bytes {
-            [] => Err(PictureError::Empty),
+            [] => Err(ImageError::Empty),
             [0x89, b'P', b'N', b'G', 0x0d, 0x0a, 0x1a, 0x0a, ..] => png(bytes),
             [0xff, 0xd8, ..] => jpeg(bytes),
             [
@@ -69,13 +69,13 @@ impl Picture {
                 b'P',
                 ..,
             ] => webp(bytes),
-            _ => Err(PictureError::Unknown),
+            _ => Err(ImageError::Unknown),
         }
     }
 
-    fn new(format: PictureFormat, width: u32, height: u32) -> Result<Self, PictureError> {
+    fn new(format: ImageFormat, width: u32, height: u32) -> Result<Self, ImageError> {
         if width == 0 || height == 0 {
-            Err(PictureError::Header)
+            Err(ImageError::Header)
         } else {
             Ok(Self {
                 format,
@@ -91,35 +91,35 @@ impl Picture {
     }
 }
 
-impl fmt::Display for Picture {
+impl fmt::Display for ImageHeader {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let format = match self.format {
-            PictureFormat::Png => "PNG",
-            PictureFormat::Jpeg => "JPEG",
-            PictureFormat::WebP => "WebP",
+            ImageFormat::Png => "PNG",
+            ImageFormat::Jpeg => "JPEG",
+            ImageFormat::WebP => "WebP",
         };
         write!(f, "{}x{} {format}", self.width, self.height)
     }
 }
 
-fn png(bytes: &[u8]) -> Result<Picture, PictureError> {
-    let header = bytes.get(..24).ok_or(PictureError::CutOff)?;
+fn png(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
+    let header = bytes.get(..24).ok_or(ImageError::CutOff)?;
     if &header[12..16] != b"IHDR" {
-        return Err(PictureError::Header);
+        return Err(ImageError::Header);
     }
-    let picture = Picture::new(
-        PictureFormat::Png,
+    let picture = ImageHeader::new(
+        ImageFormat::Png,
         big_u32(&header[16..20]),
         big_u32(&header[20..24]),
     )?;
     // Chunks of length, type, data, checksum up to IEND.
     let mut at = 8;
     loop {
-        let head = bytes.get(at..at + 8).ok_or(PictureError::CutOff)?;
+        let head = bytes.get(at..at + 8).ok_or(ImageError::CutOff)?;
         let length = usize::try_from(big_u32(&head[..4])).unwrap_or(usize::MAX);
         let end = at.saturating_add(length).saturating_add(12);
         if end > bytes.len() {
-            return Err(PictureError::CutOff);
+            return Err(ImageError::CutOff);
         }
         if &head[4..] == b"IEND" {
             return Ok(picture);
@@ -128,12 +128,12 @@ fn png(bytes: &[u8]) -> Result<Picture, PictureError> {
     }
 }
 
-fn jpeg(bytes: &[u8]) -> Result<Picture, PictureError> {
+fn jpeg(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
     let mut at = 2;
     let picture = loop {
-        let marker = bytes.get(at..at + 2).ok_or(PictureError::CutOff)?;
+        let marker = bytes.get(at..at + 2).ok_or(ImageError::CutOff)?;
         if marker[0] != 0xff {
-            return Err(PictureError::Header);
+            return Err(ImageError::Header);
         }
         let kind = marker[1];
         if kind == 0xff {
@@ -144,17 +144,17 @@ fn jpeg(bytes: &[u8]) -> Result<Picture, PictureError> {
             at += 2;
             continue;
         }
-        let length = bytes.get(at + 2..at + 4).ok_or(PictureError::CutOff)?;
+        let length = bytes.get(at + 2..at + 4).ok_or(ImageError::CutOff)?;
         let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
         let is_frame = matches!(kind, 0xc0..=0xcf) && !matches!(kind, 0xc4 | 0xc8 | 0xcc);
         if is_frame {
-            let size = bytes.get(at + 5..at + 9).ok_or(PictureError::CutOff)?;
+            let size = bytes.get(at + 5..at + 9).ok_or(ImageError::CutOff)?;
             let [height, width] = [[size[0], size[1]], [size[2], size[3]]]
                 .map(|it| u32::from(u16::from_be_bytes(it)));
-            break Picture::new(PictureFormat::Jpeg, width, height)?;
+            break ImageHeader::new(ImageFormat::Jpeg, width, height)?;
         }
         if kind == 0xda || length < 2 {
-            return Err(PictureError::Header);
+            return Err(ImageError::Header);
         }
         at += 2 + length;
     };
@@ -163,20 +163,20 @@ fn jpeg(bytes: &[u8]) -> Result<Picture, PictureError> {
     if tail.windows(2).any(|pair| pair == [0xff, 0xd9]) {
         Ok(picture)
     } else {
-        Err(PictureError::CutOff)
+        Err(ImageError::CutOff)
     }
 }
 
-fn webp(bytes: &[u8]) -> Result<Picture, PictureError> {
+fn webp(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
     let length = u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]]);
     if usize::try_from(length)
         .unwrap_or(usize::MAX)
         .saturating_add(8)
         > bytes.len()
     {
-        return Err(PictureError::CutOff);
+        return Err(ImageError::CutOff);
     }
-    let head = bytes.get(12..30).ok_or(PictureError::CutOff)?;
+    let head = bytes.get(12..30).ok_or(ImageError::CutOff)?;
     let (chunk, data) = (&head[..4], &head[8..]);
     let three = |at: usize| {
         u32::from(data[at]) | u32::from(data[at + 1]) << 8 | u32::from(data[at + 2]) << 16
@@ -191,9 +191,9 @@ fn webp(bytes: &[u8]) -> Result<Picture, PictureError> {
             let side = |at: usize| u32::from(u16::from_le_bytes([data[at], data[at + 1]]) & 0x3fff);
             (side(6), side(8))
         }
-        _ => return Err(PictureError::Header),
+        _ => return Err(ImageError::Header),
     };
-    Picture::new(PictureFormat::WebP, width, height)
+    ImageHeader::new(ImageFormat::WebP, width, height)
 }
 
 fn big_u32(bytes: &[u8]) -> u32 {
@@ -239,25 +239,25 @@ mod tests {
 
     #[test]
     fn headers() {
-        let sized = |bytes: &[u8]| Picture::of(bytes).map(|it| it.to_string());
+        let sized = |bytes: &[u8]| ImageHeader::of(bytes).map(|it| it.to_string());
         assert_eq!(sized(&samples::png(364, 273)).as_deref(), Ok("364x273 PNG"));
         assert_eq!(
             sized(&samples::jpeg(640, 480)).as_deref(),
             Ok("640x480 JPEG")
         );
         assert_eq!(sized(&samples::webp(28, 700)).as_deref(), Ok("28x700 WebP"));
-        assert_eq!(sized(b"GIF89a"), Err(PictureError::Unknown));
-        assert_eq!(sized(b""), Err(PictureError::Empty));
-        assert_eq!(sized(&samples::png(0, 3)), Err(PictureError::Header));
+        assert_eq!(sized(b"GIF89a"), Err(ImageError::Unknown));
+        assert_eq!(sized(b""), Err(ImageError::Empty));
+        assert_eq!(sized(&samples::png(0, 3)), Err(ImageError::Header));
     }
 
     #[test]
     fn a_picture_that_was_cut_off_is_noticed_wherever() {
         for bytes in [samples::png(8, 8), samples::jpeg(8, 8), samples::webp(8, 8)] {
-            assert!(Picture::of(&bytes).is_ok());
+            assert!(ImageHeader::of(&bytes).is_ok());
             for length in 0..bytes.len() {
                 assert!(
-                    Picture::of(&bytes[..length]).is_err(),
+                    ImageHeader::of(&bytes[..length]).is_err(),
                     "{length} of {} bytes",
                     bytes.len()
                 );
@@ -269,7 +269,7 @@ mod tests {
         #[test]
         fn any_bytes(head in 0_usize..4, bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
             let head: &[u8] = [&b"\x89PNG\r\n\x1a\n"[..], b"\xff\xd8\xff", b"RIFF\0\0\0\0WEBPVP8 ", b""][head];
-            let _ = Picture::of(&[head, &bytes].concat());
+            let _ = ImageHeader::of(&[head, &bytes].concat());
         }
     }
 }

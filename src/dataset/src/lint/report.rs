@@ -7,7 +7,7 @@ use std::{
 
 use serde::Serialize;
 
-use crate::lint::{Dataset, Place};
+use crate::lint::{Dataset, RowLocation};
 
 /// How bad a finding is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
@@ -249,7 +249,7 @@ impl<'a> Findings<'a> {
         &mut self,
         kind: &'static str,
         severity: Severity,
-        places: &[Place],
+        places: &[RowLocation],
         words: impl FnOnce() -> (String, String),
     ) {
         let report = &mut self.report;
@@ -307,7 +307,7 @@ impl<'a> Findings<'a> {
 
 impl Dataset {
     /// A place for people.
-    pub fn example_ref(&self, place: Place) -> ExampleRef {
+    pub fn example_ref(&self, place: RowLocation) -> ExampleRef {
         let file = usize::try_from(place.file)
             .ok()
             .and_then(|file| self.files().get(file));

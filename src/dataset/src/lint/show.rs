@@ -3,7 +3,7 @@
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
-use crate::lint::{Answer, Example, Image, ImageSource, Part, Picture};
+use crate::lint::{AssistantTurn, Example, Image, ImageHeader, ImageSource, Part};
 
 /// The turns of an example as text; the JSON of answers is laid out line by line.
 pub fn show(example: &Example) -> String {
@@ -16,7 +16,7 @@ pub fn show(example: &Example) -> String {
     let _ = writeln!(
         text,
         "example {} ({}{split})",
-        example.place.index,
+        example.location.index,
         example.format.as_str()
     );
     let facts = example
@@ -82,7 +82,7 @@ fn tag(image: Option<&Image>, number: usize) -> String {
         return format!("<image {}: missing>", number + 1);
     };
     let looks = match (&image.source, image_bytes(image)) {
-        (_, Some(bytes)) => Picture::of(&bytes)
+        (_, Some(bytes)) => ImageHeader::of(&bytes)
             .map_or_else(|error| error.to_string(), |picture| picture.to_string()),
         (ImageSource::Broken(why), None) => why.clone(),
         (ImageSource::Remote, None) => "not read".to_owned(),
@@ -98,7 +98,7 @@ fn tag(image: Option<&Image>, number: usize) -> String {
 
 /// An answer with its JSON object, if it ends with one, over several lines.
 fn laid_out(said: &str) -> Cow<'_, str> {
-    let Some(object) = Answer::parse(said).object else {
+    let Some(object) = AssistantTurn::parse(said).object else {
         return Cow::Borrowed(said);
     };
     let object = serde_json::Value::Object(object);

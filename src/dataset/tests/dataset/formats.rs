@@ -3,10 +3,11 @@
 use std::fs;
 
 use reel_dataset::{
-    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal,
-    Secrets, Shards, Split, Step, Style, Told, examples, privileged, strip,
+    DatasetError, Episode, ExampleOptions, Format, ImageOptions, ImageStore, LeakKind,
+    PrivilegedFacts, RefusalReason, Shards, Split, Step, Style, TaskBriefing, examples, privileged,
+    strip,
 };
-use reel_prompt::{Prompt, Wording};
+use reel_prompt::{Prompt, PromptWording};
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
 
@@ -99,7 +100,7 @@ fn answer_of(format: Format, row: &Value) -> String {
 fn all_published_parsers_read_every_answer_of_every_format() {
     use reel_prompt::published::{agent_answer, gym_answer, scheduler_action, trainer_action};
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let mut episodes = [
         episode("paper", Split::Train),
         episode("real-repo", Split::Train),
@@ -178,10 +179,11 @@ fn another_template_is_another_prompt() {
         .replace("Last action:", "You did:")
         .replace("Task: {TASK}", "{TASK}<");
     let prompt =
-        std::sync::Arc::new(Prompt::new("mine.txt", &template, Wording::default()).unwrap());
+        std::sync::Arc::new(Prompt::new("mine.txt", &template, PromptWording::default()).unwrap());
     let mut episode = episode("e1", Split::Train);
-    let told = Told::new("Bring it.", Vec::new(), Secrets::none()).with_prompt(prompt.clone());
-    episode.told = told.into();
+    let told = TaskBriefing::new("Bring it.", Vec::new(), PrivilegedFacts::none())
+        .with_prompt(prompt.clone());
+    episode.briefing = told.into();
     let made = examples(&episode, &options(Style::SingleTurn));
     let messages = made.examples[3].messages();
     assert!(
@@ -200,7 +202,7 @@ fn another_template_is_another_prompt() {
 #[test]
 fn rows_are_json_with_a_tag_a_picture() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let episode = episode("e1", Split::Train);
     put_pictures(&episode, &pictures);
     for style in Style::ALL {
@@ -226,7 +228,7 @@ fn rows_are_json_with_a_tag_a_picture() {
             {
                 let mut row = Vec::new();
                 match format.write_row(example, &pictures, &mut row) {
-                    Err(DatasetError::Unfit { .. }) => {
+                    Err(DatasetError::UnsupportedFormat { .. }) => {
                         let partial = style == Style::MultiTurnPrefix
                             && format == Format::QwenVl
                             && example.call > 0;
@@ -285,10 +287,10 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
     type Plant = (&'static str, fn(&mut Episode, String));
     let fields: [Plant; 9] = [
         ("the instruction", |episode, text| {
-            episode.told = told(&text, "hall/0", secrets())
+            episode.briefing = told(&text, "hall/0", secrets())
         }),
         ("receptacle table_2", |episode, text| {
-            episode.told = told("Bring it.", &text, secrets())
+            episode.briefing = told("Bring it.", &text, secrets())
         }),
         ("the reasoning of call 3", |episode, text| {
             episode.steps[3].reasoning = text
@@ -315,19 +317,18 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
     for (_, text) in planted() {
         for (expected, plant) in fields {
             let mut episode = episode("e1", Split::Train);
-            episode.told = told("Bring it.", "hall/0", secrets());
+            episode.briefing = told("Bring it.", "hall/0", secrets());
             plant(&mut episode, format!("The lamp. {text}"));
             // whole payloads are no part of what a tool told
             if expected.contains("outcome")
-                && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none()
+                && find_leak(&strip(&episode.steps[3].outcome), &secrets()).is_none()
             {
                 continue;
             }
             let made = examples(&episode, &options(Style::SingleTurn));
-            let named = made
-                .refused
-                .iter()
-                .any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
+            let named = made.refused.iter().any(
+                |it| matches!(&it.reason, RefusalReason::Leak { field, .. } if field == expected),
+            );
             assert!(named, "{expected}: {text}: {:?}", made.refused);
         }
     }
@@ -352,7 +353,7 @@ fn what_stands_around_a_text_hides_nothing_in_it() {
     {
         for planted in 1..5 {
             let mut episode = episode("e1", Split::Train);
-            episode.told = told("Bring it.", "hall/0", secrets());
+            episode.briefing = told("Bring it.", "hall/0", secrets());
             let [
                 ..,
                 step,
@@ -415,7 +416,7 @@ fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
     );
     assert!(matches!(
         &made.refused[0].reason,
-        Refusal::Leak {
+        RefusalReason::Leak {
             kind: LeakKind::Instance,
             ..
         }
@@ -437,10 +438,10 @@ fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
             .is_empty()
     );
 
-    episode.told = told(
+    episode.briefing = told(
         "Bring vase_03.",
         "hall/0",
-        Secrets::new([(LeakKind::Instance, "vase_03")], []),
+        PrivilegedFacts::new([(LeakKind::Instance, "vase_03")], []),
     );
     let made = examples(&episode, &options(Style::SingleTurn));
     assert_eq!(
@@ -508,10 +509,10 @@ fn shards_are_whole_files_of_at_most_so_many_rows() {
 #[test]
 fn a_missing_picture_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
     let error = Format::MsSwift
         .write_row(&made.examples[1], &pictures, &mut Vec::new())
         .unwrap_err();
-    assert!(matches!(error, DatasetError::Picture { image, .. } if image == Digest::of(b"e1 0")));
+    assert!(matches!(error, DatasetError::Image { image, .. } if image == Digest::of(b"e1 0")));
 }

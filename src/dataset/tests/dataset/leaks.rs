@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use reel_dataset::{LeakKind, Secrets, privileged, strip};
+use reel_dataset::{LeakKind, PrivilegedFacts, privileged, strip};
 
-pub fn secrets() -> Secrets {
+pub fn secrets() -> PrivilegedFacts {
     let instance = [
         (LeakKind::Instance, "vase_03_on_shelf_1_at_home_0001"),
         (LeakKind::Instance, "vase_03"),
@@ -18,7 +18,7 @@ pub fn secrets() -> Secrets {
         ),
         (LeakKind::TaskPayload, "FDO/home_0001"),
     ];
-    Secrets::new(
+    PrivilegedFacts::new(
         instance.into_iter().chain(phrase),
         ["shelf_1", "table_2", "refrigerator_1", "lamp_on_stand_1"],
     )
@@ -151,7 +151,7 @@ fn planted_in_many_ways() {
             format!("I went to table_2. {text} Then I looked."),
             format!("{{\"History\": {}}}", serde_json::json!(text)),
         ] {
-            match privileged(&carrier, &secrets) {
+            match find_leak(&carrier, &secrets) {
                 None => missed.push(format!("not found: {carrier}")),
                 Some(leak) if leak.kind != *kind && carrier == *text => {
                     missed.push(format!("{:?}: {carrier}", leak.kind))
@@ -189,7 +189,7 @@ fn clean_texts_raise_no_alarm() {
         "I will ask: which of the two vases do you mean, the one on the shelf or on the desk?",
     ];
     for text in texts {
-        let leak = privileged(text, &secrets());
+        let leak = find_leak(text, &secrets());
         assert_eq!(
             leak,
             None,
@@ -228,7 +228,7 @@ fn payloads_are_stripped() {
     ] {
         let stripped = strip(&text);
         assert_eq!(stripped, kept);
-        assert_eq!(privileged(&stripped, &secrets()), None, "{stripped}");
+        assert_eq!(find_leak(&stripped, &secrets()), None, "{stripped}");
     }
     let sentence = "The world graph says shelf_1.";
     assert_eq!(
@@ -236,7 +236,7 @@ fn payloads_are_stripped() {
         sentence,
         "a sentence is refused, never cut"
     );
-    assert!(privileged(sentence, &Secrets::none()).is_some());
+    assert!(find_leak(sentence, &PrivilegedFacts::none()).is_some());
 }
 
 #[test]
@@ -247,6 +247,6 @@ fn hostile_texts_take_no_time() {
         "a_on_".repeat(50_000),
         "1.0 ".repeat(2) + &"%5F".repeat(50_000),
     ] {
-        let _ = (privileged(&text, &secrets()), strip(&text));
+        let _ = (find_leak(&text, &secrets()), strip(&text));
     }
 }

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use reel_dataset::{Episode, ImageId, Pictures, Receptacle, Secrets, Source, Split, Step, Told};
+use reel_dataset::{
+    Episode, ImageId, ImageStore, PrivilegedFacts, Receptacle, Source, Split, Step, TaskBriefing,
+};
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
 
@@ -67,10 +69,10 @@ pub fn episode(id: &str, split: Split) -> Episode {
         scene_id: "home".into(),
         policy: "oracle".into(),
         split,
-        told: told(
+        briefing: told(
             "Bring the vase to the \"glass\" table.",
             "living room/0",
-            Secrets::none(),
+            PrivilegedFacts::none(),
         ),
         names: NameSet::Paper,
         steps: calls.into_iter().enumerate().map(step).collect(),
@@ -89,7 +91,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
 }
 
 /// What its agent was told, with the room of its second receptacle.
-pub fn told(instruction: &str, room: &str, secrets: Secrets) -> Arc<Told> {
+pub fn told(instruction: &str, room: &str, secrets: PrivilegedFacts) -> Arc<TaskBriefing> {
     let receptacle = |id: &str, category: &str, room: &str| Receptacle {
         id: id.into(),
         category: category.into(),
@@ -99,7 +101,7 @@ pub fn told(instruction: &str, room: &str, secrets: Secrets) -> Arc<Told> {
         receptacle("shelf_1", "shelf", "living room/0"),
         receptacle("table_2", "table", room),
     ];
-    Arc::new(Told::new(instruction, receptacles, secrets))
+    Arc::new(TaskBriefing::new(instruction, receptacles, secrets))
 }
 
 fn image(id: &str, at: usize) -> ImageId {
@@ -107,7 +109,7 @@ fn image(id: &str, at: usize) -> ImageId {
 }
 
 /// Puts the pictures of an episode.
-pub fn put_pictures(episode: &Episode, pictures: &Pictures) {
+pub fn put_pictures(episode: &Episode, pictures: &ImageStore) {
     for (at, image) in episode
         .steps
         .iter()

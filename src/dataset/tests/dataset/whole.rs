@@ -4,8 +4,8 @@
 use std::{collections::BTreeMap, fs, path::Path, time::Instant};
 
 use reel_dataset::{
-    DatasetWriter, Description, ExampleOptions, Format, MANIFEST, Manifest, PictureOptions,
-    Pictures, Rollout, Secrets, Split, Style, WriterOptions, examples, files,
+    DatasetWriter, Description, ExampleOptions, Format, ImageOptions, ImageStore, MANIFEST,
+    Manifest, PrivilegedFacts, Rollout, Split, Style, WriterOptions, examples, files,
 };
 use reel_world::{Digest, TokenLogprobs};
 use serde_json::{Value, json};
@@ -25,13 +25,13 @@ pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
         ("e3", Split::Validation),
     ] {
         let mut episode = episode(id, split);
-        episode.told = told(
+        episode.briefing = told(
             &format!("Bring the vase of {id}."),
             "hall/0",
-            Secrets::none(),
+            PrivilegedFacts::none(),
         );
         episode.steps.retain(|step| step.error.is_none());
-        put_pictures(&episode, writer.pictures());
+        put_pictures(&episode, writer.images());
         let made = examples(
             &episode,
             &ExampleOptions {
@@ -43,7 +43,7 @@ pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
         let prepared = writer.prepare(&made).unwrap();
         writer.push(&made, &prepared).unwrap();
     }
-    writer.leave_out("the trace does not replay", 1);
+    writer.count_skipped("the trace does not replay", 1);
     let description = Description {
         prompt: reel_prompt::Prompt::builtin(),
         name: "sample".into(),
@@ -130,7 +130,7 @@ fn the_card_says_what_is_in_it() {
 #[test]
 fn rollouts_carry_what_decisions_were_worth() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let mut episode = episode("e1", Split::Train);
     put_pictures(&episode, &pictures);
     let steps = episode.steps.len() as u32;
@@ -186,7 +186,7 @@ fn rollouts_carry_what_decisions_were_worth() {
 #[test]
 fn speed() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let mut episode = episode("e1", Split::Train);
     let steps = episode.steps.clone();
     episode.steps = steps
@@ -231,7 +231,7 @@ fn speed() {
 #[test]
 fn threads_may_put_the_same_picture() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let grey = vec![9; 640 * 480 * 3];
     let put = || pictures.put(Digest::of(&grey), &grey, 640, 480).unwrap();
     let put_all: Vec<_> = std::thread::scope(|scope| {

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_dataset::lint::{Options, lint};
+use reel_dataset::lint::{LintOptions, lint};
 use serde_json::{Value, json};
 
 use super::{Folder, open};
@@ -67,9 +67,9 @@ fn precision_and_recall(other_words: usize) -> (f64, f64) {
     }
     let folder = Folder::new();
     let dataset = open(&folder.lines("rows.jsonl", &rows));
-    let options = Options {
+    let options = LintOptions {
         examples_max: usize::MAX,
-        ..Options::default()
+        ..LintOptions::default()
     };
     let report = lint(&dataset, &options, |_| ());
     let near = report.check("near-duplicates").expect("it is there");
@@ -119,7 +119,7 @@ fn steps_of_one_episode_are_not_compared() {
     let near = |rows: &[Value]| {
         let report = lint(
             &open(&folder.lines("rows.jsonl", rows)),
-            &Options::default(),
+            &LintOptions::default(),
             |_| (),
         );
         report

@@ -11,7 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_dataset::lint::{CheckReport, Dataset, Options, Report, lint};
+use reel_dataset::lint::{CheckReport, Dataset, LintOptions, Report, lint};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -49,7 +49,7 @@ fn open(path: &Path) -> Dataset {
 }
 
 fn linted(path: &Path) -> Report {
-    lint(&open(path), &Options::default(), |_| ())
+    lint(&open(path), &LintOptions::default(), |_| ())
 }
 
 /// A check of a report.

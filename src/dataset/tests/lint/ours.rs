@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use reel_dataset::lint::{Options, Part, lint};
+use reel_dataset::lint::{LintOptions, Part, lint};
 use reel_dataset::{
-    DatasetError, Episode, ExampleOptions, Format, PictureOptions, Pictures, Receptacle, Secrets,
-    Shards, Source, Split, Step, Style, Told, examples,
+    DatasetError, Episode, ExampleOptions, Format, ImageOptions, ImageStore, PrivilegedFacts,
+    Receptacle, Shards, Source, Split, Step, Style, TaskBriefing, examples,
 };
 use reel_world::{Digest, NameSet};
 use serde_json::{Value, json};
@@ -65,10 +65,10 @@ fn episode(id: &str) -> Episode {
         scene_id: "home".into(),
         policy: "oracle".into(),
         split: Split::Train,
-        told: Told::new(
+        briefing: TaskBriefing::new(
             format!("Bring the vase of {id}."),
             vec![shelf],
-            Secrets::none(),
+            PrivilegedFacts::none(),
         )
         .into(),
         names: NameSet::Paper,
@@ -79,7 +79,7 @@ fn episode(id: &str) -> Episode {
 
 /// Writes two episodes in a format and style; the number of rows.
 fn write(root: &Path, format: Format, style: Style) -> u64 {
-    let pictures = Pictures::new(root, PictureOptions::default());
+    let pictures = ImageStore::new(root, ImageOptions::default());
     let mut shards = Shards::new(root, format, Split::Train, 3);
     let mut rows = 0;
     for episode in ["e1", "e2"].map(episode) {
@@ -105,7 +105,7 @@ fn write(root: &Path, format: Format, style: Style) -> u64 {
         for example in &made.examples {
             let (mut row, mut provenance) = (Vec::new(), Vec::new());
             match format.write_row(example, &pictures, &mut row) {
-                Err(DatasetError::Unfit { .. }) => continue,
+                Err(DatasetError::UnsupportedFormat { .. }) => continue,
                 written => written.expect("a row"),
             }
             example.provenance(&mut provenance);
@@ -159,7 +159,7 @@ fn every_format_and_style_is_read_back_without_a_finding() {
                 assert!(pictures > 0 || bare, "{told}");
                 assert_eq!(pictures, example.images.len(), "{told}");
             }
-            let report = lint(&dataset, &Options::default(), |_| ());
+            let report = lint(&dataset, &LintOptions::default(), |_| ());
             assert_eq!((report.rows, report.unreadable), (rows, 0), "{told}");
             // Two episodes that differ in two words are near-duplicates; they do not call all
             // tools.

@@ -271,7 +271,7 @@ fn a_folder_of_shards_goes_by_its_names() {
     );
     let places: Vec<_> = dataset
         .rows()
-        .map(|row| row.expect("a row").place)
+        .map(|row| row.expect("a row").location)
         .map(|it| (it.index, it.file, it.line))
         .collect();
     assert_eq!(places, [(0, 0, 1), (1, 0, 2), (2, 1, 1), (3, 2, 1)]);

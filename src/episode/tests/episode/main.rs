@@ -8,7 +8,7 @@ use std::sync::Arc;
 use reel_episode::{Episode, EpisodeConfig};
 use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_world::{
     Digest, Family, Profile, Skills, ToolCall,
     record::{PolicyInfo, StepInput},
@@ -64,7 +64,7 @@ fn restored_before_each_call_and_in_another_thread_an_episode_is_the_same() {
 
 /// The chain of an episode in the home, and how many of its calls succeeded.
 fn play(restored: bool) -> (Digest, usize) {
-    let scene = home();
+    let scene = home_scene();
     let task = draw(&DrawOptions {
         scene: &scene,
         families: &[Family::FDO],
@@ -96,7 +96,7 @@ fn play(restored: bool) -> (Digest, usize) {
             episode = Episode::resume(config.clone(), start.clone(), steps.clone(), &snapshot)
                 .expect("it is of this moment");
         }
-        let input = StepInput::bare(call);
+        let input = StepInput::from_call(call);
         steps.push(episode.step(input).record);
     }
     let succeeded = steps

@@ -6,9 +6,9 @@ use std::{
 };
 
 use reel_dataset::Format;
-use reel_export::{ExportOptions, Words};
+use reel_export::{AnnotationSource, ExportOptions};
 use reel_tables::Store;
-use reel_trace::{FileFacts, Images, Remote, file_facts, reach};
+use reel_trace::{FileMetadata, Images, RemoteFs, file_metadata, install_remote_fs};
 use tempfile::TempDir;
 
 use crate::{export, options, played::play, rows};
@@ -18,13 +18,13 @@ const SCHEME: &str = "folder://";
 /// Files of this machine under the names of a bucket; every read brings a copy of its own.
 struct Bucket(TempDir);
 
-impl Remote for Bucket {
+impl RemoteFs for Bucket {
     fn list(&self, _: &str) -> io::Result<Vec<String>> {
         unreachable!("an export knows its traces by name")
     }
 
-    fn facts(&self, name: &str) -> io::Result<FileFacts> {
-        file_facts(Path::new(name.trim_start_matches(SCHEME)))
+    fn metadata(&self, name: &str) -> io::Result<FileMetadata> {
+        file_metadata(Path::new(name.trim_start_matches(SCHEME)))
     }
 
     fn fetch(&self, name: &str) -> io::Result<PathBuf> {
@@ -37,7 +37,7 @@ impl Remote for Bucket {
 
 #[test]
 fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
-    reach(Box::new(Bucket(TempDir::new().unwrap())));
+    install_remote_fs(Box::new(Bucket(TempDir::new().unwrap())));
     let dir = TempDir::new().unwrap();
     let at = |name: &str| dir.path().join(name);
     let files = play(&at("traces"), "oracle", Images::None);
@@ -58,7 +58,7 @@ fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
 
     let how = ExportOptions {
         pictures: true,
-        words: Words::Rules,
+        words: AnnotationSource::Rules,
         ..options(Format::Trl)
     };
     let exported = |store: &Store, name: &str| {

@@ -20,9 +20,9 @@ use std::{
 use episodes::{record_seeded, relink, tasks, write};
 use played::{Played, play};
 use reel_annotate::{Entry, Note, Provenance, notes_path, write_notes};
-use reel_dataset::{Format, PictureOptions, Ratios, Split, Style, WriterOptions};
+use reel_dataset::{Format, ImageOptions, Ratios, Split, Style, WriterOptions};
 use reel_export::{
-    ExportError, ExportOptions, ExportReport, RolloutOptions, Selection, SplitBy, Words,
+    AnnotationSource, ExportError, ExportOptions, ExportReport, RolloutOptions, Selection, SplitBy,
 };
 use reel_tables::Store;
 use reel_trace::{Images, Trace};
@@ -39,7 +39,7 @@ fn options(format: Format) -> ExportOptions {
         },
         style: Style::SingleTurn,
         prompt: reel_prompt::Prompt::builtin(),
-        words: Words::Auto,
+        words: AnnotationSource::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).unwrap(),
         pictures: false,
@@ -216,7 +216,7 @@ fn equal_stores_and_options_give_equal_bytes() {
         pictures: true,
         ratios: Ratios::new([0.5, 0.25, 0.25]).unwrap(),
         writer: WriterOptions {
-            pictures: PictureOptions::default(),
+            pictures: ImageOptions::default(),
             ..options(Format::MsSwift).writer
         },
         ..options(Format::MsSwift)
@@ -383,9 +383,9 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
     store.ingest(&traces[..2], &|_, _| ()).unwrap();
     let sets = dir.path().join("sets");
     for format in Format::ALL {
-        let pictures = PictureOptions {
+        let pictures = ImageOptions {
             pixels_max: None,
-            ..PictureOptions::default()
+            ..ImageOptions::default()
         };
         let writer = WriterOptions {
             pictures,
@@ -418,7 +418,7 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
                 .iter()
                 .filter(before)
                 .rfind(|step| step.digests.frame.is_some());
-            reel_replay::picture_at(&trace, latest.map(|step| step.step), None).unwrap()
+            reel_replay::frame_at(&trace, latest.map(|step| step.step), None).unwrap()
         })
         .collect();
     let file = dir.path().join("frames.rgb");
@@ -591,7 +591,7 @@ fn words_come_from_the_notes_beside_the_traces() {
         &store,
         &dir.path().join("notes"),
         &ExportOptions {
-            words: Words::Notes,
+            words: AnnotationSource::Notes,
             ..options(Format::MsSwift)
         },
     );
@@ -680,7 +680,7 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
     let (report, row) = export(
         "rules",
         ExportOptions {
-            words: Words::Rules,
+            words: AnnotationSource::Rules,
             ..options(Format::Trl)
         },
     );

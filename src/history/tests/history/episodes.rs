@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, LazyLock},
 };
 
-use reel_history::{Checker, Deed, Place, Setting};
+use reel_history::{Checker, ReceptacleFacts, Setting, StepFacts};
 use reel_world::{Scene, Task, WorldGraph, record::StepRecord};
 use serde::Deserialize;
 
@@ -20,9 +20,9 @@ struct File {
 /// An episode, what it says of itself, and a true History of it.
 pub struct Episode {
     setting: Setting,
-    deeds: Vec<Deed>,
+    deeds: Vec<StepFacts>,
     /// The same from calls and texts alone.
-    bare: Vec<Deed>,
+    bare: Vec<StepFacts>,
     narration: Vec<(usize, String)>,
     /// After which step each piece of the true History holds.
     base: Vec<(usize, String)>,
@@ -74,10 +74,10 @@ impl Episode {
         });
         Self {
             setting: Setting::of(&task, scene, &graph),
-            deeds: steps.iter().map(Deed::of).collect(),
+            deeds: steps.iter().map(StepFacts::of).collect(),
             bare: steps
                 .iter()
-                .map(|step| Deed::called(step.step, &step.input.call, &step.outcome.text))
+                .map(|step| StepFacts::from_call(step.step, &step.input.call, &step.outcome.text))
                 .collect(),
             narration: narration
                 .filter(|(_, history)| !history.is_empty())
@@ -97,7 +97,7 @@ impl Episode {
             .iter()
             .take(steps)
             .cloned()
-            .for_each(|deed| checker.did(deed));
+            .for_each(|deed| checker.push_step(deed));
         checker
     }
 
@@ -108,16 +108,21 @@ impl Episode {
             .iter()
             .take(steps)
             .cloned()
-            .for_each(|deed| checker.did(deed));
+            .for_each(|deed| checker.push_step(deed));
     }
 
     /// A checker that knows receptacles, calls and texts only.
     pub fn bare(&self, steps: usize) -> Checker {
-        let places = self.setting.places.iter().cloned().map(|place| Place {
-            door: None,
-            captions: Vec::new(),
-            ..place
-        });
+        let places = self
+            .setting
+            .places
+            .iter()
+            .cloned()
+            .map(|place| ReceptacleFacts {
+                door: None,
+                captions: Vec::new(),
+                ..place
+            });
         let mut checker = Checker::new(Setting {
             places: places.collect(),
             ..Setting::default()
@@ -126,7 +131,7 @@ impl Episode {
             .iter()
             .take(steps)
             .cloned()
-            .for_each(|deed| checker.did(deed));
+            .for_each(|deed| checker.push_step(deed));
         checker
     }
 

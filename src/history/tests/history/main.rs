@@ -203,7 +203,7 @@ fn a_mended_history_is_true_and_keeps_what_was() {
         let episode = Episode::named(&episode);
         let mut checker = episode.checker(steps);
         let base = episode.base(steps);
-        let mended = mend(&mut checker, &format!("{base} {text}"));
+        let mended = repair_history(&mut checker, &format!("{base} {text}"));
         let claims = checker.check(&mended.text);
         assert_eq!(
             false_claims(&mended.text, &claims),
@@ -211,7 +211,12 @@ fn a_mended_history_is_true_and_keeps_what_was() {
             "{text}"
         );
         assert!(mended.text.starts_with(&base), "{text}: {}", mended.text);
-        assert_eq!(mended.mended + mended.dropped, 1, "{text}: {}", mended.text);
+        assert_eq!(
+            mended.repaired + mended.dropped,
+            1,
+            "{text}: {}",
+            mended.text
+        );
     }
 }
 
@@ -309,11 +314,11 @@ proptest! {
     #[test]
     fn what_is_mended_holds_no_contradiction((episode, steps, story) in any_story()) {
         let mut checker = Episode::named(episode).checker(steps);
-        let mended = mend(&mut checker, &story);
+        let mended = repair_history(&mut checker, &story);
         let claims = checker.check(&mended.text);
         prop_assert_eq!(false_claims(&mended.text, &claims), Vec::<String>::new());
         // and mending once more changes nothing
-        prop_assert_eq!(mend(&mut checker, &mended.text).text, mended.text);
+        prop_assert_eq!(repair_history(&mut checker, &mended.text).text, mended.text);
     }
 
     #[test]
@@ -322,7 +327,7 @@ proptest! {
         for claim in checker.check(&text) {
             prop_assert!(text.get(claim.span.clone()).is_some(), "{:?} in {:?}", claim, text);
         }
-        mend(&mut checker, &text);
+        repair_history(&mut checker, &text);
     }
 }
 
@@ -342,7 +347,7 @@ fn hostile_texts_end() {
     ];
     for text in long {
         checker.check(&text);
-        mend(&mut checker, &text);
+        repair_history(&mut checker, &text);
     }
 }
 

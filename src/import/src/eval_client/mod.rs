@@ -16,5 +16,5 @@ pub use files::EvalError;
 pub use names::{model_slug, path_component};
 pub(crate) use result::DEBUG_TEXT;
 pub use result::{Content, ToolResult};
-pub use run::{Decision, Play, RunSettings, Stop, run};
+pub use run::{Decision, EvalDriver, RunSettings, Stop, run};
 pub use score::{is_success, world_graph};

@@ -11,11 +11,11 @@ use reel_world::{
 };
 use serde_json::{Map, Value, json};
 
-use super::{Content, Decision, Play, ToolResult, result::DEBUG_TEXT, run::Stop};
+use super::{Content, Decision, EvalDriver, ToolResult, result::DEBUG_TEXT, run::Stop};
 
 /// Traces of one model, in the order of their episodes.
 #[derive(Debug)]
-pub struct Recorded<'a> {
+pub struct RecordedRun<'a> {
     paths: std::slice::Iter<'a, PathBuf>,
     /// `episode_idx` of the next trace.
     index: u32,
@@ -31,7 +31,7 @@ struct Playing {
     landmark: Option<String>,
 }
 
-impl<'a> Recorded<'a> {
+impl<'a> RecordedRun<'a> {
     /// The traces of these files.
     pub fn new(paths: &'a [PathBuf]) -> Self {
         Self {
@@ -48,7 +48,7 @@ impl<'a> Recorded<'a> {
     }
 }
 
-impl Play for Recorded<'_> {
+impl EvalDriver for RecordedRun<'_> {
     fn tools(&mut self) -> Vec<String> {
         ToolSpec::POLICY
             .iter()

@@ -65,7 +65,7 @@ pub enum Stop {
 }
 
 /// A server and the agent that plays on it.
-pub trait Play {
+pub trait EvalDriver {
     /// Names of the server's tools.
     fn tools(&mut self) -> Vec<String>;
 
@@ -93,7 +93,7 @@ pub trait Play {
 /// # Errors
 /// Fails if the server gives no tasks, or a file cannot be written. What a call or the agent fails
 /// of ends its episode only.
-pub fn run(settings: &RunSettings, play: &mut impl Play) -> Result<Value, EvalError> {
+pub fn run(settings: &RunSettings, play: &mut impl EvalDriver) -> Result<Value, EvalError> {
     if !play.tools().iter().any(|tool| tool == "finish") {
         return Err(EvalError::NoFinish);
     }
@@ -123,7 +123,7 @@ pub fn run(settings: &RunSettings, play: &mut impl Play) -> Result<Value, EvalEr
 }
 
 /// The task that `finish` answers with; `None` after the last one.
-fn next_task(play: &mut impl Play) -> Result<Option<Map<String, Value>>, EvalError> {
+fn next_task(play: &mut impl EvalDriver) -> Result<Option<Map<String, Value>>, EvalError> {
     let content = play
         .call("finish", &json!({}))
         .map_err(|what| EvalError::Finish { what })?;
@@ -145,7 +145,7 @@ fn next_task(play: &mut impl Play) -> Result<Option<Map<String, Value>>, EvalErr
 
 fn episode(
     settings: &RunSettings,
-    play: &mut impl Play,
+    play: &mut impl EvalDriver,
     task: &Map<String, Value>,
 ) -> Result<Map<String, Value>, EvalError> {
     let files = EpisodeFiles::of(&settings.out, task, &model_slug(&settings.model));

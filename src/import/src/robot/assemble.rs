@@ -23,9 +23,9 @@ use super::{
     mapping::{Kind, Mapping},
 };
 use crate::{
-    Options, State, both, episode, observe,
-    observe::Shown,
-    outcome,
+    ImportOptions, State, episode, observe,
+    observe::CallObservation,
+    outcome, same_graph_for_both,
     task::{self, Seen, Setting},
 };
 
@@ -413,7 +413,7 @@ impl Playing {
     pub(crate) fn finish(
         self,
         mapping: &Mapping,
-        options: &Options<'_>,
+        options: &ImportOptions<'_>,
         path: &Path,
         frame: &dyn Fn(Place) -> Option<FrameDigests>,
     ) -> Recorded {
@@ -440,7 +440,10 @@ impl Playing {
         };
         let start_picture = self.start.picture;
         let mut start = StartRecord {
-            graphs: initial.as_ref().map(both).unwrap_or_default(),
+            graphs: initial
+                .as_ref()
+                .map(same_graph_for_both)
+                .unwrap_or_default(),
             robot: robot(&mut before, &self.start),
             shortest_path_m: self
                 .told
@@ -498,14 +501,18 @@ impl Playing {
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         let link = episode::link(&header, &mut start, &mut records);
 
-        let graphs = before.graph.as_ref().map(both).unwrap_or_default();
+        let graphs = before
+            .graph
+            .as_ref()
+            .map(same_graph_for_both)
+            .unwrap_or_default();
         let judged = match told_success {
             // Nothing shows how the world was left: the word of the recording counts.
             Some(success) if self.first.is_none() || !known => {
                 notes.push(format!(
                     "success is what the recording says ({success}); no graph and goal tell it"
                 ));
-                both(if success { &task.goal } else { &task.initial })
+                same_graph_for_both(if success { &task.goal } else { &task.initial })
             }
             Some(_) => graphs.clone(),
             None => {
@@ -553,7 +560,7 @@ impl Playing {
     /// Its task: of the files given, else of its messages, else none; and whether it is known.
     fn setting(
         &self,
-        options: &Options<'_>,
+        options: &ImportOptions<'_>,
         path: &Path,
         notes: &mut Vec<String>,
     ) -> (Setting, bool) {
@@ -639,7 +646,7 @@ impl Step {
         })
     }
 
-    fn shown(self, frame: Option<FrameDigests>) -> Shown {
+    fn shown(self, frame: Option<FrameDigests>) -> CallObservation {
         let outcome = self.outcome();
         let asks = is_tool(&self.call, "ask");
         // An answer of which nobody says from whom it is came from a person: this is no simulation.
@@ -653,9 +660,9 @@ impl Step {
         let input = StepInput {
             policy: self.policy,
             user_reply: reply.clone(),
-            ..StepInput::bare(self.call)
+            ..StepInput::from_call(self.call)
         };
-        Shown {
+        CallObservation {
             input,
             outcome,
             reply,
@@ -677,8 +684,9 @@ impl Step {
             .ok()
             .map(|tool| tool.paper_name())
             .or(self.skill);
-        let told =
-            || ErrorCode::told_by(&answer.text).filter(|_| tool.is_some_and(|tool| tool != "ask"));
+        let told = || {
+            ErrorCode::from_message(&answer.text).filter(|_| tool.is_some_and(|tool| tool != "ask"))
+        };
         let failed = answer.error.is_some() || answer.success == Some(false);
         if !failed {
             let error = if answer.success.is_none() {
@@ -701,7 +709,8 @@ impl Step {
         } else {
             ErrorCode::BackendError
         };
-        let code = ErrorCode::parse(named).or_else(|| told().or_else(|| ErrorCode::told_by(named)));
+        let code =
+            ErrorCode::parse(named).or_else(|| told().or_else(|| ErrorCode::from_message(named)));
         let text = [answer.text.as_str(), named, "the call failed"]
             .into_iter()
             .find(|text| !text.is_empty());

@@ -32,7 +32,7 @@ use self::{
     event::{Event, What},
     mapping::{Clock, HEAD, Kind},
 };
-use crate::{ImportError, Imported, Loss, Options, episode};
+use crate::{ImportError, ImportOptions, ImportedEpisode, Loss, episode};
 
 /// A recording that was imported.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -40,7 +40,7 @@ pub struct Recording {
     /// The file or folder.
     pub source: PathBuf,
     /// Its episodes, in order.
-    pub episodes: Vec<Imported>,
+    pub episodes: Vec<ImportedEpisode>,
     /// What of it could not be read.
     pub losses: Vec<Loss>,
     /// What it leaves open.
@@ -64,7 +64,7 @@ pub fn import(
     recording: &Path,
     mapping: &Mapping,
     out: &Path,
-    options: &Options<'_>,
+    options: &ImportOptions<'_>,
 ) -> Result<Recording, ImportError> {
     let files = source::files(recording)?;
     let mut reading = Reading {
@@ -97,7 +97,7 @@ pub fn import(
         };
         return Err(ImportError::Empty {
             path: recording.to_owned(),
-            what,
+            reason: what,
         });
     }
     for (ns, what) in played.iter_mut().flat_map(|playing| playing.lost()) {
@@ -134,7 +134,7 @@ fn write(
     source: &Path,
     out: &Path,
     pictures: &Pictures,
-) -> Result<Imported, ImportError> {
+) -> Result<ImportedEpisode, ImportError> {
     let trace = out.join(format!("{}.mcap", episode::file_stem(&recorded.header)));
     let mut recorder = Recorder::create(
         &trace,
@@ -171,7 +171,7 @@ fn write(
         recorder.step(record, frame.as_ref())?;
     }
     let summary = recorder.end(&recorded.end)?;
-    Ok(Imported {
+    Ok(ImportedEpisode {
         source: source.to_owned(),
         trace,
         bytes: summary.bytes,

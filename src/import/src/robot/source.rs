@@ -70,7 +70,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
     let refuse = |path: &Path| {
         refused(path).map(|what| ImportError::Storage {
             path: path.to_owned(),
-            what,
+            reason: what,
         })
     };
     let mut files = Files {

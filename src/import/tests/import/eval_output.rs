@@ -7,8 +7,8 @@ use std::{
 };
 
 use reel_import::{
-    Options,
-    eval_client::{RunSettings, replay::Recorded, run},
+    ImportOptions,
+    eval_client::{RunSettings, replay::RecordedRun, run},
 };
 use reel_trace::Trace;
 use reel_world::{Scenes, Tool, ToolCall, record::EndReason};
@@ -56,7 +56,7 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         let trace = Trace::read(&path).unwrap();
         let results = run(
             &settings(&root),
-            &mut Recorded::new(std::slice::from_ref(&path)),
+            &mut RecordedRun::new(std::slice::from_ref(&path)),
         )
         .unwrap();
         assert_eq!(results["total"], 1, "{}", path.display());
@@ -71,7 +71,7 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         let episodes = reel_import::episodes(&root).unwrap();
         let tasks = [Arc::new((*trace.task).clone())];
         let scenes = Scenes::from(trace.scene.clone());
-        let options = Options {
+        let options = ImportOptions {
             run_id: "again",
             tasks: &tasks,
             scenes: Some(&scenes),
@@ -136,7 +136,7 @@ fn episodes_of_a_folder_that_is_not_empty_are_skipped() {
             run_tag: tag.to_owned(),
             ..settings(folder.path())
         };
-        run(&settings, &mut Recorded::new(&paths[..1])).unwrap()
+        run(&settings, &mut RecordedRun::new(&paths[..1])).unwrap()
     };
     assert_eq!(run("first")["skipped"], 0);
     let again = run("second");

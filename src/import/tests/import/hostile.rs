@@ -6,7 +6,7 @@ use std::{
 };
 
 use proptest::prelude::*;
-use reel_import::{ImportError, Imported, import};
+use reel_import::{ImportError, ImportedEpisode, import};
 use reel_world::record::EndReason;
 
 use crate::{PLAIN, fixture, folders, healthy, imported};
@@ -27,7 +27,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Imports what may be broken: an error that names something, or a healthy trace.
-fn survives(folder: &Path, out: &Path) -> Result<Imported, ImportError> {
+fn survives(folder: &Path, out: &Path) -> Result<ImportedEpisode, ImportError> {
     let result = import(folder, out, &PLAIN);
     match &result {
         Ok(report) => {

@@ -15,7 +15,7 @@ use std::{
 };
 
 use fixture::{APPLE, Episode, OTHER, SCENE, Shown};
-use reel_import::{ImportError, Imported, Options, episodes, import};
+use reel_import::{ImportError, ImportOptions, ImportedEpisode, episodes, import};
 use reel_trace::{Trace, examine};
 use reel_world::{
     DoorState, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Task,
@@ -23,18 +23,22 @@ use reel_world::{
 };
 use serde_json::json;
 
-const PLAIN: Options<'_> = Options {
+const PLAIN: ImportOptions<'_> = ImportOptions {
     run_id: "run",
     tasks: &[],
     scenes: None,
 };
 
 /// Imports one episode; its trace is whole and healthy.
-fn imported(folder: &Path, out: &Path) -> (Imported, Trace) {
+fn imported(folder: &Path, out: &Path) -> (ImportedEpisode, Trace) {
     imported_with(folder, out, &PLAIN)
 }
 
-fn imported_with(folder: &Path, out: &Path, options: &Options<'_>) -> (Imported, Trace) {
+fn imported_with(
+    folder: &Path,
+    out: &Path,
+    options: &ImportOptions<'_>,
+) -> (ImportedEpisode, Trace) {
     let imported = import(folder, out, options)
         .unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     let trace = healthy(&imported.trace);
@@ -464,7 +468,7 @@ fn the_task_file_is_used_where_it_is_given() {
         }),
         Arc::new(task.clone()),
     ];
-    let options = Options {
+    let options = ImportOptions {
         tasks: &tasks,
         scenes: Some(&scenes),
         ..PLAIN

@@ -8,7 +8,7 @@ use std::{
     sync::Arc,
 };
 
-use reel_import::Options;
+use reel_import::ImportOptions;
 use reel_world::{DoorState, GraphEvent, Task, WorldGraph};
 use serde_json::{Map, Value, json};
 
@@ -34,7 +34,7 @@ fn published_tasks_are_found_again_and_succeed() {
         .collect();
     assert!(tasks.len() > 100, "only {} tasks", tasks.len());
     let scenes = Arc::new(scene.clone()).into();
-    let options = Options {
+    let options = ImportOptions {
         tasks: &tasks,
         scenes: Some(&scenes),
         ..PLAIN

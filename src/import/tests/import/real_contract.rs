@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use reel_import::{
     eval_client::{
-        Content, Decision, EvalError, Play, RunSettings, Stop, ToolResult, is_success, model_slug,
-        path_component, run, world_graph,
+        Content, Decision, EvalDriver, EvalError, RunSettings, Stop, ToolResult, is_success,
+        model_slug, path_component, run, world_graph,
     },
     import,
 };
@@ -117,7 +117,7 @@ struct Scripted<'a> {
     observed: Vec<Vec<Value>>,
 }
 
-impl Play for Scripted<'_> {
+impl EvalDriver for Scripted<'_> {
     fn tools(&mut self) -> Vec<String> {
         self.tools.clone()
     }

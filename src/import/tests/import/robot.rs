@@ -13,7 +13,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use mcap::Compression;
 use proptest::prelude::*;
 use reel_import::{
-    ImportError, Options,
+    ImportError, ImportOptions,
     robot::{Mapping, Recording, import, recordings},
 };
 use reel_trace::{Timing, Trace, examine};
@@ -52,7 +52,7 @@ impl Place {
         &self,
         mapping: &str,
         path: &Path,
-        options: &Options<'_>,
+        options: &ImportOptions<'_>,
     ) -> (Recording, Vec<Trace>) {
         let mapping = Mapping::parse(mapping).unwrap();
         let recording =
@@ -387,7 +387,7 @@ fn every_field_comes_through() {
     let sent = STANDARD
         .decode(episode()[11].value["data"].as_str().unwrap())
         .unwrap();
-    let original = trace.original(Some(0)).unwrap();
+    let original = trace.camera_image(Some(0)).unwrap();
     assert_eq!((original.format.as_str(), &original.data), ("jpeg", &sent));
 }
 
@@ -469,7 +469,7 @@ fn parts_of_a_recording_in_their_order() {
     )
     .unwrap_err();
     assert!(
-        matches!(&error, ImportError::Storage { what, .. } if what.contains("ros2 bag convert")),
+        matches!(&error, ImportError::Storage { reason, .. } if what.contains("ros2 bag convert")),
         "{error}"
     );
 }
@@ -634,7 +634,7 @@ fn several_episodes_in_a_recording() {
             .start
             .graphs
             .registry
-            .place_of(&APPLE.into())
+            .receptacle_of(&APPLE.into())
             .unwrap()
             .as_str(),
         "table_1"
@@ -670,7 +670,7 @@ fn a_task_that_is_known_is_judged_by_the_graphs() {
     });
     let (tasks, path) = ([task], place.path("said.mcap"));
     let scenes = trace.scene.clone().into();
-    let options = Options {
+    let options = ImportOptions {
         tasks: &tasks,
         scenes: Some(&scenes),
         ..PLAIN
@@ -737,7 +737,7 @@ fn raw_pictures_in_every_order_of_colours() {
             "step {step}"
         );
         // The picture of the step is all there is to it.
-        assert_eq!(trace.original(Some(step)), None);
+        assert_eq!(trace.camera_image(Some(step)), None);
     }
     assert_eq!(trace.image(Some(5)), None);
 }

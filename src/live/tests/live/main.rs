@@ -10,10 +10,10 @@ mod episodes;
 
 use std::{path::Path, sync::Arc, time::Duration};
 
-use reel_live::{Lease, Limits, LiveError, Pool, Setup, Stages};
+use reel_live::{Lease, Limits, LiveError, Pool, PreparedTaskCache, Setup};
 use reel_replay::verify;
 use reel_reward::Preset;
-use reel_tasks::home;
+use reel_tasks::home_scene;
 use reel_trace::{Images, Trace};
 use reel_world::{
     Profile, Skills, ToolCall,
@@ -25,7 +25,7 @@ use tempfile::TempDir;
 fn setup(folder: &Path) -> Setup {
     Setup {
         tasks: episodes::tasks().to_vec(),
-        scenes: Arc::new(home()).into(),
+        scenes: Arc::new(home_scene()).into(),
         meshes: reel_world::Meshes::default(),
         seed: 3,
         profile: Profile::Paper,
@@ -34,23 +34,23 @@ fn setup(folder: &Path) -> Setup {
         run_id: "live".to_owned(),
         folder: folder.to_owned(),
         options: Images::None.into(),
-        stages: Stages::default(),
+        stages: PreparedTaskCache::default(),
     }
 }
 
 fn limits() -> Limits {
     Limits {
-        households: 8,
-        awake: 8,
+        sessions: 8,
+        in_memory: 8,
         workers: 2,
-        park_after: Duration::from_secs(60),
+        suspend_after: Duration::from_secs(60),
         close_after: Duration::from_secs(600),
         patience: Duration::from_secs(60),
     }
 }
 
 fn call(name: &str) -> StepInput {
-    StepInput::bare(ToolCall::new(name, json!({})))
+    StepInput::from_call(ToolCall::new(name, json!({})))
 }
 
 fn traces(folder: &Path) -> Vec<std::path::PathBuf> {
@@ -89,7 +89,13 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
     let mut links = Vec::new();
     for awake in [8, 1] {
         let traced = folder.path().join(format!("awake-{awake}"));
-        let pool = Arc::new(Pool::new(setup(&traced), Limits { awake, ..limits() }));
+        let pool = Arc::new(Pool::new(
+            setup(&traced),
+            Limits {
+                in_memory,
+                ..limits()
+            },
+        ));
         let names = ["a", "b", "c"];
         for name in names {
             pool.open(name).unwrap();
@@ -349,9 +355,9 @@ async fn the_idle_are_put_aside_and_then_closed() {
     let pool = Arc::new(Pool::new(
         setup(folder.path()),
         Limits {
-            park_after,
+            suspend_after,
             close_after,
-            households: 1,
+            sessions: 1,
             ..limits()
         },
     ));
@@ -364,14 +370,14 @@ async fn the_idle_are_put_aside_and_then_closed() {
         .unwrap()
         .unwrap();
     tokio::time::sleep(park_after * 2).await;
-    pool.tend().await;
+    pool.reap_idle().await;
     assert_eq!(pool.entry("a").unwrap().state.state, "parked");
     pool.with("a", |household| household.call(call("walk_around")))
         .await
         .unwrap()
         .unwrap();
     tokio::time::sleep(close_after).await;
-    pool.tend().await;
+    pool.reap_idle().await;
     assert!(pool.entries().is_empty());
     assert_eq!(
         Trace::read(&traces(folder.path())[0]).unwrap().steps.len(),

@@ -8,7 +8,7 @@ use reel_prompt::Prompt;
 use reel_trace::encode_png;
 use reel_world::{
     Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, ToolCall,
-    answer::Answer,
+    answer::AssistantTurn,
     record::{PolicyInfo, PolicyOutput},
 };
 use serde_json::json;
@@ -98,7 +98,7 @@ pub(crate) fn no_call() -> ToolCall {
 }
 
 /// What came with a decision. `raw` is the reply as it came.
-pub(crate) fn output(answer: &Answer, raw: String, reply: &Reply) -> PolicyOutput {
+pub(crate) fn output(answer: &AssistantTurn, raw: String, reply: &Reply) -> PolicyOutput {
     let tokens = reply
         .tokens_read
         .zip(reply.tokens_written)

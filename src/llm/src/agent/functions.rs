@@ -9,7 +9,7 @@ use reel_agents::{Context, NoAnswer, Policy};
 use reel_prompt::{SYSTEM_MULTI_TURN, VIEW, briefing, functions};
 use reel_world::{
     Digest, NameSet, ToolCall,
-    answer::{Answer, Call},
+    answer::{AssistantTurn, Call},
     record::{PolicyInfo, StepInput},
 };
 use serde_json::{Value, json};
@@ -109,7 +109,7 @@ impl Policy for FunctionCalling {
             tools: functions(self.names),
         };
         let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
-        let answer = Answer::parse(&reply.text);
+        let answer = AssistantTurn::parse(&reply.text);
         // Models that were not taught functions write the call into their text.
         let call = reply
             .calls
@@ -119,7 +119,10 @@ impl Policy for FunctionCalling {
         let call = call.map_or_else(no_call, |call| ToolCall::new(call.name, call.arguments));
         let calls = with_ids(reply.calls.clone(), context.step);
         self.remember(&reply.text, calls);
-        Ok(StepInput::said(call, output(&answer, raw(&reply), &reply)))
+        Ok(StepInput::with_policy_output(
+            call,
+            output(&answer, raw(&reply), &reply),
+        ))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {

@@ -13,7 +13,7 @@ use std::{
 };
 
 use reel_prompt::{
-    Answer, HistoryLines, action, arguments,
+    DecisionAnswer, HistoryLines, action, arguments,
     python::{self, Ascii},
 };
 use reel_trace::Trace;
@@ -39,7 +39,7 @@ const MEMORY_END: &str = "'}";
 
 /// What can be wrong with an answer.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Trouble {
+pub enum InjectedError {
     /// Words without sense.
     Gibberish,
     /// JSON that ends in the middle, as at the limit of tokens.
@@ -58,24 +58,24 @@ pub enum Trouble {
     Cut,
 }
 
-impl Trouble {
+impl InjectedError {
     /// All of them, with the names they go by.
-    pub const ALL: [(Trouble, &'static str); 8] = [
-        (Trouble::Gibberish, "gibberish"),
-        (Trouble::Truncated, "truncated"),
-        (Trouble::TwoCalls, "two-calls"),
-        (Trouble::UnknownTool, "unknown-tool"),
-        (Trouble::RateLimit, "rate-limit"),
-        (Trouble::Error, "error"),
-        (Trouble::Stall, "stall"),
-        (Trouble::Cut, "cut"),
+    pub const ALL: [(InjectedError, &'static str); 8] = [
+        (InjectedError::Gibberish, "gibberish"),
+        (InjectedError::Truncated, "truncated"),
+        (InjectedError::TwoCalls, "two-calls"),
+        (InjectedError::UnknownTool, "unknown-tool"),
+        (InjectedError::RateLimit, "rate-limit"),
+        (InjectedError::Error, "error"),
+        (InjectedError::Stall, "stall"),
+        (InjectedError::Cut, "cut"),
     ];
 
     /// Reads `KIND@CALL`, e.g. `gibberish@3`.
     ///
     /// # Errors
     /// What is wrong, and what there is.
-    pub fn parse(text: &str) -> Result<(Trouble, usize), String> {
+    pub fn parse(text: &str) -> Result<(InjectedError, usize), String> {
         let kinds = || Self::ALL.map(|(_, name)| name).join(", ");
         let (kind, call) = text
             .split_once('@')
@@ -92,25 +92,28 @@ impl Trouble {
     fn is_on_the_way(self) -> bool {
         matches!(
             self,
-            Trouble::RateLimit | Trouble::Error | Trouble::Stall | Trouble::Cut
+            InjectedError::RateLimit
+                | InjectedError::Error
+                | InjectedError::Stall
+                | InjectedError::Cut
         )
     }
 }
 
 /// What is said to a request.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Said {
+pub struct ScriptedReply {
     /// The body of the answer.
     pub body: Value,
     /// What is wrong with its way.
-    pub trouble: Option<Trouble>,
+    pub trouble: Option<InjectedError>,
 }
 
 /// Recorded decisions, by the instruction of their task.
 #[derive(Default)]
 pub struct Script {
     plans: BTreeMap<String, Vec<Vec<Line>>>,
-    troubles: Vec<(Trouble, usize)>,
+    troubles: Vec<(InjectedError, usize)>,
     /// Requests whose way was made hard already.
     troubled: Mutex<BTreeSet<Digest>>,
 }
@@ -141,7 +144,7 @@ struct Line {
 
 impl Script {
     /// The decisions of recorded episodes; the trouble comes at these calls of every episode.
-    pub fn new(traces: &[Trace], troubles: Vec<(Trouble, usize)>) -> Self {
+    pub fn new(traces: &[Trace], troubles: Vec<(InjectedError, usize)>) -> Self {
         let mut plans: BTreeMap<String, Vec<Vec<Line>>> = BTreeMap::new();
         for trace in traces {
             let mut histories = HistoryLines::default();
@@ -192,7 +195,7 @@ impl Script {
     ///
     /// # Errors
     /// When the request is none, or of a task that was not recorded: in words for whoever asked.
-    pub fn say(&self, request: &Value) -> Result<Said, String> {
+    pub fn answer(&self, request: &Value) -> Result<ScriptedReply, String> {
         let messages = request
             .get("messages")
             .and_then(Value::as_array)
@@ -205,7 +208,7 @@ impl Script {
         };
         let last = users().next_back().ok_or("there is no message of a user")?;
         if last.contains("\nThe robot asks: ") {
-            return Ok(Said {
+            return Ok(ScriptedReply {
                 body: completion(request, &text_message(&self.reply(&last)), "stop"),
                 trouble: None,
             });
@@ -265,7 +268,7 @@ impl Script {
             .map(line)
             .collect();
         let (message, reason) = right.message(functions, call, &history.join("\n"), trouble);
-        Ok(Said {
+        Ok(ScriptedReply {
             body: completion(request, &message, reason),
             trouble: trouble.filter(|trouble| trouble.is_on_the_way()),
         })
@@ -290,7 +293,7 @@ impl Script {
     }
 
     /// Whether a request meets this trouble for the first time.
-    fn is_new(&self, request: &Value, trouble: Trouble) -> bool {
+    fn is_new(&self, request: &Value, trouble: InjectedError) -> bool {
         let digest = Digest::of(format!("{trouble:?} {request}").as_bytes());
         self.troubled
             .lock()
@@ -342,17 +345,17 @@ impl Line {
         functions: bool,
         number: usize,
         history: &str,
-        trouble: Option<Trouble>,
+        trouble: Option<InjectedError>,
     ) -> (Value, &'static str) {
         let mut call = self.call.clone();
         match trouble {
-            Some(Trouble::Gibberish) => {
+            Some(InjectedError::Gibberish) => {
                 return (
                     text_message("the {spoon sleeps furiously: under [the} verb"),
                     "stop",
                 );
             }
-            Some(Trouble::UnknownTool) => {
+            Some(InjectedError::UnknownTool) => {
                 call = ToolCall::new("teleport", json!({"to": "the target"}))
             }
             _ => {}
@@ -366,8 +369,12 @@ impl Line {
                 json!({"id": format!("call_{number}_{id}"), "type": "function",
                     "function": {"name": call.name, "arguments": text}})
             };
-            let mut calls = vec![function(0, &call, trouble == Some(Trouble::Truncated))];
-            if trouble == Some(Trouble::TwoCalls) {
+            let mut calls = vec![function(
+                0,
+                &call,
+                trouble == Some(InjectedError::Truncated),
+            )];
+            if trouble == Some(InjectedError::TwoCalls) {
                 calls.push(function(1, &ToolCall::new("finish", json!({})), false));
             }
             let said = if self.reasoning.is_empty() {
@@ -380,7 +387,7 @@ impl Line {
                 "tool_calls",
             );
         }
-        let answer = Answer {
+        let answer = DecisionAnswer {
             reasoning: &self.reasoning,
             history,
             schedule: &self.schedule,
@@ -390,7 +397,7 @@ impl Line {
         };
         let mut text = answer.text();
         match trouble {
-            Some(Trouble::Truncated) => {
+            Some(InjectedError::Truncated) => {
                 let end = text
                     .char_indices()
                     .nth(text.chars().count() / 2)
@@ -398,7 +405,7 @@ impl Line {
                 text.truncate(end);
                 return (text_message(&text), "length");
             }
-            Some(Trouble::TwoCalls) => {
+            Some(InjectedError::TwoCalls) => {
                 text.push_str("\n{\"next action\":{\"tool_name\":\"finish\",\"args\":{}}}")
             }
             _ => {}
@@ -621,13 +628,19 @@ mod tests {
 
     #[test]
     fn trouble_by_name() {
-        assert_eq!(Trouble::parse("two-calls@4"), Ok((Trouble::TwoCalls, 4)));
+        assert_eq!(
+            InjectedError::parse("two-calls@4"),
+            Ok((InjectedError::TwoCalls, 4))
+        );
         for (wrong, word) in [
             ("gibberish", "KIND@CALL"),
             ("gibberish@x", "number"),
             ("sloth@1", "rate-limit"),
         ] {
-            assert!(Trouble::parse(wrong).unwrap_err().contains(word), "{wrong}");
+            assert!(
+                InjectedError::parse(wrong).unwrap_err().contains(word),
+                "{wrong}"
+            );
         }
     }
 
@@ -747,14 +760,14 @@ mod tests {
 
     #[test]
     fn nothing_that_comes_makes_it_fall() {
-        let script = Script::new(&[], vec![(Trouble::Cut, 0)]);
+        let script = Script::new(&[], vec![(InjectedError::Cut, 0)]);
         for request in [
             json!(null),
             json!({"messages": []}),
             json!({"messages": [{"role": "user", "content": "Task: a"}]}),
             json!({"messages": [{"role": "user", "content": [{"text": "Task: a\n\nb"}]}]}),
         ] {
-            assert!(script.say(&request).is_err(), "{request}");
+            assert!(script.answer(&request).is_err(), "{request}");
         }
         assert!(script.embed(&json!({"input": 3})).is_err());
         let vectors = script.embed(&json!({"input": ["mug", "mugs"]})).unwrap();

@@ -9,7 +9,7 @@ use reel_agents::{Context, NoAnswer, Policy};
 use reel_prompt::{EpisodePrompt, Outcome, Prompt};
 use reel_world::{
     ToolCall,
-    answer::Answer,
+    answer::AssistantTurn,
     record::{PolicyInfo, StepInput},
 };
 
@@ -107,12 +107,15 @@ impl Policy for SingleTurn {
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let request = self.request(context);
         let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
-        let answer = Answer::parse(&reply.text);
+        let answer = AssistantTurn::parse(&reply.text);
         let call = answer
             .action
             .clone()
             .map_or_else(no_call, |call| ToolCall::new(call.name, call.arguments));
-        let input = StepInput::said(call.clone(), output(&answer, reply.text.clone(), &reply));
+        let input = StepInput::with_policy_output(
+            call.clone(),
+            output(&answer, reply.text.clone(), &reply),
+        );
         self.last = Some(Last {
             call,
             answer: Some(reply.text),
@@ -135,7 +138,8 @@ mod tests {
 
     use crate::client::{Clock, Endpoint};
     use reel_dataset::{
-        Episode, ExampleOptions, Receptacle, Secrets, Source, Split, Step, Told, examples,
+        Episode, ExampleOptions, PrivilegedFacts, Receptacle, Source, Split, Step, TaskBriefing,
+        examples,
     };
     use reel_episode::{Briefing, Observation};
     use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, NameSet};
@@ -206,7 +210,12 @@ mod tests {
             scene_id: "home".to_owned(),
             policy: "oracle".to_owned(),
             split: Split::default(),
-            told: Told::new(&briefing.instruction, vec![table], Secrets::none()).into(),
+            briefing: TaskBriefing::new(
+                &briefing.instruction,
+                vec![table],
+                PrivilegedFacts::none(),
+            )
+            .into(),
             names: NameSet::Paper,
             steps: calls
                 .iter()
@@ -243,7 +252,7 @@ mod tests {
             let context = Context {
                 briefing: &briefing,
                 observation: &observation,
-                seen: &[],
+                perceived: &[],
                 truth: None,
                 step: step as u32,
             };
@@ -301,13 +310,13 @@ mod tests {
         let context = |observation, step| Context {
             briefing: &briefing,
             observation,
-            seen: &[],
+            perceived: &[],
             truth: None,
             step,
         };
         agent.watch(
             &context(&start, 0),
-            &StepInput::bare(ToolCall::new(
+            &StepInput::from_call(ToolCall::new(
                 "nav_to",
                 json!({"receptacle_name": "table_1"}),
             )),

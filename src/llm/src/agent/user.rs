@@ -5,7 +5,7 @@
 use std::{fmt::Write as _, sync::Arc};
 
 use crate::client::{Client, Message, Request, Role};
-use reel_agents::{Asked, NoAnswer, User};
+use reel_agents::{NoAnswer, User, UserQuestion};
 use reel_world::{
     Digest, InstanceId, Receptacle, Scene, Task,
     record::{UserReply, UserSource},
@@ -34,7 +34,7 @@ impl ModelUser {
 }
 
 impl User for ModelUser {
-    fn answer(&mut self, asked: &Asked<'_>) -> Result<UserReply, NoAnswer> {
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
         let messages = vec![
             Message::text(Role::System, PROMPT.trim_end()),
             Message::text(Role::User, situation(asked)),
@@ -65,8 +65,8 @@ impl User for ModelUser {
 }
 
 /// The profile, the auxiliary observation, the dialogue and the question.
-fn situation(asked: &Asked<'_>) -> String {
-    let Asked {
+fn situation(asked: &UserQuestion<'_>) -> String {
+    let UserQuestion {
         task,
         scene,
         initial,

@@ -150,7 +150,7 @@ impl Client {
 
     /// The kept reply to a request, if there is one. Nobody is asked, and as no call is made none
     /// is logged.
-    pub fn kept(&self, request: &Request) -> Option<Reply> {
+    pub fn cached(&self, request: &Request) -> Option<Reply> {
         let digest = Digest::of(canonical_json(&request::body(&self.endpoint, request)).as_bytes());
         Some(reply(self.cache.as_ref()?.get(&digest)?, true, digest))
     }
@@ -250,11 +250,11 @@ impl Client {
                 true => ModelError::Cut {
                     url,
                     attempts,
-                    what: none.what,
+                    problem: none.what,
                 },
                 false => ModelError::Answer {
                     url,
-                    what: none.what,
+                    problem: none.what,
                     excerpt: excerpt(&text),
                 },
             };
@@ -278,7 +278,7 @@ impl Client {
             ureq::Error::HostNotFound | ureq::Error::ConnectionFailed => ModelError::Connect {
                 url,
                 attempts,
-                what,
+                problem: what,
             },
             ureq::Error::Io(error) => match error.kind() {
                 io::ErrorKind::ConnectionRefused
@@ -287,28 +287,28 @@ impl Client {
                 | io::ErrorKind::AddrNotAvailable => ModelError::Connect {
                     url,
                     attempts,
-                    what,
+                    problem: what,
                 },
                 // rustls speaks through the connection it sits on
-                io::ErrorKind::InvalidData => ModelError::Tls { url, what },
+                io::ErrorKind::InvalidData => ModelError::Tls { url, problem: what },
                 _ => ModelError::Cut {
                     url,
                     attempts,
-                    what,
+                    problem: what,
                 },
             },
-            ureq::Error::Tls(_) | ureq::Error::Rustls(_) => ModelError::Tls { url, what },
+            ureq::Error::Tls(_) | ureq::Error::Rustls(_) => ModelError::Tls { url, problem: what },
             ureq::Error::BodyExceedsLimit(_) | ureq::Error::BadUri(_) | ureq::Error::Http(_) => {
                 ModelError::Answer {
                     url,
-                    what,
+                    problem: what,
                     excerpt: excerpt(""),
                 }
             }
             _ => ModelError::Cut {
                 url,
                 attempts,
-                what,
+                problem: what,
             },
         }
     }
@@ -361,10 +361,10 @@ fn pause(attempts: u32) -> Duration {
 /// come from the environment, but what runs on this machine is asked directly.
 fn agent(endpoint: &Endpoint, url: &str) -> Result<Agent, ModelError> {
     let uri: Uri = url.parse().map_err(|_| ModelError::BaseUrl {
-        what: "it cannot be read",
+        problem: "it cannot be read",
     })?;
     let host = uri.host().ok_or(ModelError::BaseUrl {
-        what: "it names no host",
+        problem: "it names no host",
     })?;
     let mut config = Config::builder()
         .timeout_global(Some(endpoint.timeout))

@@ -86,7 +86,7 @@ impl Endpoint {
             Some(_) => None,
         };
         match wrong {
-            Some(what) => Err(ModelError::BaseUrl { what }),
+            Some(what) => Err(ModelError::BaseUrl { problem: what }),
             None => Ok(base),
         }
     }

@@ -11,7 +11,7 @@ pub enum ModelError {
     )]
     BaseUrl {
         /// Why.
-        what: &'static str,
+        problem: &'static str,
     },
     /// No key where it should be.
     #[error("no key: set the environment variable {variable}, or name another one")]
@@ -32,7 +32,7 @@ pub enum ModelError {
         /// How often it was tried.
         attempts: u32,
         /// The system's word.
-        what: String,
+        problem: String,
     },
     /// The connection broke off.
     #[error("the connection broke off ({what}) after {tries}; see the endpoint's log: {url}", tries = tries(*attempts))]
@@ -42,7 +42,7 @@ pub enum ModelError {
         /// How often it was tried.
         attempts: u32,
         /// What was seen of it.
-        what: String,
+        problem: String,
     },
     /// No secure connection.
     #[error(
@@ -52,7 +52,7 @@ pub enum ModelError {
         /// The address.
         url: String,
         /// What is wrong.
-        what: String,
+        problem: String,
     },
     /// It takes too long.
     #[error("no answer within {timeout_s} s after {tries}; allow more time, or ask for fewer tokens: {url}", tries = tries(*attempts))]
@@ -84,7 +84,7 @@ pub enum ModelError {
         /// The address.
         url: String,
         /// What is wrong with it.
-        what: String,
+        problem: String,
         /// Its beginning.
         excerpt: String,
     },

@@ -355,7 +355,7 @@ fn an_equal_request_is_not_asked_twice() {
         }
     );
     assert_eq!(
-        (client.kept(&ask("a")), client.kept(&ask("b"))),
+        (client.cached(&ask("a")), client.cached(&ask("b"))),
         (Some(again.clone()), None)
     );
     assert_eq!(client.complete(&ask("b")).unwrap().text, "two");

@@ -4,7 +4,7 @@ mod paper;
 mod payload;
 mod published;
 
-use reel_live::{Begun, LiveError, Made};
+use reel_live::{CallResult, LiveError, StartedEpisode};
 use reel_world::{Frame, Profile, Scene, Task};
 use rmcp::model::{CallToolResult, ContentBlock};
 use std::sync::Arc;
@@ -12,9 +12,9 @@ use std::sync::Arc;
 /// What came of a request to a session.
 pub(crate) enum Said {
     /// A call was made.
-    Made(Box<Made>),
+    Made(Box<CallResult>),
     /// An episode began.
-    Begun(Box<Begun>, Arc<Scene>),
+    Begun(Box<StartedEpisode>, Arc<Scene>),
     /// Every task was played.
     Completed,
     /// The ids of the tasks.

@@ -1,7 +1,7 @@
 //! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state: no
 //! instances, poses, goals.
 
-use reel_live::{Begun, LiveError, Made};
+use reel_live::{CallResult, LiveError, StartedEpisode};
 use reel_world::{HORIZON, record::EndReason};
 use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Value, json};
@@ -33,7 +33,7 @@ pub(super) fn refuse(error: &LiveError) -> CallToolResult {
     result
 }
 
-fn call(made: &Made) -> CallToolResult {
+fn call(made: &CallResult) -> CallToolResult {
     let (step, outcome) = (&made.step, &made.step.outcome);
     let mut said = json!({"ok": outcome.is_ok(), "text": outcome.text});
     if let Some(code) = outcome.error {
@@ -66,7 +66,7 @@ fn call(made: &Made) -> CallToolResult {
     result
 }
 
-fn briefing(begun: &Begun) -> CallToolResult {
+fn briefing(begun: &StartedEpisode) -> CallToolResult {
     let briefing = &begun.briefing;
     let mut lines = format!("Task: {}\n\nReceptacles:\n", briefing.instruction);
     for (id, category, room) in &briefing.receptacles {

@@ -1,7 +1,7 @@
 //! What the published servers say of a task when its episode begins, and world graphs in their
 //! order: receptacles as the scene lists them, objects as they came there.
 
-use reel_live::Begun;
+use reel_live::StartedEpisode;
 use reel_world::{DoorState, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph};
 use serde_json::{Map, Value, json};
 
@@ -12,7 +12,7 @@ const DISTRACTOR_META: &str = "episodes[0].obj_distractor_meta.";
 /// What is known when an episode begins. Branch `main` gives the benchmark's instruction and names,
 /// branch `gspo` the precise instruction; a task that was asked for by an id has that id, for the
 /// trainer compares them.
-pub(super) fn payload(profile: Profile, begun: &Begun, scene: &Scene) -> Value {
+pub(super) fn payload(profile: Profile, begun: &StartedEpisode, scene: &Scene) -> Value {
     let task = &*begun.task;
     let main = profile != Profile::RealGspo;
     let mut payload = Map::new();
@@ -121,12 +121,12 @@ impl OrderedGraph {
     }
 
     fn initial(task: &Task, scene: &Scene) -> Self {
-        let placed = task.placed();
+        let placed = task.placement_order();
         let on = |id: &ReceptacleId| {
             placed
                 .iter()
                 .map(|index| &task.objects[*index].instance)
-                .filter(|instance| task.initial.place_of(instance) == Some(id))
+                .filter(|instance| task.initial.receptacle_of(instance) == Some(id))
                 .cloned()
                 .collect()
         };

@@ -2,7 +2,7 @@
 //! answer has, and the debug information that is always the last of them. What a tool says is the
 //! outcome's text.
 
-use reel_live::{LiveError, Made, View};
+use reel_live::{CallResult, LiveError, PrivilegedState};
 use reel_world::{
     Frame, Profile,
     outcome::EXCEPTION,
@@ -48,7 +48,7 @@ pub(super) fn refuse(tool: &str, error: &LiveError) -> CallToolResult {
     ))])
 }
 
-fn call(made: &Made) -> Vec<ContentBlock> {
+fn call(made: &CallResult) -> Vec<ContentBlock> {
     let outcome = &made.step.outcome;
     let mut content = Vec::new();
     if !outcome.text.is_empty() {
@@ -57,7 +57,12 @@ fn call(made: &Made) -> Vec<ContentBlock> {
     if outcome.is_exception() {
         return content;
     }
-    content.extend(made.frame.as_ref().or(made.look.as_ref()).map(picture));
+    content.extend(
+        made.frame
+            .as_ref()
+            .or(made.head_frame.as_ref())
+            .map(picture),
+    );
     content.push(debug_text(&state(&made.view)));
     content
 }
@@ -66,7 +71,7 @@ fn debug_text(state: &Value) -> ContentBlock {
     ContentBlock::text(format!("Debug Info:\n{state}"))
 }
 
-fn state(view: &View) -> Value {
+fn state(view: &PrivilegedState) -> Value {
     let name = |target: &MarkerTarget| match target {
         MarkerTarget::Object(object) => object.to_string(),
         MarkerTarget::Receptacle(receptacle) => receptacle.to_string(),

@@ -10,11 +10,11 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{Limits, Pool, Setup, Stages};
-use reel_mcp::{Options, ToolServer, Worker};
+use reel_live::{Limits, Pool, PreparedTaskCache, Setup};
+use reel_mcp::{ToolServer, ToolServerOptions, Worker};
 use reel_reward::Preset;
 use reel_sim::{
-    Perception, Segment, Simulator, Stage, geometry::Camera, nav::Viewpoint, render::Mark,
+    Perception, PreparedTask, Segment, Simulator, geometry::Camera, nav::Viewpoint, render::Mark,
 };
 use reel_trace::{Images, Trace};
 use reel_vectors::{KeyOrder, Report, difference, items, load, text};
@@ -254,7 +254,7 @@ struct Table {
     tables: Arc<Tables>,
     folder: tempfile::TempDir,
     pool: Arc<Pool>,
-    _stages: Vec<Arc<Stage>>,
+    _stages: Vec<Arc<PreparedTask>>,
 }
 
 impl Table {
@@ -290,15 +290,15 @@ impl Table {
         });
         let (scene, folder) = (Arc::new(scene), tempfile::tempdir().unwrap());
         let stage = |task: &Arc<Task>| {
-            Stage::with_perception(
+            PreparedTask::with_perception(
                 scene.clone(),
                 task.clone(),
                 Meshes::default(),
                 tables.clone(),
             )
         };
-        let stages: Vec<Arc<Stage>> = tasks.iter().map(stage).collect();
-        let known = Stages::default();
+        let stages: Vec<Arc<PreparedTask>> = tasks.iter().map(stage).collect();
+        let known = PreparedTaskCache::default();
         stages.iter().for_each(|stage| known.keep(stage));
         let setup = Setup {
             tasks,
@@ -319,10 +319,10 @@ impl Table {
         };
         let [park_after, close_after, patience] = [60, 600, 60].map(Duration::from_secs);
         let limits = Limits {
-            households: 1,
-            awake: 1,
+            sessions: 1,
+            in_memory: 1,
             workers: 1,
-            park_after,
+            suspend_after: park_after,
             close_after,
             patience,
         };
@@ -331,7 +331,7 @@ impl Table {
         let server = ToolServer::of_worker(
             pool.clone(),
             Arc::default(),
-            Arc::new(Options::default()),
+            Arc::new(ToolServerOptions::default()),
             worker,
         );
         let (theirs, ours) = tokio::io::duplex(1 << 20);

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::answer::{AgentAnswer, gym_answer, scheduler_action};
 use crate::{
-    Wording,
+    PromptWording,
     python::{self, Ascii},
 };
 
@@ -30,7 +30,7 @@ impl Default for SchedulerMemory {
 
 impl SchedulerMemory {
     /// Takes in an answer that was executed and did not end the episode.
-    pub fn update(&mut self, answer: &str, wording: &Wording) {
+    pub fn update(&mut self, answer: &str, wording: &PromptWording) {
         match scheduler_action(answer) {
             Some((history, action)) => {
                 if let Some(line) = history.as_deref().and_then(new_step) {
@@ -147,7 +147,7 @@ impl AgentMemory {
 
     /// A result as the next prompt shows it: its texts, without the debug information, and a mark
     /// for each image.
-    pub fn observation(texts: &[&str], images: usize, wording: &Wording) -> String {
+    pub fn observation(texts: &[&str], images: usize, wording: &PromptWording) -> String {
         let joined = texts.join("\n");
         let text = Some(python::strip(&joined))
             .filter(|text| !text.is_empty())

@@ -2,7 +2,7 @@
 
 use reel_reward::trainer::{TextError, is_dropped};
 
-use crate::{Wording, python};
+use crate::{PromptWording, python};
 
 /// One content of a tool's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -26,7 +26,7 @@ impl Observation {
     /// Reads the contents of a result. The last one is the debug information and never shown;
     /// neither are texts that begin like it, or like JSON. A result without anything to show says
     /// that the tool was called.
-    pub fn of_result(tool: &str, contents: &[Item<'_>], wording: &Wording) -> Self {
+    pub fn of_result(tool: &str, contents: &[Item<'_>], wording: &PromptWording) -> Self {
         let shown = if contents.len() > 1 {
             &contents[..contents.len() - 1]
         } else {
@@ -52,7 +52,7 @@ impl Observation {
     }
 
     /// What the model is told of an answer without a usable action.
-    pub fn of_invalid_answer(error: &super::ActionError, wording: &Wording) -> Self {
+    pub fn of_invalid_answer(error: &super::ActionError, wording: &PromptWording) -> Self {
         Self {
             text: format!("{}{error}", wording.invalid_answer),
             images: 0,
@@ -61,7 +61,7 @@ impl Observation {
 
     /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever the number of
     /// images.
-    pub fn in_rollout(&self, wording: &Wording) -> String {
+    pub fn in_rollout(&self, wording: &PromptWording) -> String {
         let introduction = if self.images > 0 {
             &wording.observed_image_and_text
         } else {
@@ -71,7 +71,7 @@ impl Observation {
     }
 
     /// The sentence that the gym's prompt holds.
-    pub fn in_gym(&self, wording: &Wording) -> String {
+    pub fn in_gym(&self, wording: &PromptWording) -> String {
         if self.images == 0 {
             return format!("{}{}", wording.observed_text, self.text);
         }
@@ -102,7 +102,7 @@ impl Hand {
     }
 
     /// The sentence of the prompt. `held` is the category in the inventory; `None` if nothing is.
-    pub fn describe(&self, held: Option<&str>, wording: &Wording) -> String {
+    pub fn describe(&self, held: Option<&str>, wording: &PromptWording) -> String {
         match (self.occupied, held) {
             (false, _) => wording.hand_empty.clone(),
             (true, held) => wording

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Wording,
+    PromptWording,
     python::{self, Ascii},
 };
 
@@ -11,7 +11,7 @@ use crate::{
 /// come.
 pub fn trainer_scene<'a, R>(
     rooms: impl IntoIterator<Item = (&'a str, R)>,
-    wording: &Wording,
+    wording: &PromptWording,
 ) -> String
 where
     R: IntoIterator<Item = &'a str>,
@@ -73,7 +73,7 @@ pub fn openai_tools(tools: &[Value]) -> Vec<Value> {
 
 /// MCP tools as the trainer describes them: a line each, optional arguments in brackets,
 /// descriptions cut at 80 characters.
-pub fn tools_description(tools: &[Value], wording: &Wording) -> String {
+pub fn tools_description(tools: &[Value], wording: &PromptWording) -> String {
     if tools.is_empty() {
         return wording.no_tools.clone();
     }

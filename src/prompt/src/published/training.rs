@@ -5,7 +5,7 @@
 use serde_json::{Value, json};
 
 use crate::{
-    Wording,
+    PromptWording,
     python::{self, Ascii},
 };
 
@@ -67,7 +67,7 @@ pub struct TrainingTurn {
 }
 
 impl TrainingTurn {
-    fn shortened(&self, compression: Compression, wording: &Wording) -> String {
+    fn shortened(&self, compression: Compression, wording: &PromptWording) -> String {
         let mut observation = self.observation.clone();
         if !self.text_graph.is_empty() {
             observation = format!("{observation}\n{}{}", wording.text_graph, self.text_graph);
@@ -115,7 +115,7 @@ pub fn training_messages(
     turns: &[TrainingTurn],
     compression: Option<Compression>,
     max_chars: usize,
-    wording: &Wording,
+    wording: &PromptWording,
 ) -> (Vec<Value>, bool) {
     let shortened = compression.map_or(0, |compression| {
         turns.len().saturating_sub(compression.keep_last.max(1))

@@ -4,7 +4,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Wording,
+    PromptWording,
     python::{self, Ascii},
 };
 
@@ -14,7 +14,7 @@ const IMAGES_MAX: usize = 2;
 /// A conversation, from the task on.
 #[derive(Clone, PartialEq, Debug)]
 pub struct VlmConversation<'w> {
-    wording: &'w Wording,
+    wording: &'w PromptWording,
     messages: Vec<Value>,
     images: Vec<String>,
 }
@@ -34,7 +34,7 @@ pub struct VlmDecision {
 
 impl<'w> VlmConversation<'w> {
     /// The system message and the task; `scene` as [`super::agent_scene`] writes it.
-    pub fn new(task: &str, scene: &str, wording: &'w Wording) -> Self {
+    pub fn new(task: &str, scene: &str, wording: &'w PromptWording) -> Self {
         let scene = if scene.is_empty() {
             String::new()
         } else {

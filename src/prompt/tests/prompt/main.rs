@@ -5,13 +5,13 @@ mod history;
 mod memory;
 mod prompts;
 
-use reel_prompt::Wording;
+use reel_prompt::PromptWording;
 use serde_json::Value;
 
 /// The tokens that stand for fixed wording in the vector files.
-fn tokens() -> Wording {
+fn tokens() -> PromptWording {
     let token = |text: &str| text.to_owned();
-    Wording {
+    PromptWording {
         scene_heading: token("⟦scene header⟧"),
         observed_text: token("⟦obs: text⟧"),
         observed_image_and_text: token("⟦obs: image <image> and text⟧"),

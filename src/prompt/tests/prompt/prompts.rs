@@ -2,7 +2,7 @@
 
 mod real_contract {
     use reel_prompt::{
-        Slots, Template, Wording, check,
+        PromptWording, Slots, Template, check,
         published::{
             ActionError, AgentMemory, Compression, GymMemory, Hand, Item, MAX_CONTEXT_CHARS,
             MAX_TURNS, Observation, SchedulerMemory, TrainingTurn, VlmConversation, agent_answer,
@@ -16,8 +16,8 @@ mod real_contract {
 
     use super::super::{rooms, tokens};
 
-    fn wording(document: &Value) -> Wording {
-        Wording {
+    fn wording(document: &Value) -> PromptWording {
+        PromptWording {
             shortened_prompt: text(&document["compressed_template"]).to_owned(),
             ..tokens()
         }
@@ -26,7 +26,7 @@ mod real_contract {
     /// A case of the trainer: its payload and what the mock server gives.
     struct Rollout<'c> {
         case: &'c Value,
-        wording: &'c Wording,
+        wording: &'c PromptWording,
         template: Template,
         scene: String,
         hand: Hand,
@@ -37,7 +37,7 @@ mod real_contract {
     }
 
     impl<'c> Rollout<'c> {
-        fn new(case: &'c Value, template: &str, wording: &'c Wording) -> Self {
+        fn new(case: &'c Value, template: &str, wording: &'c PromptWording) -> Self {
             let payload = &case["payload"];
             let described = payload["rooms_and_furniture"]
                 .as_object()
@@ -222,12 +222,12 @@ mod real_contract {
     /// in characters.
     const PADDING: char = '~';
 
-    fn as_long_as_published(wording: Wording) -> Wording {
+    fn as_long_as_published(wording: PromptWording) -> PromptWording {
         let pad = |token: String, length: usize| {
             let missing = length - token.chars().count();
             token + &PADDING.to_string().repeat(missing)
         };
-        Wording {
+        PromptWording {
             scene_heading: pad(wording.scene_heading, 72),
             hand_empty: pad(wording.hand_empty, 30),
             observed_text: pad(wording.observed_text, 57),

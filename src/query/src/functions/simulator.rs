@@ -109,7 +109,7 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
         if let Some(row) = lock().get(&digest) {
             return Ok(row.clone());
         }
-        let row = row(&reel_replay::verify_contained(&trace), digest);
+        let row = row(&reel_replay::verify_catching_panics(&trace), digest);
         lock().insert(digest, row.clone());
         Ok(row)
     })?;
@@ -223,7 +223,7 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
             .map_err(|error| failed(error.to_string()))?
         {
             Some(rgb) => rgb,
-            None => reel_replay::picture_at(&trace, wanted, None)
+            None => reel_replay::frame_at(&trace, wanted, None)
                 .map_err(|verdict| failed(verdict.to_string()))?,
         };
         Ok(Some(encode_png(

@@ -109,7 +109,7 @@ pub enum Value<'a> {
 }
 
 /// A step as a plain row, for tests and small uses.
-pub trait Row {
+pub trait StepRow {
     /// The column's value; [`Value::Null`] for a column it does not have.
     fn value(&self, column: &str) -> Value<'_>;
 }
@@ -128,7 +128,7 @@ impl Condition {
     ///
     /// # Panics
     /// If the episode has no step `at`.
-    pub fn fits<R: Row>(&self, episode: &[R], at: usize) -> bool {
+    pub fn fits<R: StepRow>(&self, episode: &[R], at: usize) -> bool {
         assert!(
             at < episode.len(),
             "step {at} of an episode of {}",
@@ -137,7 +137,7 @@ impl Condition {
         self.truth(episode, at) == Some(true)
     }
 
-    fn truth<R: Row>(&self, episode: &[R], at: usize) -> Option<bool> {
+    fn truth<R: StepRow>(&self, episode: &[R], at: usize) -> Option<bool> {
         let value = |column: &StepColumn| -> Value<'_> {
             at.checked_sub(column.back as usize)
                 .map_or(Value::Null, |step| episode[step].value(&column.name))

@@ -22,13 +22,13 @@ pub enum PatternError {
         /// What stands here.
         found: String,
         /// Where.
-        place: Place,
+        location: SourceLocation,
     },
     /// A text literal without its closing quote.
     #[error("this text has no closing quote; a quote inside is written twice {place}")]
     OpenQuote {
         /// Where it opens.
-        place: Place,
+        place: SourceLocation,
     },
     /// A character that means nothing here.
     #[error("`{character}` means nothing here; text stands in quotes {place}")]
@@ -36,7 +36,7 @@ pub enum PatternError {
         /// The character.
         character: char,
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A name that is no tool.
     #[error("unknown tool `{name}`{} {place}", hint(*nearest, "; a name that is no tool is asked for by `_[tool = '...']`"))]
@@ -46,7 +46,7 @@ pub enum PatternError {
         /// What was probably meant.
         nearest: Option<&'static str>,
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A column that a step does not have.
     #[error("a step has no column `{name}`{} {place}", hint(nearest.as_deref(), ""))]
@@ -56,7 +56,7 @@ pub enum PatternError {
         /// What was probably meant.
         nearest: Option<String>,
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A column used as what it is not.
     #[error("column `{name}` holds {found}, but is used as {expected} {place}")]
@@ -68,13 +68,13 @@ pub enum PatternError {
         /// What it holds.
         found: ColumnKind,
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// Two quantifiers in a row.
     #[error("a repetition of a repetition; put the first in parentheses, as in `(a+)?` {place}")]
     DoubleRepeat {
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A count that repeats nothing, or whose bounds are in the wrong order.
     #[error(
@@ -86,19 +86,19 @@ pub enum PatternError {
         /// Upper bound.
         max: u32,
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A count over the limit.
     #[error("a repetition counts to {MAX_REPEAT} at most; `*` and `+` have no bound {place}")]
     LongRepeat {
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// A lookback of no step or over the limit.
     #[error("`@` looks back 1 to {MAX_LOOKBACK} steps, as in `argument@-2` {place}")]
     FarLookback {
         /// Where.
-        place: Place,
+        place: SourceLocation,
     },
     /// Too many bytes.
     #[error(
@@ -112,7 +112,7 @@ pub enum PatternError {
     #[error("nested more than {MAX_NESTING} deep; leave out parentheses {place}")]
     TooDeep {
         /// Where it becomes too deep.
-        place: Place,
+        place: SourceLocation,
     },
     /// Too many different conditions.
     #[error(
@@ -120,7 +120,7 @@ pub enum PatternError {
     )]
     TooManyConditions {
         /// The first that is too many.
-        place: Place,
+        place: SourceLocation,
     },
     /// Too large once the repetitions are written out.
     #[error(
@@ -134,7 +134,7 @@ pub enum PatternError {
 
 /// A place in a pattern; shown as its byte, its line and a mark below.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Place {
+pub struct SourceLocation {
     /// Byte of the pattern, from 0.
     pub byte: usize,
     line: String,
@@ -142,7 +142,7 @@ pub struct Place {
     mark: (usize, usize),
 }
 
-impl Place {
+impl SourceLocation {
     /// The place of `length` bytes from `byte` on; both are cut to whole characters inside the
     /// text.
     pub(crate) fn new(text: &str, byte: usize, length: usize) -> Self {
@@ -172,7 +172,7 @@ impl Place {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for SourceLocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (before, under) = self.mark;
         if self.line.trim().is_empty() {

@@ -1,6 +1,6 @@
 //! A pattern's text into tokens with their places. Knows no grammar.
 
-use crate::pattern::{PatternError, Place};
+use crate::pattern::{PatternError, SourceLocation};
 
 /// A token and the bytes it came from.
 #[derive(Clone, PartialEq, Debug)]
@@ -73,7 +73,7 @@ fn token(text: &str, at: usize, first: char) -> Result<(TokenKind, usize), Patte
         Some(sign) => Ok((TokenKind::Sign(sign), sign.len())),
         None => Err(PatternError::StrangeCharacter {
             character: first,
-            place: Place::new(text, at, first.len_utf8()),
+            place: SourceLocation::new(text, at, first.len_utf8()),
         }),
     }
 }
@@ -106,6 +106,6 @@ fn quoted(text: &str, at: usize, quote: char) -> Result<(TokenKind, usize), Patt
         }
     }
     Err(PatternError::OpenQuote {
-        place: Place::new(text, at, 1),
+        place: SourceLocation::new(text, at, 1),
     })
 }

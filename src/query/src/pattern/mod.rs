@@ -101,8 +101,8 @@ mod parser;
 mod pattern;
 mod tools;
 
-pub use condition::{Condition, Literal, Op, Operand, Row, StepColumn, Value};
-pub use error::{PatternError, Place};
+pub use condition::{Condition, Literal, Op, Operand, StepColumn, StepRow, Value};
+pub use error::{PatternError, SourceLocation};
 pub use matcher::Matcher;
 pub use oscillation::{Oscillation, oscillation};
 pub use pattern::{ColumnKind, Pattern};

@@ -3,7 +3,7 @@
 
 use crate::pattern::{
     Condition, Literal, MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_REPEAT, Op,
-    Operand, PatternError, Place, StepColumn,
+    Operand, PatternError, SourceLocation, StepColumn,
     lexer::{Token, TokenKind, tokens},
     pattern::ColumnKind,
     tools::{is_tool, nearest_tool},
@@ -605,19 +605,19 @@ impl<'a> Parser<'a> {
         PatternError::Unexpected {
             expected,
             found,
-            place: self.place_of(self.at),
+            location: self.place_of(self.at),
         }
     }
 
-    fn place_of(&self, token: usize) -> Place {
+    fn place_of(&self, token: usize) -> SourceLocation {
         self.place_between(token, token + 1)
     }
 
     /// The place of the tokens from `first` up to but without `last`.
-    fn place_between(&self, first: usize, last: usize) -> Place {
+    fn place_between(&self, first: usize, last: usize) -> SourceLocation {
         let start = self.tokens[first].start;
         let end = self.tokens[last.min(self.tokens.len()) - 1].end;
-        Place::new(self.text, start, end - start)
+        SourceLocation::new(self.text, start, end - start)
     }
 }
 

@@ -4,7 +4,7 @@
 use std::{fmt, sync::Arc};
 
 use crate::pattern::{
-    Condition, Matcher, PatternError, Place, Row,
+    Condition, Matcher, PatternError, SourceLocation, StepRow,
     automaton::Automaton,
     parser::{self, ColumnUse, Expected},
     tools::nearest,
@@ -76,7 +76,7 @@ impl Pattern {
     }
 
     /// The masks of an episode of plain rows.
-    pub fn masks<R: Row>(&self, episode: &[R]) -> Vec<u64> {
+    pub fn masks<R: StepRow>(&self, episode: &[R]) -> Vec<u64> {
         let mask = |step| {
             let bits = self.conditions().iter().enumerate();
             bits.fold(0, |mask, (bit, condition)| {
@@ -131,7 +131,7 @@ fn check(
         end,
     } in sorted
     {
-        let place = || Place::new(text, *start, end - start);
+        let place = || SourceLocation::new(text, *start, end - start);
         let Some(found) = find(name) else {
             let nearest = nearest(name, columns.iter().map(|(known, _)| *known)).map(str::to_owned);
             return Err(PatternError::UnknownColumn {

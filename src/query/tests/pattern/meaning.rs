@@ -3,13 +3,13 @@
 use std::ops::Range;
 
 use proptest::prelude::*;
-use reel_query::pattern::{Condition, Pattern, Row, Value};
+use reel_query::pattern::{Condition, Pattern, StepRow, Value};
 
 /// A step: its columns, everything else null.
 #[derive(Clone, Debug, Default)]
 struct Step(Vec<(&'static str, Value<'static>)>);
 
-impl Row for Step {
+impl StepRow for Step {
     fn value(&self, column: &str) -> Value<'_> {
         self.0
             .iter()

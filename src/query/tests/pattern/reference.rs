@@ -4,7 +4,7 @@
 use std::{collections::BTreeSet, fmt, ops::Range};
 
 use proptest::prelude::*;
-use reel_query::pattern::{Pattern, Row, Value};
+use reel_query::pattern::{Pattern, StepRow, Value};
 
 /// The tools of the trees; an episode holds indices of these.
 pub const TOOLS: [&str; 3] = ["ask", "pick", "place"];
@@ -109,7 +109,7 @@ pub fn episode() -> impl Strategy<Value = Vec<usize>> {
 /// The masks of an episode of tools.
 pub fn masks(pattern: &Pattern, episode: &[usize]) -> Vec<u64> {
     struct Call(&'static str);
-    impl Row for Call {
+    impl StepRow for Call {
         fn value(&self, column: &str) -> Value<'_> {
             if column == "tool" {
                 Value::Text(self.0)

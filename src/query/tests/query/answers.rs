@@ -7,7 +7,7 @@ use std::{
     process::Command,
 };
 
-use reel_query::{Format, Parameters, Session, format, named};
+use reel_query::{Format, Parameters, QuerySession, format, named};
 use reel_reward::Preset;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
@@ -42,7 +42,7 @@ fn every_named_query_agrees_with_an_independent_path() {
         return;
     }
     let dir = TempDir::new().unwrap();
-    let session = Session::new(rich_store(dir.path())).unwrap();
+    let session = QuerySession::new(rich_store(dir.path())).unwrap();
     let out = dir.path().join("answers");
     fs::create_dir(&out).unwrap();
     for query in named::ALL {
@@ -80,7 +80,7 @@ fn every_named_query_agrees_with_an_independent_path() {
 #[test]
 fn parameters_are_bound_as_their_defaults_are_written_in() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(rich_store(dir.path())).unwrap();
+    let session = QuerySession::new(rich_store(dir.path())).unwrap();
     let text = |sql: &str, parameters: &Parameters, form| {
         format(&session.run_with(sql, parameters).unwrap(), form).unwrap()
     };
@@ -142,7 +142,7 @@ fn parameters_are_bound_as_their_defaults_are_written_in() {
 #[test]
 fn questions_are_judged_by_what_comes_of_them() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &varied())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
     let columns = "source, answers, words, led_right, led_wrong, led_nowhere, won";
     assert_eq!(
         ask(
@@ -167,7 +167,7 @@ fn questions_are_judged_by_what_comes_of_them() {
 #[test]
 fn advantages_are_relative_to_the_group() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &varied())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
     let rows = ask(
         &session,
         "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups ORDER BY group_id",
@@ -194,7 +194,7 @@ fn advantages_are_relative_to_the_group() {
 #[test]
 fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &varied())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
     let rows = ask(
         &session,
         "SELECT policy, task_id, episodes, won FROM unsteady_tasks ORDER BY task_id",
@@ -222,7 +222,7 @@ fn rich_store(dir: &Path) -> Store {
     );
     store.rescore(&Preset::real_repo(), |_| ()).unwrap();
     // all but one policy's failures are classified
-    let session = Session::new(Store::open(dir.join("store")).unwrap()).unwrap();
+    let session = QuerySession::new(Store::open(dir.join("store")).unwrap()).unwrap();
     let verdicts = classify(&session, &RuleSet::built_in(), Some("policy <> 'student'")).unwrap();
     store.replace_classes(|| verdicts.classes()).unwrap();
     store

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, path::PathBuf, time::Duration};
 
-use reel_query::{Lasting, Parameters, QueryError, Session, Stopped, functions};
+use reel_query::{CacheScope, Parameters, QueryError, QuerySession, StopReason, functions};
 use reel_tables::Store;
 use reel_world::{
     Family, TokenLogprobs,
@@ -42,14 +42,14 @@ fn plays() -> Vec<Play> {
 #[test]
 fn an_answer_holds_as_long_as_what_it_was_asked_of() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
     let lasting = |sql: &str| session.run_each(sql, &Parameters::new(), |_| true).unwrap();
     for sql in [
         "SELECT policy, count(*), wilson_low(count(*), 10) FROM episodes GROUP BY policy",
         "SELECT sum(n) FROM (SELECT sequence_count(steps, 'nav_to') AS n FROM episodes)",
         "SELECT episode_id FROM episodes WHERE policy IN (SELECT policy FROM steps WHERE upper(tool) = 'PICK')",
     ] {
-        assert_eq!(lasting(sql), Lasting::WithTheStore, "{sql}");
+        assert_eq!(lasting(sql), CacheScope::StoreVersion, "{sql}");
     }
     for sql in [
         "SELECT now()",
@@ -57,18 +57,18 @@ fn an_answer_holds_as_long_as_what_it_was_asked_of() {
         "SELECT policy FROM episodes WHERE replay(trace)['verdict'] = 'exact'",
         "SELECT policy FROM episodes WHERE success IN (SELECT random() > 0.5 FROM steps)",
     ] {
-        assert_eq!(lasting(sql), Lasting::Now, "{sql}");
+        assert_eq!(lasting(sql), CacheScope::Uncacheable, "{sql}");
     }
     let stopped = session
         .run_each("SELECT policy FROM episodes", &Parameters::new(), |_| false)
         .unwrap();
-    assert_eq!(stopped, Lasting::Now);
+    assert_eq!(stopped, CacheScope::Uncacheable);
 }
 
 #[test]
 fn every_function_has_an_example_that_runs() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
     for function in functions() {
         let rows = session.run(function.example);
         // hand-made episodes cannot be drawn: that alone may fail, and says so
@@ -89,7 +89,7 @@ fn every_function_has_an_example_that_runs() {
 #[test]
 fn patterns_find_what_they_say() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
     let by_policy = |what: &str| {
         ask(
             &session,
@@ -147,7 +147,7 @@ fn patterns_find_what_they_say() {
 #[test]
 fn a_wrong_pattern_says_where_it_is_wrong() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays()[..1])).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays()[..1])).unwrap();
     for (sql, says) in [
         (
             "SELECT sequence_match(steps, 'nav_tu') FROM episodes",
@@ -192,7 +192,7 @@ fn a_wrong_pattern_says_where_it_is_wrong() {
 #[test]
 fn a_query_reads_only_the_fields_of_the_steps_that_it_names() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
     let reads = |sql: &str| {
         session
             .step_fields(sql)
@@ -271,7 +271,7 @@ fn the_simulator_answers_in_sql() {
     let dir = TempDir::new().unwrap();
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     store.ingest(&traces, &|_, _| ()).unwrap();
-    let session = Session::new(store).unwrap();
+    let session = QuerySession::new(store).unwrap();
     let rows = ask(
         &session,
         "SELECT count(*) FROM episodes WHERE replay(trace).verdict = 'exact'",
@@ -339,7 +339,7 @@ fn the_simulator_answers_in_sql() {
 #[test]
 fn a_running_query_can_be_stopped() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
     let control = session.control();
     let stopper = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(300));
@@ -349,7 +349,7 @@ fn a_running_query_can_be_stopped() {
         "WITH RECURSIVE r AS (SELECT 1 AS n UNION ALL SELECT n + 1 FROM r) SELECT count(*) FROM r";
     let stopped = session.run(endless);
     assert!(
-        matches!(stopped, Err(QueryError::Stopped(Stopped::Cancelled))),
+        matches!(stopped, Err(QueryError::Stopped(StopReason::Cancelled))),
         "{stopped:?}"
     );
     stopper.join().unwrap();
@@ -377,7 +377,7 @@ fn log_probabilities_of_two_policies() {
         .nav("table_1")
         .find("alarm clock")
         .thinking(said(pick));
-    let session = Session::new(store(
+    let session = QuerySession::new(store(
         dir.path(),
         &[play.pick(DISTRACTOR).thinking(said(finish)).finish()],
     ))

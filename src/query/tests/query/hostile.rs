@@ -3,17 +3,17 @@
 
 use std::time::Duration;
 
-use reel_query::{Limits, QueryError, Session, Stopped};
+use reel_query::{Limits, QueryError, QuerySession, StopReason};
 use reel_world::Family;
 use tempfile::TempDir;
 
 use crate::{play::success, store};
 
-fn session(dir: &TempDir, limits: Limits) -> Session {
+fn session(dir: &TempDir, limits: Limits) -> QuerySession {
     let plays: Vec<_> = (1..=20)
         .map(|seed| success("oracle", Family::FDP, seed))
         .collect();
-    Session::with_limits(store(dir.path(), &plays), limits).unwrap()
+    QuerySession::with_limits(store(dir.path(), &plays), limits).unwrap()
 }
 
 fn limits() -> Limits {
@@ -39,7 +39,7 @@ fn what_never_ends_is_stopped_in_time() {
         assert!(
             matches!(
                 stopped,
-                QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })
+                QueryError::Stopped(StopReason::Time { seconds: 2 } | StopReason::Memory { .. })
             ),
             "{sql}: {stopped}"
         );
@@ -59,7 +59,10 @@ fn long_answers_and_large_values_are_refused() {
         .run("SELECT a.step FROM steps a, steps b, steps c")
         .unwrap_err();
     assert!(
-        matches!(stopped, QueryError::Stopped(Stopped::Rows { rows: 10_000 })),
+        matches!(
+            stopped,
+            QueryError::Stopped(StopReason::Rows { rows: 10_000 })
+        ),
         "{stopped}"
     );
     for sql in [
@@ -75,7 +78,7 @@ fn long_answers_and_large_values_are_refused() {
     ] {
         let refused = session.run(sql).expect_err(sql);
         assert!(
-            matches!(refused, QueryError::Stopped(Stopped::Value { .. })),
+            matches!(refused, QueryError::Stopped(StopReason::Value { .. })),
             "{sql}: {refused}"
         );
     }
@@ -104,7 +107,7 @@ fn memory_has_an_end() {
     ] {
         let refused = session.run(sql).expect_err(sql);
         let text = refused.to_string();
-        let by_limit = matches!(refused, QueryError::Stopped(Stopped::Memory { .. }))
+        let by_limit = matches!(refused, QueryError::Stopped(StopReason::Memory { .. }))
             || text.contains("memory")
             || text.contains("disk");
         assert!(by_limit, "{sql}: {text}");

@@ -11,7 +11,7 @@ mod hostile;
 use std::{fs, path::Path};
 
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_query::{Format, QueryError, Session, format, named};
+use reel_query::{Format, QueryError, QuerySession, format, named};
 use reel_tables::{Store, schema};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
@@ -35,7 +35,7 @@ fn store(dir: &Path, plays: &[Play]) -> Store {
 }
 
 /// The rows as CSV, without the header line.
-fn ask(session: &Session, sql: &str) -> Vec<String> {
+fn ask(session: &QuerySession, sql: &str) -> Vec<String> {
     let text = format(&session.run(sql).unwrap(), Format::Csv).unwrap();
     text.lines().skip(1).map(str::to_owned).collect()
 }
@@ -55,7 +55,7 @@ fn the_benchmark_counts_by_policy_and_family() {
     let mut store = store(dir.path(), &plays);
     let part = broken_off.record_as(&dir.path().join("broken.mcap"), Images::None);
     assert_eq!(store.ingest(&[part], &|_, _| ()).unwrap().added, 1);
-    let session = Session::new(store).unwrap();
+    let session = QuerySession::new(store).unwrap();
     let rows = ask(
         &session,
         "SELECT policy, family, episodes, success, asks FROM benchmark ORDER BY policy, family",
@@ -153,7 +153,7 @@ fn failures_are_counted_by_what_went_wrong() {
             .finish(),
         success("12", Family::FDP, 1),
     ];
-    let session = Session::new(store(dir.path(), &plays)).unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays)).unwrap();
     // nobody has classified them yet, and it says so
     let rows = ask(
         &session,
@@ -183,7 +183,8 @@ fn failures_are_counted_by_what_went_wrong() {
 #[test]
 fn the_steps_are_a_flat_view() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
+    let session =
+        QuerySession::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
     let rows = ask(
         &session,
         "SELECT step, tool, argument FROM steps WHERE policy = 'oracle' ORDER BY step LIMIT 2",
@@ -199,7 +200,7 @@ fn the_steps_are_a_flat_view() {
 #[test]
 fn an_empty_store_answers_every_named_query_with_its_columns() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(Store::open_or_create(dir.path()).unwrap()).unwrap();
+    let session = QuerySession::new(Store::open_or_create(dir.path()).unwrap()).unwrap();
     for query in named::ALL {
         let batches = session.run(&query.with_defaults()).unwrap();
         assert_eq!(
@@ -220,7 +221,8 @@ fn an_empty_store_answers_every_named_query_with_its_columns() {
 #[test]
 fn only_questions_are_answered() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
+    let session =
+        QuerySession::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
     let out = dir.path().join("out.csv");
     let refused = [
         "CREATE TABLE x AS SELECT 1".to_owned(),

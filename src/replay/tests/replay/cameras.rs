@@ -1,7 +1,7 @@
 //! Any moment from any camera: the same picture by any way to the moment, and nothing changes by
 //! taking it.
 
-use reel_replay::{Viewpoint, picture_at, view_at, views};
+use reel_replay::{Viewpoint, frame_at, view_at, views};
 use reel_trace::{Images, Trace};
 
 use crate::episodes::{record, tasks};
@@ -41,7 +41,7 @@ fn every_moment_from_every_camera_is_the_same_by_any_way() {
         }
         all.push(pictures);
     }
-    assert!(all[0][4] == picture_at(&trace, Some(3), None).unwrap());
+    assert!(all[0][4] == frame_at(&trace, Some(3), None).unwrap());
     // From above the target is on another place in the end, and the robot too.
     assert!(all[1].first() != all[1].last());
     // The target moves, and the camera with it; all cameras see something else.

@@ -5,10 +5,10 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
-use reel_agents::{Outside, RecordTo, policy, run_episode};
+use reel_agents::{RecordTo, Responders, policy, run_episode};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{DrawOptions, draw, home};
+use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo};
 
@@ -17,7 +17,7 @@ pub fn tasks() -> &'static [Arc<Task>] {
     static TASKS: OnceLock<Vec<Arc<Task>>> = OnceLock::new();
     TASKS.get_or_init(|| {
         let options = DrawOptions {
-            scene: &home(),
+            scene: &home_scene(),
             families: &Family::ALL,
             count: 4,
             seed: 7,
@@ -41,13 +41,13 @@ pub fn record_seeded(
     seed: u64,
     images: Images,
 ) -> PathBuf {
-    let scene = Arc::new(home());
+    let scene = Arc::new(home_scene());
     let mut policy = policy(name, task, &scene, seed).unwrap();
     let config = config(task, &scene, seed);
     run_episode(
         config,
         policy.as_mut(),
-        Outside::default(),
+        Responders::default(),
         Some(&RecordTo {
             path: path.to_owned(),
             options: images.into(),

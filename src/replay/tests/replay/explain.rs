@@ -5,7 +5,8 @@
 use std::collections::BTreeMap;
 
 use reel_replay::{
-    Moment, Verdict, body_changes, compact, compare, expand, explain, replay_with, state_at,
+    EpisodePosition, Verdict, body_changes, compact, expand, explain, first_divergence,
+    replay_with, state_at,
 };
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{FRAME_WIDTH, Frame};
@@ -49,7 +50,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     };
     assert_eq!(
         (divergence.moment, divergence.physics_step),
-        (Moment::Call(call), Some(11))
+        (EpisodePosition::Call(call), Some(11))
     );
     let field = |name: &str| {
         explanation
@@ -80,17 +81,26 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
             .starts_with("digests")
     );
 
-    let states = state_at(&base, Moment::Call(call), 11).unwrap().unwrap();
+    let states = state_at(&base, EpisodePosition::Call(call), 11)
+        .unwrap()
+        .unwrap();
     assert_eq!(explanation.bodies.as_ref(), Some(&states));
     let last = base.steps[call as usize].digests.physics_steps.len() - 1;
     assert_eq!(
-        state_at(&base, Moment::Call(call), last).unwrap().unwrap(),
+        state_at(&base, EpisodePosition::Call(call), last)
+            .unwrap()
+            .unwrap(),
         base.steps[call as usize].bodies
     );
-    assert_eq!(state_at(&base, Moment::Call(call), last + 1).unwrap(), None);
+    assert_eq!(
+        state_at(&base, EpisodePosition::Call(call), last + 1).unwrap(),
+        None
+    );
     let settled = base.start.digests.physics_steps.len() - 1;
     assert_eq!(
-        state_at(&base, Moment::Start, settled).unwrap().unwrap(),
+        state_at(&base, EpisodePosition::Start, settled)
+            .unwrap()
+            .unwrap(),
         base.start.bodies
     );
     let changes = body_changes(&base.start.bodies, &states);
@@ -100,18 +110,18 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
             .all(|change| change.body.is_some() && change.recorded != change.replayed)
     );
 
-    let found = compare(&base, &other).unwrap();
+    let found = first_divergence(&base, &other).unwrap();
     assert_eq!(
         (found.moment, found.physics_step),
-        (Moment::Call(call), Some(11))
+        (EpisodePosition::Call(call), Some(11))
     );
-    assert_eq!(compare(&base, &base), None);
+    assert_eq!(first_divergence(&base, &base), None);
     let mut shorter = base.clone();
     shorter.end = None;
     shorter.steps.pop();
     assert_eq!(
-        compare(&base, &shorter).map(|found| found.moment),
-        Some(Moment::End)
+        first_divergence(&base, &shorter).map(|found| found.moment),
+        Some(EpisodePosition::End)
     );
 }
 

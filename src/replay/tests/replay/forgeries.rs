@@ -4,7 +4,7 @@
 use std::env;
 
 use rayon::prelude::*;
-use reel_replay::{Moment, Verdict, verify_trace};
+use reel_replay::{EpisodePosition, Verdict, verify_trace};
 use reel_trace::{Images, Trace};
 use reel_world::record::StepRecord;
 use serde_json::Value;
@@ -41,7 +41,7 @@ fn no_forged_output_or_digest_is_exact() {
             trace.steps[step.step as usize] = changed;
             relink(&mut trace);
             let verdict = verify_trace(&trace);
-            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.moment == Moment::Call(step.step));
+            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.moment == EpisodePosition::Call(step.step));
             assert!(named, "{field} of call {} was forged: {verdict}", step.step);
             Some(field)
         })

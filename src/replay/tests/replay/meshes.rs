@@ -3,9 +3,9 @@
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
-use reel_agents::{Outside, RecordTo, policy, run_episode};
+use reel_agents::{RecordTo, Responders, policy, run_episode};
 use reel_replay::{Verdict, verify_all, verify_restored, verify_trace, views};
-use reel_tasks::home;
+use reel_tasks::home_scene;
 use reel_trace::{Images, Trace};
 use reel_world::{
     AssetId, Assets, Mesh, NoAssets, Outcome, Task,
@@ -79,7 +79,7 @@ fn meshes(task: &Task) -> BTreeMap<AssetId, Arc<Mesh>> {
 }
 
 fn play(path: &Path, task: &Arc<Task>, assets: &dyn Assets, images: Images) {
-    let scene = Arc::new(home());
+    let scene = Arc::new(home_scene());
     let mut oracle = policy("oracle", task, &scene, 3).unwrap();
     let mut config = config(task, &scene, 3);
     config.meshes = assets.meshes(&mut task.assets());
@@ -87,7 +87,13 @@ fn play(path: &Path, task: &Arc<Task>, assets: &dyn Assets, images: Images) {
         path: path.to_owned(),
         options: images.into(),
     };
-    run_episode(config, oracle.as_mut(), Outside::default(), Some(&record)).unwrap();
+    run_episode(
+        config,
+        oracle.as_mut(),
+        Responders::default(),
+        Some(&record),
+    )
+    .unwrap();
 }
 
 #[test]

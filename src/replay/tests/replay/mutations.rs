@@ -3,7 +3,7 @@
 use std::fs;
 
 use rayon::prelude::*;
-use reel_replay::{Divergence, Moment, Verdict, verify, verify_trace};
+use reel_replay::{Divergence, EpisodePosition, Verdict, verify, verify_trace};
 use reel_trace::{Images, Limits, Trace};
 use reel_world::{
     Digest, GraphEvent, ReceptacleId, ToolCall,
@@ -20,7 +20,7 @@ const FLIPS: usize = 230;
 struct Case {
     what: String,
     trace: Trace,
-    moment: Moment,
+    moment: EpisodePosition,
     body: Option<String>,
     physics_step: Option<usize>,
     /// Beginning of the field's name; empty where any field may be the first.
@@ -59,7 +59,7 @@ fn no_changed_trace_is_exact() {
         .filter_map(|(base, call)| {
             let trace = removed(&bases[*base], *call, true);
             let path = write(&folder.path().join(format!("{base}-{call}.mcap")), &trace);
-            let expected = if *call as usize == trace.steps.len() { Moment::End } else { Moment::Call(*call) };
+            let expected = if *call as usize == trace.steps.len() { EpisodePosition::End } else { EpisodePosition::Call(*call) };
             let verdict = verify(&path);
             let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.moment == expected);
             (!named).then(|| format!("episode {base} written without call {call}: {verdict}"))
@@ -101,7 +101,12 @@ fn no_changed_trace_is_exact() {
 }
 
 impl Case {
-    fn new(what: impl Into<String>, trace: Trace, moment: Moment, field: &'static str) -> Self {
+    fn new(
+        what: impl Into<String>,
+        trace: Trace,
+        moment: EpisodePosition,
+        field: &'static str,
+    ) -> Self {
         Self {
             what: what.into(),
             trace,
@@ -170,9 +175,9 @@ fn without_calls(base: &Trace) -> Vec<Case> {
     let last = base.steps.len() as u32 - 1;
     let case = |call: u32| {
         let moment = if call == last {
-            Moment::End
+            EpisodePosition::End
         } else {
-            Moment::Call(call + 1)
+            EpisodePosition::Call(call + 1)
         };
         Case::new(
             format!("without call {call}, as numbered"),
@@ -197,7 +202,7 @@ fn other_arguments(base: &Trace) -> Vec<Case> {
         Case::new(
             what,
             changed(base, step.step, |step| step.input.call = other),
-            Moment::Call(step.step),
+            EpisodePosition::Call(step.step),
             "",
         )
     };
@@ -246,7 +251,7 @@ fn other_outputs(base: &Trace) -> Vec<Case> {
             Case::new(
                 format!("{field} at call {call}"),
                 changed(base, call, change),
-                Moment::Call(call),
+                EpisodePosition::Call(call),
                 field,
             )
         };
@@ -303,7 +308,7 @@ fn other_outputs(base: &Trace) -> Vec<Case> {
     cases.push(Case::new(
         "picture",
         trace,
-        Moment::Call(picture),
+        EpisodePosition::Call(picture),
         "digests.frame.rgb",
     ));
     let moving = base
@@ -318,7 +323,7 @@ fn other_outputs(base: &Trace) -> Vec<Case> {
     let case = Case::new(
         "physics step",
         trace,
-        Moment::Call(moving.step),
+        EpisodePosition::Call(moving.step),
         "state digest of the physics step",
     );
     cases.push(Case {
@@ -332,14 +337,14 @@ fn other_outputs(base: &Trace) -> Vec<Case> {
     let body = Some(base.start.bodies[0].body.clone());
     cases.push(Case {
         body,
-        ..Case::new("start", trace, Moment::Start, "position[2]")
+        ..Case::new("start", trace, EpisodePosition::Start, "position[2]")
     });
     let mut trace = base.clone();
     trace.end.as_mut().unwrap().metrics.total_reward += 1.0;
     cases.push(Case::new(
         "metrics",
         trace,
-        Moment::End,
+        EpisodePosition::End,
         "metrics.total_reward",
     ));
     cases

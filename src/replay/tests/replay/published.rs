@@ -1,7 +1,7 @@
 //! Episodes of the published servers: they replay, and those that an older simulator recorded are
 //! told apart from what diverges.
 
-use reel_agents::{Outside, RecordTo, policy, run_episode};
+use reel_agents::{RecordTo, Responders, policy, run_episode};
 use reel_replay::{Verdict, verify_trace};
 use reel_sim::sim_version;
 use reel_trace::{Images, Trace};
@@ -19,7 +19,7 @@ fn episodes_of_the_published_servers_reach_the_goal_and_replay() {
         let path = folder
             .path()
             .join(format!("{}-{}.mcap", task.short_id(), profile.as_str()));
-        let scene = std::sync::Arc::new(reel_tasks::home());
+        let scene = std::sync::Arc::new(reel_tasks::home_scene());
         let mut oracle = policy("oracle", task, &scene, 3).unwrap();
         let config = reel_episode::EpisodeConfig {
             profile,
@@ -29,7 +29,13 @@ fn episodes_of_the_published_servers_reach_the_goal_and_replay() {
             path: path.clone(),
             options: Images::None.into(),
         };
-        run_episode(config, oracle.as_mut(), Outside::default(), Some(&record)).unwrap();
+        run_episode(
+            config,
+            oracle.as_mut(),
+            Responders::default(),
+            Some(&record),
+        )
+        .unwrap();
         let trace = Trace::read(&path).unwrap();
         let end = trace.end.as_ref().unwrap();
         let said: Vec<_> = trace

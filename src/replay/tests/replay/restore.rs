@@ -4,7 +4,7 @@
 use std::{collections::BTreeSet, fs};
 
 use rayon::prelude::*;
-use reel_replay::{SnapshotCache, pictures_at, seek, verify_restored};
+use reel_replay::{SnapshotCache, frames_at, seek, verify_restored};
 use reel_trace::{Images, Trace};
 
 use crate::episodes::{record, tasks};
@@ -105,14 +105,14 @@ fn pictures_drawn_again_are_those_that_were_recorded() {
         .filter(|record| record.digests.frame.is_some())
         .map(|record| Some(record.step));
     let moments: BTreeSet<Option<u32>> = pictured.step_by(2).chain([None]).collect();
-    let recorded = pictures_at(&full, &moments).unwrap();
+    let recorded = frames_at(&full, &moments).unwrap();
     assert_eq!(
         recorded.keys().collect::<Vec<_>>(),
         moments.iter().collect::<Vec<_>>()
     );
-    assert!(recorded == pictures_at(&lean, &moments).unwrap());
+    assert!(recorded == frames_at(&lean, &moments).unwrap());
     for trace in [&full, &lean] {
-        let verdict = pictures_at(trace, &BTreeSet::from([Some(999)])).unwrap_err();
+        let verdict = frames_at(trace, &BTreeSet::from([Some(999)])).unwrap_err();
         assert_eq!(
             verdict.to_string(),
             "REFUSED the agent got no picture from call 999"

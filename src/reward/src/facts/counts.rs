@@ -1,7 +1,7 @@
 //! A world graph as a short list: how many of a thing stand at a place. Never knows what the
 //! numbers mean.
 
-use crate::facts::PlaceKey;
+use crate::facts::ReceptacleKey;
 
 /// How many of each thing stand where.
 #[derive(Clone, Debug, Default)]
@@ -12,7 +12,7 @@ pub(crate) struct Counts {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     thing: u32,
-    place: PlaceKey,
+    place: ReceptacleKey,
     count: u32,
 }
 
@@ -21,14 +21,14 @@ impl Counts {
         self.entries.clone_from(&other.entries);
     }
 
-    pub(crate) fn count(&self, thing: u32, place: PlaceKey) -> u32 {
+    pub(crate) fn count(&self, thing: u32, place: ReceptacleKey) -> u32 {
         self.entries
             .iter()
             .find(|entry| entry.thing == thing && entry.place == place)
             .map_or(0, |entry| entry.count)
     }
 
-    pub(crate) fn add(&mut self, thing: u32, place: PlaceKey) {
+    pub(crate) fn add(&mut self, thing: u32, place: ReceptacleKey) {
         match self
             .entries
             .iter_mut()
@@ -44,7 +44,7 @@ impl Counts {
     }
 
     /// Takes one away; nothing where there is none.
-    pub(crate) fn remove(&mut self, thing: u32, place: PlaceKey) {
+    pub(crate) fn remove(&mut self, thing: u32, place: ReceptacleKey) {
         let Some(at) = self
             .entries
             .iter()
@@ -59,14 +59,14 @@ impl Counts {
     }
 
     /// Things, their places and how many there are, in no order.
-    pub(crate) fn entries(&self) -> impl Iterator<Item = (u32, PlaceKey, u32)> {
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (u32, ReceptacleKey, u32)> {
         self.entries
             .iter()
             .map(|entry| (entry.thing, entry.place, entry.count))
     }
 
     /// The places that hold a thing, in no order.
-    pub(crate) fn places_of(&self, thing: u32) -> impl Iterator<Item = PlaceKey> {
+    pub(crate) fn places_of(&self, thing: u32) -> impl Iterator<Item = ReceptacleKey> {
         self.entries
             .iter()
             .filter(move |entry| entry.thing == thing)

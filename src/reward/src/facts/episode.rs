@@ -1,7 +1,7 @@
 //! The facts of one episode in flat, reusable buffers, filled in the order of its steps. Never
 //! allocates once warm.
 
-use crate::facts::{Authority, Change, Marked, ObjectKey, StepHead};
+use crate::facts::{Authority, Change, MarkerReferent, ObjectKey, StepHead};
 
 /// One episode as facts. Filled from the start on: what the start saw and how its graphs differ
 /// from the task's, then [`EpisodeFacts::step`] once a step, each followed by what came with it.
@@ -13,7 +13,7 @@ pub struct EpisodeFacts {
     physics: Vec<Change>,
     registry: Vec<Change>,
     seen: Vec<ObjectKey>,
-    markers: Vec<(u32, Marked)>,
+    markers: Vec<(u32, MarkerReferent)>,
 }
 
 /// A moment, and where what came with it ends in the buffers.
@@ -51,7 +51,7 @@ pub struct StepFacts<'a> {
     /// Objects in the picture or told in words. Those seen before may be left out.
     pub seen: &'a [ObjectKey],
     /// The marker map after the call; none: as it was before.
-    pub markers: Option<&'a [(u32, Marked)]>,
+    pub markers: Option<&'a [(u32, MarkerReferent)]>,
 }
 
 impl Default for EpisodeFacts {
@@ -100,7 +100,7 @@ impl EpisodeFacts {
 
     /// An object in the picture, or told in words. It is enough to tell when it is seen for the
     /// first time.
-    pub fn saw(&mut self, object: ObjectKey) {
+    pub fn push_visible(&mut self, object: ObjectKey) {
         self.seen.push(object);
         self.close();
     }
@@ -115,7 +115,7 @@ impl EpisodeFacts {
     }
 
     /// A number of the marker map that [`EpisodeFacts::set_markers`] announced.
-    pub fn mark(&mut self, number: u32, target: Marked) {
+    pub fn mark(&mut self, number: u32, target: MarkerReferent) {
         self.markers.push((number, target));
         self.close();
     }

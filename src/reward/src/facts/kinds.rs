@@ -1,7 +1,7 @@
 //! Objects by kind: which instances count as one thing (of one asset, or of one category), and a
 //! task's graphs in these terms. Never knows a reward.
 
-use crate::facts::{Counts, PlaceKey, names::Names};
+use crate::facts::{Counts, ReceptacleKey, names::Names};
 
 /// A kind of object, numbered within its [`Kinds`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -20,7 +20,7 @@ pub(crate) enum Identity {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct KindChange {
     pub(crate) kind: KindKey,
-    pub(crate) place: PlaceKey,
+    pub(crate) place: ReceptacleKey,
     pub(crate) add: bool,
 }
 
@@ -58,8 +58,8 @@ impl Kinds {
     /// stands there.
     pub(crate) fn set_graphs(
         &mut self,
-        initial: &[(KindKey, PlaceKey)],
-        goal: &[(KindKey, PlaceKey)],
+        initial: &[(KindKey, ReceptacleKey)],
+        goal: &[(KindKey, ReceptacleKey)],
     ) {
         self.initial = Counts::default();
         initial
@@ -68,7 +68,8 @@ impl Kinds {
         let mut wanted = Counts::default();
         goal.iter()
             .for_each(|(kind, place)| wanted.add(kind.0, *place));
-        let mut standing: Vec<(KindKey, PlaceKey)> = initial.iter().chain(goal).copied().collect();
+        let mut standing: Vec<(KindKey, ReceptacleKey)> =
+            initial.iter().chain(goal).copied().collect();
         standing.sort_unstable();
         standing.dedup();
         self.goal.clear();

@@ -33,7 +33,7 @@ pub struct ObjectKey(pub(crate) u32);
 
 /// A receptacle or the floor, numbered within a [`TaskFacts`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct PlaceKey(pub(crate) u32);
+pub struct ReceptacleKey(pub(crate) u32);
 
 /// A text of an episode (what the user or a tool said, a marker's argument), numbered within a
 /// [`TaskFacts`]; valid for one episode.
@@ -48,19 +48,19 @@ pub enum Change {
         /// What left.
         object: ObjectKey,
         /// Where.
-        place: PlaceKey,
+        place: ReceptacleKey,
     },
     /// `+object@place`
     Add {
         /// What came.
         object: ObjectKey,
         /// Where.
-        place: PlaceKey,
+        place: ReceptacleKey,
     },
     /// `place.door: from -> to`
     Door {
         /// The receptacle with the door.
-        place: PlaceKey,
+        place: ReceptacleKey,
         /// Before.
         from: DoorState,
         /// After.
@@ -94,16 +94,16 @@ pub enum Authority {
 
 /// What a marker stands for.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Marked {
+pub enum MarkerReferent {
     /// An object.
     Object(ObjectKey),
     /// A receptacle.
-    Place(PlaceKey),
+    Receptacle(ReceptacleKey),
 }
 
 /// Which tool was called, as far as a reward tells them apart.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum Called {
+pub enum ToolKind {
     /// `nav_to`
     NavTo,
     /// `walk_around`
@@ -129,21 +129,21 @@ pub enum Called {
     Other,
 }
 
-impl Called {
+impl ToolKind {
     /// The tool that a name means, in either name set.
-    pub fn named(tool: &str) -> Called {
+    pub fn named(tool: &str) -> ToolKind {
         match tool {
-            "nav_to" | "navigate_to" => Called::NavTo,
-            "walk_around" | "explore_receptacle" => Called::WalkAround,
-            "show_object_by_category" | "find_objects" => Called::ShowObjectByCategory,
-            "gaze_at" | "focus_on" => Called::GazeAt,
-            "pick" => Called::Pick,
-            "place" | "place_on_top" => Called::Place,
-            "open" => Called::Open,
-            "close" => Called::Close,
-            "ask" => Called::Ask,
-            "finish" => Called::Finish,
-            _ => Called::Other,
+            "nav_to" | "navigate_to" => ToolKind::NavTo,
+            "walk_around" | "explore_receptacle" => ToolKind::WalkAround,
+            "show_object_by_category" | "find_objects" => ToolKind::ShowObjectByCategory,
+            "gaze_at" | "focus_on" => ToolKind::GazeAt,
+            "pick" => ToolKind::Pick,
+            "place" | "place_on_top" => ToolKind::Place,
+            "open" => ToolKind::Open,
+            "close" => ToolKind::Close,
+            "ask" => ToolKind::Ask,
+            "finish" => ToolKind::Finish,
+            _ => ToolKind::Other,
         }
     }
 }
@@ -164,7 +164,7 @@ pub enum Delivery {
 
 /// What the trainer reads from the text of a result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Told {
+pub struct TrainerReading {
     pub(crate) error: Option<TextError>,
     /// Of an `ask`: the words, if any reach the policy.
     pub(crate) words: Option<TextKey>,
@@ -175,9 +175,9 @@ pub struct Told {
 pub struct StepHead {
     /// The tool; none if the call was not understood (`unknown_tool`, `bad_arguments`,
     /// `unparsable_output`).
-    pub tool: Called,
+    pub tool: ToolKind,
     /// The tool that the call names, understood or not.
-    pub named: Called,
+    pub named: ToolKind,
     /// How the answer came.
     pub delivery: Delivery,
     /// None: the call did what it should.
@@ -185,21 +185,21 @@ pub struct StepHead {
     /// The marker that the call names, as text.
     pub marker: Option<TextKey>,
     /// The receptacle that a `nav_to` names, reached or not.
-    pub driven_to: Option<PlaceKey>,
+    pub driven_to: Option<ReceptacleKey>,
     /// The object that the call acted on.
     pub object: Option<ObjectKey>,
     /// The receptacle that the call acted on.
-    pub receptacle: Option<PlaceKey>,
+    pub receptacle: Option<ReceptacleKey>,
     /// What the gripper holds after the call.
     pub held: Option<ObjectKey>,
     /// What the user said.
     pub reply: Option<TextKey>,
     /// What the text of the result says; only preset `real-trainer` reads it.
-    pub told: Told,
+    pub trainer_reading: TrainerReading,
 }
 
 impl StepHead {
-    pub(crate) fn succeeded(&self, tool: Called) -> bool {
+    pub(crate) fn succeeded(&self, tool: ToolKind) -> bool {
         self.error.is_none() && self.tool == tool
     }
 }

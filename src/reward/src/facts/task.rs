@@ -11,8 +11,9 @@ use reel_world::{
 use crate::{
     ambiguity,
     facts::{
-        Called, Change, Counts, Delivery, EpisodeFacts, Identity, KindKey, Kinds, Marked,
-        ObjectKey, PlaceKey, StepHead, TextKey, Told, is_no_call, names::Names,
+        Change, Counts, Delivery, EpisodeFacts, Identity, KindKey, Kinds, MarkerReferent,
+        ObjectKey, ReceptacleKey, StepHead, TextKey, ToolKind, TrainerReading, is_no_call,
+        names::Names,
     },
     goal,
     trainer::{Categories, Graph, GraphSize, TextError, is_dropped, is_unknown, lower},
@@ -47,7 +48,7 @@ pub struct TaskFacts {
     pub(crate) initial_size: GraphSize,
     /// By place.
     pub(crate) initial_doors: Vec<Option<DoorState>>,
-    pub(crate) floor: PlaceKey,
+    pub(crate) floor: ReceptacleKey,
     /// Objects that fit the instruction; those of one asset stand together.
     pub(crate) candidates: Vec<Candidate>,
     /// How many questions the task is worth, before the preset's limit.
@@ -60,9 +61,9 @@ pub(crate) enum Target {
     /// Of `Delta_goal`.
     Goal(Change),
     /// First successful `nav_to`.
-    Visit(PlaceKey),
+    Visit(ReceptacleKey),
     /// `(receptacle, open)`
-    Opening(PlaceKey),
+    Opening(ReceptacleKey),
 }
 
 /// An element of `Delta_goal`.
@@ -164,7 +165,7 @@ impl TaskFacts {
     ) -> Self {
         let mut facts = Self::empty(mapping, category);
         for (receptacle, _) in initial.0.iter().chain(&goal.0) {
-            facts.place(receptacle);
+            facts.receptacle(receptacle);
         }
         let objects = |graph: &Graph| {
             graph
@@ -174,7 +175,7 @@ impl TaskFacts {
         };
         facts.set_kinds(&objects(initial), &objects(goal));
         facts.initial_size.is_empty = initial.0.is_empty();
-        facts.floor = facts.place(FLOOR);
+        facts.floor = facts.receptacle(FLOOR);
         facts.keep();
         facts
     }
@@ -197,7 +198,7 @@ impl TaskFacts {
             initial: Counts::default(),
             initial_size: GraphSize::default(),
             initial_doors: Vec::new(),
-            floor: PlaceKey(0),
+            floor: ReceptacleKey(0),
             candidates: Vec::new(),
             ask_budget: 0,
         }
@@ -252,8 +253,8 @@ impl TaskFacts {
     }
 
     /// The number of a receptacle or the floor, also of one that the task does not know.
-    pub fn place(&mut self, receptacle: &str) -> PlaceKey {
-        PlaceKey(self.places.number(receptacle))
+    pub fn receptacle(&mut self, receptacle: &str) -> ReceptacleKey {
+        ReceptacleKey(self.places.number(receptacle))
     }
 
     /// The number of a text, such as a reply. It holds until the next [`TaskFacts::begin`].
@@ -269,9 +270,9 @@ impl TaskFacts {
         error_code: Option<&str>,
         argument: Option<&str>,
     ) -> StepHead {
-        let named = Called::named(tool);
+        let named = ToolKind::named(tool);
         let tool = if is_no_call(error_code) {
-            Called::Other
+            ToolKind::Other
         } else {
             named
         };
@@ -281,13 +282,13 @@ impl TaskFacts {
         } else {
             Delivery::Answered
         };
-        let takes_marker = matches!(named, Called::GazeAt | Called::Pick);
+        let takes_marker = matches!(named, ToolKind::GazeAt | ToolKind::Pick);
         let marker = argument
             .filter(|_| takes_marker)
             .map(|text| self.text(text));
         let driven_to = argument
-            .filter(|_| tool == Called::NavTo)
-            .map(|receptacle| self.place(receptacle));
+            .filter(|_| tool == ToolKind::NavTo)
+            .map(|receptacle| self.receptacle(receptacle));
         StepHead {
             tool,
             named,
@@ -299,12 +300,12 @@ impl TaskFacts {
     }
 
     /// What the trainer reads from the text of a call's result.
-    pub fn told(&mut self, call: &StepHead, text: &str) -> Told {
+    pub fn trainer_reading(&mut self, call: &StepHead, text: &str) -> TrainerReading {
         if is_dropped(text) {
-            return Told::default();
+            return TrainerReading::default();
         }
-        let words = (call.named == Called::Ask).then(|| self.text(text));
-        Told {
+        let words = (call.named == ToolKind::Ask).then(|| self.text(text));
+        TrainerReading {
             error: TextError::find(text),
             words,
         }
@@ -320,7 +321,7 @@ impl TaskFacts {
         door_from: Option<&str>,
         door_to: Option<&str>,
     ) -> Option<Change> {
-        let place = self.place(receptacle);
+        let place = self.receptacle(receptacle);
         Some(match event {
             "add" => Change::Add {
                 object: self.object(object?),
@@ -341,7 +342,7 @@ impl TaskFacts {
 
     /// A change from a record.
     pub(crate) fn event(&mut self, event: &GraphEvent) -> Change {
-        let place = self.place(event.receptacle().as_str());
+        let place = self.receptacle(event.receptacle().as_str());
         match event {
             GraphEvent::Remove { object, .. } => Change::Remove {
                 object: self.object(object.as_str()),
@@ -388,14 +389,14 @@ impl TaskFacts {
     }
 
     /// What occurs in the name of something marked. The name is searched once.
-    pub(crate) fn mentions(&mut self, marked: Marked) -> &Mentions {
+    pub(crate) fn mentions(&mut self, marked: MarkerReferent) -> &Mentions {
         let (name, number, known) = match marked {
-            Marked::Object(object) => (
+            MarkerReferent::Object(object) => (
                 self.objects.name(object.0),
                 object.0 as usize,
                 &mut self.object_mentions,
             ),
-            Marked::Place(place) => (
+            MarkerReferent::Receptacle(place) => (
                 self.places.name(place.0),
                 place.0 as usize,
                 &mut self.place_mentions,
@@ -424,7 +425,7 @@ impl TaskFacts {
         })
     }
 
-    pub(crate) fn place_name(&self, place: PlaceKey) -> &str {
+    pub(crate) fn place_name(&self, place: ReceptacleKey) -> &str {
         self.places.name(place.0)
     }
 
@@ -442,8 +443,8 @@ impl TaskFacts {
 
     /// The first place, in the order of the scene, that holds a thing. Places that the task does
     /// not know come last, by name.
-    pub(crate) fn first_place(&self, counts: &Counts, thing: u32) -> Option<PlaceKey> {
-        let order = |place: &PlaceKey| {
+    pub(crate) fn first_place(&self, counts: &Counts, thing: u32) -> Option<ReceptacleKey> {
+        let order = |place: &ReceptacleKey| {
             let known = self.places.is_kept(place.0);
             (
                 !known,
@@ -493,7 +494,7 @@ impl TaskFacts {
             self.object(object.as_str());
         }
         for receptacle in &scene.receptacles {
-            self.place(receptacle.id.as_str());
+            self.receptacle(receptacle.id.as_str());
         }
         let mut places: BTreeSet<&str> = BTreeSet::new();
         places.extend(
@@ -505,9 +506,9 @@ impl TaskFacts {
         );
         places.extend([task.src.as_str(), task.dest.as_str(), FLOOR]);
         for place in places {
-            self.place(place);
+            self.receptacle(place);
         }
-        self.floor = self.place(FLOOR);
+        self.floor = self.receptacle(FLOOR);
         let category = task
             .object(&task.target)
             .map(|target| target.category.to_lowercase())
@@ -550,11 +551,11 @@ impl TaskFacts {
             vec![&task.src, &task.dest]
         };
         for place in &places {
-            let place = self.place(place.as_str());
+            let place = self.receptacle(place.as_str());
             self.targets.push(Target::Visit(place));
         }
         for id in places {
-            let place = self.place(id.as_str());
+            let place = self.receptacle(id.as_str());
             let opening = Change::Door {
                 place,
                 from: DoorState::Closed,
@@ -570,15 +571,15 @@ impl TaskFacts {
 
     /// Sets the graphs by kind, from objects with their receptacles.
     fn set_kinds(&mut self, initial: &[(String, String)], goal: &[(String, String)]) {
-        let mut standing = |objects: &[(String, String)]| -> Vec<(ObjectKey, PlaceKey)> {
+        let mut standing = |objects: &[(String, String)]| -> Vec<(ObjectKey, ReceptacleKey)> {
             objects
                 .iter()
-                .map(|(object, place)| (self.object(object), self.place(place)))
+                .map(|(object, place)| (self.object(object), self.receptacle(place)))
                 .collect()
         };
         let (initial, goal) = (standing(initial), standing(goal));
         for identity in [Identity::Asset, Identity::Category] {
-            let kinds = |objects: &[(ObjectKey, PlaceKey)]| -> Vec<(KindKey, PlaceKey)> {
+            let kinds = |objects: &[(ObjectKey, ReceptacleKey)]| -> Vec<(KindKey, ReceptacleKey)> {
                 objects
                     .iter()
                     .map(|(object, place)| (self.kind_of(identity, *object), *place))
@@ -599,7 +600,7 @@ impl TaskFacts {
 
     fn set_start(&mut self, initial: &WorldGraph) {
         for (id, state) in &initial.receptacles {
-            let place = self.place(id.as_str());
+            let place = self.receptacle(id.as_str());
             if self.initial_doors.len() <= place.0 as usize {
                 self.initial_doors.resize(place.0 as usize + 1, None);
             }

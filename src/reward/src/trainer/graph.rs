@@ -25,19 +25,19 @@ pub struct GraphSize {
 
 /// Why the trainer keeps the graph that it had.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Refusal {
+pub enum GraphRejection {
     /// A name could not be translated.
     UnknownObjects,
     /// Too many objects came or went at once.
     Drift,
 }
 
-impl Refusal {
+impl GraphRejection {
     /// The reason as the published trainer writes it in its log.
     pub fn as_str(self) -> &'static str {
         match self {
-            Refusal::UnknownObjects => "unknown_objects",
-            Refusal::Drift => "drift",
+            GraphRejection::UnknownObjects => "unknown_objects",
+            GraphRejection::Drift => "drift",
         }
     }
 }
@@ -53,11 +53,11 @@ pub fn is_unknown(name: &str) -> bool {
 }
 
 /// Why a graph is refused after a call; `None` if it replaces the old one.
-pub fn refusal(old: &GraphSize, new: &GraphSize) -> Option<Refusal> {
+pub fn graph_rejection(old: &GraphSize, new: &GraphSize) -> Option<GraphRejection> {
     match () {
         () if old.is_empty => None,
-        () if new.unknown > 0 => Some(Refusal::UnknownObjects),
-        () if new.objects.abs_diff(old.objects) > OBJECT_DRIFT_MAX => Some(Refusal::Drift),
+        () if new.unknown > 0 => Some(GraphRejection::UnknownObjects),
+        () if new.objects.abs_diff(old.objects) > OBJECT_DRIFT_MAX => Some(GraphRejection::Drift),
         () => None,
     }
 }
@@ -88,7 +88,7 @@ impl Graph {
 
     /// Lays the lines of a graph as text (`receptacle: ['name', ...]`) over this one. The text has
     /// no empty receptacles, so that one that ran empty keeps what it held.
-    pub fn lay_over(&mut self, text: &str) {
+    pub fn overlay_text(&mut self, text: &str) {
         for line in text.lines() {
             let Some((receptacle, list)) = line.split_once(": [") else {
                 continue;

@@ -9,8 +9,8 @@ mod texts;
 
 pub use categories::Categories;
 pub(crate) use categories::lower;
-pub use graph::{Graph, GraphSize, OBJECT_DRIFT_MAX, Refusal, is_unknown, refusal};
-pub use rollout::{ResetError, Rollout, TrainerStep, Turn};
+pub use graph::{Graph, GraphRejection, GraphSize, OBJECT_DRIFT_MAX, graph_rejection, is_unknown};
+pub use rollout::{ResetError, TrainerRollout, TrainerStep, Turn};
 pub use texts::{
     HandViolation, TextError, is_dropped, is_not_found, marker_in_answer, observation,
 };

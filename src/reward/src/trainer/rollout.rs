@@ -6,10 +6,10 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::{
-    facts::{Authority, Called, Delivery, EpisodeFacts, Marked, ObjectKey, TaskFacts},
+    facts::{Authority, Delivery, EpisodeFacts, MarkerReferent, ObjectKey, TaskFacts, ToolKind},
     preset::Preset,
     real_trainer::{Ending, TrainerState},
-    score::{Fired, Scorer},
+    score::{AppliedTerm, Scorer},
     terms::Base,
     trainer::{Categories, Graph, is_not_found, observation},
 };
@@ -52,7 +52,7 @@ pub struct TrainerStep {
     /// Reward of the step, all terms together.
     pub reward: f64,
     /// By term, in the order of the sum.
-    pub terms: Vec<Fired>,
+    pub terms: Vec<AppliedTerm>,
     /// What the model reads next of a call's result.
     pub observation: String,
 }
@@ -100,7 +100,7 @@ pub enum ResetError {
 
 /// An episode under way.
 #[derive(Debug)]
-pub struct Rollout {
+pub struct TrainerRollout {
     facts: TaskFacts,
     scorer: Scorer,
     /// The current step alone.
@@ -112,7 +112,7 @@ pub struct Rollout {
     total: f64,
 }
 
-impl Rollout {
+impl TrainerRollout {
     /// Reads the answer to `finish_with_id` for a task.
     ///
     /// # Errors
@@ -271,12 +271,12 @@ impl Rollout {
         };
         let argument = of_key("receptacle_name").or_else(|| of_key("marker_id"));
         let mut head = self.facts.called(tool, None, argument.as_deref());
-        head.told = self.facts.told(&head, &observation);
+        head.trainer_reading = self.facts.trainer_reading(&head, &observation);
         head.held = self.held;
         let marks = debug.as_ref().and_then(|debug| debug.markers.as_deref());
         let perceives = matches!(
             head.named,
-            Called::WalkAround | Called::ShowObjectByCategory
+            ToolKind::WalkAround | ToolKind::ShowObjectByCategory
         );
         let anti_exploit = self.scorer.preset().rules.anti_exploit;
         if anti_exploit
@@ -296,9 +296,9 @@ impl Rollout {
                     .iter()
                     .any(|(receptacle, _)| receptacle == name);
                 let marked = if is_receptacle {
-                    Marked::Place(self.facts.place(name))
+                    MarkerReferent::Receptacle(self.facts.receptacle(name))
                 } else {
-                    Marked::Object(self.facts.object(name))
+                    MarkerReferent::Object(self.facts.object(name))
                 };
                 self.moment.mark(*number, marked);
             }
@@ -308,7 +308,7 @@ impl Rollout {
                 SentGraph::Whole(graph) => graph,
                 SentGraph::Lines(text) => {
                     let mut graph = self.taken.clone();
-                    graph.lay_over(&text);
+                    graph.overlay_text(&text);
                     graph
                 }
             };

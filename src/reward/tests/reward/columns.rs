@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_reward::{Authority, EpisodeFacts, Marked, StepHead, TaskFacts};
+use reel_reward::{Authority, EpisodeFacts, MarkerReferent, StepHead, TaskFacts};
 use reel_world::{
     DoorState, ErrorClass, GraphEvent, Task,
     record::{GraphChanges, MarkerTarget, StartRecord, StepRecord},
@@ -56,13 +56,16 @@ pub fn facts_from_columns(
                 row.argument.as_deref(),
             );
             let head = StepHead {
-                told: facts.told(&call, &row.text),
+                trainer_reading: facts.trainer_reading(&call, &row.text),
                 error: row.error_class.as_deref().map(|class| match class {
                     "severe" => ErrorClass::Severe,
                     _ => ErrorClass::Moderate,
                 }),
                 object: row.object.as_deref().map(|object| facts.object(object)),
-                receptacle: row.receptacle.as_deref().map(|place| facts.place(place)),
+                receptacle: row
+                    .receptacle
+                    .as_deref()
+                    .map(|place| facts.receptacle(place)),
                 held: row.held.as_deref().map(|object| facts.object(object)),
                 reply: row.reply.as_deref().map(|text| facts.text(text)),
                 ..call
@@ -86,15 +89,15 @@ pub fn facts_from_columns(
             episode.change(authority, change.expect("a row of ours is a change"));
         }
         for object in &row.seen {
-            episode.saw(facts.object(object));
+            episode.push_visible(facts.object(object));
         }
         if let Some(markers) = &row.markers {
             episode.set_markers();
             for (number, kind, id) in markers {
                 let target = if *kind == "object" {
-                    Marked::Object(facts.object(id))
+                    MarkerReferent::Object(facts.object(id))
                 } else {
-                    Marked::Place(facts.place(id))
+                    MarkerReferent::Receptacle(facts.receptacle(id))
                 };
                 episode.mark(*number, target);
             }

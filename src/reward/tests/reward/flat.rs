@@ -138,7 +138,7 @@ impl Flat {
     pub fn act(&mut self, act: &Act) {
         let mut step = StepRecord {
             step: self.steps.len() as u32,
-            input: StepInput::bare(ToolCall::new("", json!({}))),
+            input: StepInput::from_call(ToolCall::new("", json!({}))),
             outcome: Outcome::ok(""),
             tool: None,
             reply: None,
@@ -213,7 +213,7 @@ impl Flat {
                     .find(|marker| marker.target == target)
                     .map_or(99, |marker| marker.id);
                 step.input.call = ToolCall::new("pick", json!({ "marker_id": marker }));
-                let place = self.graph.place_of(&object).cloned();
+                let place = self.graph.receptacle_of(&object).cloned();
                 let (None, Some(place)) = (&self.held, place) else {
                     return (Some("pick"), Some(ErrorCode::AlreadyHolding));
                 };

@@ -103,7 +103,7 @@ proptest! {
             prop_assert!(terms.iter().flatten().all(|term| term.value != 0.0 && !term.reason.is_empty()));
             // SR is the state's; by category any apple will do
             if preset.base() != Base::RealTrainer {
-                prop_assert_eq!(metrics.success, flat.graph.place_of(&RED.into()).is_some_and(|place| place.as_str() == "fridge_0"));
+                prop_assert_eq!(metrics.success, flat.graph.receptacle_of(&RED.into()).is_some_and(|place| place.as_str() == "fridge_0"));
             }
         }
     }
@@ -152,7 +152,7 @@ proptest! {
             let mut scorer = Scorer::new(&preset);
             let mut reward = EpisodeReward::default();
             scorer.score(&mut facts, &episode, &mut reward);
-            let times = |term: Term| reward.fired().iter().filter(|fired| fired.term == term).count();
+            let times = |term: Term| reward.applied_terms().iter().filter(|fired| fired.term == term).count();
             let (progress, targets, once): (&str, usize, &[Term]) = match preset.base() {
                 Base::Paper => ("prog", 5, &[Term::AllHold, Term::ValidPick, Term::InTransit, Term::Recovery, Term::Ask]),
                 Base::RealRepo | Base::RealTrainer => ("progress_shaping", 2, &[
@@ -241,7 +241,7 @@ fn the_generator_reaches_every_term() {
         for preset in presets() {
             reached.extend(
                 scored(&preset, &mut facts, &episode)
-                    .fired()
+                    .applied_terms()
                     .iter()
                     .map(|fired| fired.term),
             );

@@ -2,7 +2,7 @@
 
 use reel_reward::{
     Ending, EpisodeFacts, EpisodeReward, Preset, Scorer, TaskFacts, Term, metrics, rewards,
-    trainer::{ResetError, Rollout, Turn},
+    trainer::{ResetError, TrainerRollout, Turn},
 };
 use reel_world::{
     ErrorCode, ObjectInstance, Outcome,
@@ -299,11 +299,11 @@ fn result(graph: Value, held: Value) -> Vec<Value> {
     ]
 }
 
-fn begin() -> Rollout {
-    Rollout::reset(&Preset::real_trainer(), "t_1", &[text(payload())]).unwrap()
+fn begin() -> TrainerRollout {
+    TrainerRollout::reset(&Preset::real_trainer(), "t_1", &[text(payload())]).unwrap()
 }
 
-fn pick(rollout: &mut Rollout, graph: Value) -> f64 {
+fn pick(rollout: &mut TrainerRollout, graph: Value) -> f64 {
     let held = json!("u1_on_shelf_at_t");
     rollout
         .step(Turn::Call {
@@ -346,7 +346,8 @@ fn a_rollout_follows_a_server_and_refuses_graphs() {
 
 #[test]
 fn a_rollout_begins_with_a_payload_of_the_task() {
-    let reset = |content: &[Value]| Rollout::reset(&Preset::real_trainer(), "t_1", content).err();
+    let reset =
+        |content: &[Value]| TrainerRollout::reset(&Preset::real_trainer(), "t_1", content).err();
     assert_eq!(
         reset(&[json!({ "type": "image" })]),
         Some(ResetError::NoText)

@@ -10,7 +10,7 @@ use std::{
 
 use axum::{Json, extract::State};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use reel_dataset::lint::{Dataset, Example, Image, Options, Part, image_bytes, lint};
+use reel_dataset::lint::{Dataset, Example, Image, LintOptions, Part, image_bytes, lint};
 use reel_live::check_name;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -146,7 +146,7 @@ pub(super) async fn findings(
     Named(name): Named<String>,
 ) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
-        let report = lint(&open(app, &name)?, &Options::default(), |_| ());
+        let report = lint(&open(app, &name)?, &LintOptions::default(), |_| ());
         let text = serde_json::to_string(&report)
             .map_err(|_| ApiError::internal("the report cannot be written"))?;
         serde_json::from_str(&app.archive.hide(&text))
@@ -228,9 +228,9 @@ fn shown(example: Example) -> Value {
         })
         .collect();
     json!({
-        "number": example.place.index, "split": example.split, "turns": turns, "tools": example.tools,
+        "number": example.location.index, "split": example.split, "turns": turns, "tools": example.tools,
         "images": example.images.iter().map(data_uri).collect::<Vec<_>>(), "meta": example.meta,
-        "oddities": example.oddities.iter().map(|oddity| &oddity.message).collect::<Vec<_>>(),
+        "oddities": example.warnings.iter().map(|oddity| &oddity.message).collect::<Vec<_>>(),
     })
 }
 

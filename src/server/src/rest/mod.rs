@@ -212,7 +212,7 @@ async fn other_method(method: Method) -> ApiError {
 }
 
 /// Where nothing is.
-pub(crate) async fn nothing_here() -> ApiError {
+pub(crate) async fn not_found() -> ApiError {
     ApiError::not_found("there is nothing here; /api/openapi.json says what there is".to_owned())
 }
 

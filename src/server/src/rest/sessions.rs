@@ -56,7 +56,7 @@ pub(super) async fn frame(
     State(app): State<Arc<App>>,
     Named(session): Named<String>,
 ) -> Result<Response, ApiError> {
-    let frame = app.pool.look(&session).await?;
+    let frame = app.pool.render_frame(&session).await?;
     let png = encode_png(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
     Ok((
         [
@@ -185,7 +185,7 @@ pub(super) async fn lease(
         seed,
         rollouts,
     };
-    app.pool.open_for(&worker.household(), Some(lease))?;
+    app.pool.open_for(&worker.session_name(), Some(lease))?;
     let leased = Leased {
         group_id,
         mcp: format!("/w/{}/mcp", body.worker),
@@ -202,7 +202,7 @@ pub(super) async fn release(
     State(app): State<Arc<App>>,
     Named(worker): Named<String>,
 ) -> Result<StatusCode, ApiError> {
-    let household = Worker::named(&worker)?.household();
+    let household = Worker::named(&worker)?.session_name();
     if app.pool.entry(&household)?.group_id.is_none() {
         return Err(ApiError::not_found(format!("worker {worker} has no lease")));
     }

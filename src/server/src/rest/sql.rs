@@ -11,7 +11,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use futures_util::StreamExt as _;
-use reel_query::{Format, Lasting, Limits, Parameters, QueryError, Session, format, named};
+use reel_query::{CacheScope, Format, Limits, Parameters, QueryError, QuerySession, format, named};
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -233,7 +233,7 @@ fn run(
         return Ok(());
     }
     let Newest { store, stamp } = newest;
-    let session = Session::with_limits(store, app.sql_limits())?;
+    let session = QuerySession::with_limits(store, app.sql_limits())?;
     let mut encoder = Encoder::new(question.format);
     let (mut reading, mut whole) = (true, Vec::new());
     let mut send = |part: Result<Bytes, ArrowError>| {
@@ -250,7 +250,7 @@ fn run(
         reading = send(encoder.encode(&batch));
         reading
     })?;
-    if reading && send(encoder.end()) && lasting == Lasting::WithTheStore {
+    if reading && send(encoder.end()) && lasting == CacheScope::StoreVersion {
         app.tables.keep(stamp.as_ref(), asked, whole.into());
     }
     Ok(())

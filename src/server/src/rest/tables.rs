@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use axum::{Json, extract::State};
-use reel_query::{Format, Parameters, Session};
+use reel_query::{Format, Parameters, QuerySession};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::{IntoParams, ToSchema};
@@ -123,7 +123,7 @@ pub(super) async fn episode(
 
 /// The rows of an answer. Traces of the archive go by their names.
 pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<Value>, ApiError> {
-    let session = Session::with_limits(app.tables.newest()?.store, app.sql_limits())?;
+    let session = QuerySession::with_limits(app.tables.newest()?.store, app.sql_limits())?;
     let batches = session.run_with(sql, parameters)?;
     let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
     let rows: Vec<Value> =

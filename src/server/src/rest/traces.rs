@@ -10,8 +10,8 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use reel_agents::{AgentError, RecordTo};
-use reel_counterfactual::blame::Options;
-use reel_counterfactual::branch::{Branch, BranchError, Then};
+use reel_counterfactual::blame::BlameOptions;
+use reel_counterfactual::branch::{Branch, BranchError, Continuation};
 use reel_replay::{Verdict, Viewpoint, view_at};
 use reel_reward::Preset;
 use reel_trace::{Images, RecordOptions, Trace, TraceError, encode_png};
@@ -405,7 +405,7 @@ pub(super) async fn replay(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
-        let verdict = reel_replay::verify_contained(&trace);
+        let verdict = reel_replay::verify_catching_panics(&trace);
         Ok(
             json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "says": verdict.to_string()}),
         )
@@ -456,17 +456,17 @@ pub(super) async fn branch(
         }
         let then = match (body.policy, body.parent_from) {
             (Some(_), Some(_)) => return Err(wrong("policy or parent_from, not both".to_owned())),
-            (Some(name), None) => Then::Policy {
+            (Some(name), None) => Continuation::Policy {
                 name,
                 seed: body.seed.unwrap_or(parent.header.seed),
             },
-            (None, Some(from)) => Then::Parent(from),
+            (None, Some(from)) => Continuation::Parent(from),
             (None, None) if body.calls.is_empty() => {
                 return Err(wrong(
                     "say what comes: calls, policy or parent_from".to_owned(),
                 ));
             }
-            (None, None) => Then::Stop,
+            (None, None) => Continuation::Stop,
         };
         let images = if parent.image_count() > 0 {
             Images::Full
@@ -479,7 +479,7 @@ pub(super) async fn branch(
         };
         let branch = Branch {
             calls: body.calls,
-            then,
+            continuation,
         };
         let report = reel_counterfactual::branch::fork(&parent, body.at, None)
             .and_then(|fork| branch.play(&fork, Some(&record)));
@@ -532,7 +532,7 @@ pub(super) async fn blame(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let path = app.archive.existing(&name)?;
-        let options = Options {
+        let options = BlameOptions {
             alternatives: asked.alternative,
             branches: None,
         };

@@ -64,7 +64,7 @@ pub enum Region {
 pub enum Detail {
     /// All of it.
     #[default]
-    Picture,
+    Full,
     /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by
     /// these.
     Geometry,

@@ -241,7 +241,7 @@ fn trace(camera: &Camera, things: &[(Part, Pose)], x: usize, y: usize) -> (u16, 
 #[test]
 fn pictures_agree_with_an_analytic_ray_caster() {
     let (camera, things) = scene();
-    let frame = render(&camera, &drawables(&things), Detail::Picture);
+    let frame = render(&camera, &drawables(&things), Detail::Full);
     let (mut agreeing, mut wrong_depths) = (0, 0);
     for y in 0..FRAME_HEIGHT {
         for x in 0..FRAME_WIDTH {
@@ -279,17 +279,17 @@ fn pictures_agree_with_an_analytic_ray_caster() {
 fn drawing_order_does_not_matter() {
     let (camera, things) = scene();
     let mut drawn = drawables(&things);
-    let forward = render(&camera, &drawn, Detail::Picture);
+    let forward = render(&camera, &drawn, Detail::Full);
     drawn.reverse();
-    assert!(forward == render(&camera, &drawn, Detail::Picture));
+    assert!(forward == render(&camera, &drawn, Detail::Full));
     drawn.rotate_left(7);
-    assert!(forward == render(&camera, &drawn, Detail::Picture));
+    assert!(forward == render(&camera, &drawn, Detail::Full));
 }
 
 #[test]
 fn frame_digests_are_stable() {
     let (camera, things) = scene();
-    let frame = render(&camera, &drawables(&things), Detail::Picture);
+    let frame = render(&camera, &drawables(&things), Detail::Full);
     let digests = frame.digests();
     let mut marked = frame.clone();
     let marks = [
@@ -342,7 +342,7 @@ fn a_camera_amid_things_sees_without_panic() {
                 yaw,
                 pitch: f32::from(i % 7) * 0.5 - 1.5,
             };
-            render(&camera, &drawables(&things), Detail::Picture);
+            render(&camera, &drawables(&things), Detail::Full);
         }
     }
 }
@@ -369,7 +369,7 @@ fn the_near_plane_cuts_a_floor_without_a_gap() {
             pose: Pose::at([0.0, 0.0, -0.1]),
             entity: 3,
         }],
-        Detail::Picture,
+        Detail::Full,
     );
     // Below the horizon all is floor; the lowest row sees it at 0.06 * 400 / 239.5 = 0.1 m.
     assert!(frame.ids[250 * FRAME_WIDTH..].iter().all(|&id| id == 3));
@@ -386,7 +386,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
             pitch: 0.0,
         },
         &[],
-        Detail::Picture,
+        Detail::Full,
     );
     assert!(empty.ids.iter().all(|&id| id == 0));
     let ball = part(Shape::Ball { radius: 0.3 }, Pose::IDENTITY, [200, 20, 20]);
@@ -424,7 +424,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
                 pose: Pose::at([2.0, 0.0, 0.0]),
                 entity: 1,
             }],
-            Detail::Picture,
+            Detail::Full,
         );
         assert!(frame.ids.iter().all(|&id| id == 0));
         let shapes = [
@@ -447,7 +447,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
                     pose: Pose::at([2.0, 0.0, 0.0]),
                     entity: 1
                 }],
-                Detail::Picture
+                Detail::Full
             ) == empty
         );
     }
@@ -461,7 +461,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
                     pose,
                     entity: 1
                 }],
-                Detail::Picture
+                Detail::Full
             ) == empty,
             "{pose:?} was drawn"
         );
@@ -474,7 +474,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
             pose: Pose::at([2.0, 0.0, 0.0]),
             entity: 1,
         }],
-        Detail::Picture,
+        Detail::Full,
     );
     assert_eq!(seen.ids[240 * FRAME_WIDTH + 320], 1);
 }
@@ -503,7 +503,7 @@ fn patterns_show_their_second_colour() {
                 pose: Pose::at([1.5, 0.0, 0.0]),
                 entity: 1,
             }],
-            Detail::Picture,
+            Detail::Full,
         )
     };
     let plain = picture(Pattern::Plain);

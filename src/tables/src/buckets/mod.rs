@@ -22,10 +22,10 @@ use object_store::{
 };
 use url::Url;
 
-use crate::buckets::patient::Patient;
+use crate::buckets::patient::RetryingStore;
 
 pub use cache::Cache;
-pub use remote::{Buckets, Sent};
+pub use remote::{Buckets, UploadOutcome};
 
 /// Why a file of a bucket cannot be had, or sent.
 #[derive(Debug, thiserror::Error)]
@@ -110,7 +110,7 @@ pub fn bucket(
     {
         builder = builder.with_region("us-east-1");
     }
-    Ok(Arc::new(Patient(
+    Ok(Arc::new(RetryingStore(
         builder
             .build()
             .map_err(|error| settings(error.to_string()))?,
@@ -119,9 +119,9 @@ pub fn bucket(
 
 /// The buckets that the environment gives access to, each opened when it is first named.
 #[derive(Debug, Default)]
-pub struct Opened(Mutex<BTreeMap<Url, Arc<dyn ObjectStore>>>);
+pub struct BucketHandles(Mutex<BTreeMap<Url, Arc<dyn ObjectStore>>>);
 
-impl Opened {
+impl BucketHandles {
     /// The bucket of a URL.
     ///
     /// # Errors

@@ -20,9 +20,9 @@ const WAIT: Duration = Duration::from_millis(100);
 
 /// Asks again.
 #[derive(Clone, Debug)]
-pub(crate) struct Patient<S>(pub S);
+pub(crate) struct RetryingStore<S>(pub S);
 
-impl<S: std::fmt::Display> std::fmt::Display for Patient<S> {
+impl<S: std::fmt::Display> std::fmt::Display for RetryingStore<S> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.0.fmt(f)
     }
@@ -43,7 +43,7 @@ async fn again<T, F: Future<Output = Result<T>>>(ask: impl Fn() -> F) -> Result<
 }
 
 #[async_trait]
-impl<S: ObjectStore + Clone> ObjectStore for Patient<S> {
+impl<S: ObjectStore + Clone> ObjectStore for RetryingStore<S> {
     async fn put_opts(
         &self,
         location: &Path,
@@ -225,7 +225,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_write_that_nobody_heard_of_is_known_again_and_one_of_another_is_not() {
-        let store = Patient(Bad {
+        let store = RetryingStore(Bad {
             store: Arc::default(),
             asked: Arc::default(),
         });
@@ -251,7 +251,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_list_that_breaks_off_is_asked_for_again_and_each_file_named_once() {
-        let store = Patient(Bad {
+        let store = RetryingStore(Bad {
             store: Arc::default(),
             asked: Arc::default(),
         });

@@ -12,11 +12,11 @@ use futures_util::TryStreamExt as _;
 use object_store::{
     GetOptions, ObjectMeta, ObjectStore, ObjectStoreExt as _, PutPayload, WriteMultipart, path,
 };
-use reel_trace::{FileFacts, Limits, Remote};
+use reel_trace::{FileMetadata, Limits, RemoteFs};
 use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
-use crate::buckets::{BucketError, Cache, Opened};
+use crate::buckets::{BucketError, BucketHandles, Cache};
 
 /// Bytes from which on a file is sent in parts, and bytes of a part.
 const PART_BYTES: usize = 8 << 20;
@@ -28,15 +28,15 @@ pub struct Buckets {
     /// Started when somebody names a bucket.
     runtime: OnceLock<Runtime>,
     cache: Arc<Cache>,
-    opened: Opened,
+    opened: BucketHandles,
     /// Of files that were listed or brought here: who goes through a folder asks for each of them
     /// once.
-    seen: Mutex<HashMap<String, FileFacts>>,
+    seen: Mutex<HashMap<String, FileMetadata>>,
 }
 
 /// What became of a file that was to be sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Sent {
+pub enum UploadOutcome {
     /// It is there now.
     Sent {
         /// Its size.
@@ -52,7 +52,7 @@ impl Buckets {
         Self {
             runtime: OnceLock::new(),
             cache: Arc::new(cache),
-            opened: Opened::default(),
+            opened: BucketHandles::default(),
             seen: Mutex::default(),
         }
     }
@@ -61,7 +61,7 @@ impl Buckets {
     ///
     /// # Errors
     /// When the file cannot be read, or the store refuses.
-    pub fn send(&self, from: &Path, to: &str) -> Result<Sent, BucketError> {
+    pub fn upload(&self, from: &Path, to: &str) -> Result<UploadOutcome, BucketError> {
         let failed = |source| BucketError::Io {
             action: "read",
             source,
@@ -79,10 +79,10 @@ impl Buckets {
                 if there.size == facts.len()
                     && SystemTime::from(there.last_modified) + Duration::from_secs(1) > modified
                 {
-                    return Ok(Sent::Same);
+                    return Ok(UploadOutcome::Same);
                 }
             }
-            let sent = Sent::Sent {
+            let sent = UploadOutcome::Sent {
                 bytes: bytes.len() as u64,
             };
             if bytes.len() <= PART_BYTES {
@@ -188,7 +188,7 @@ impl Buckets {
         Ok(copy)
     }
 
-    fn facts_of(&self, name: &str) -> Result<FileFacts, BucketError> {
+    fn facts_of(&self, name: &str) -> Result<FileMetadata, BucketError> {
         if let Some(facts) = lock(&self.seen).get(name) {
             return Ok(*facts);
         }
@@ -232,12 +232,12 @@ impl Buckets {
     }
 }
 
-impl Remote for Buckets {
+impl RemoteFs for Buckets {
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
         Ok(self.below(folder)?)
     }
 
-    fn facts(&self, name: &str) -> io::Result<FileFacts> {
+    fn metadata(&self, name: &str) -> io::Result<FileMetadata> {
         Ok(self.facts_of(name)?)
     }
 
@@ -314,9 +314,9 @@ fn told(error: &dyn std::error::Error) -> String {
     text
 }
 
-fn facts(file: &ObjectMeta) -> FileFacts {
+fn facts(file: &ObjectMeta) -> FileMetadata {
     let modified_ns = file.last_modified.timestamp_nanos_opt().unwrap_or_default();
-    FileFacts {
+    FileMetadata {
         bytes: file.size,
         modified_ns,
     }

@@ -2,7 +2,7 @@
 
 use super::{
     Column,
-    Kind::{Flag, Float, Int, List, Long, Struct, Text, Unsigned},
+    ColumnType::{Flag, Float, Int, List, Long, Struct, Text, Unsigned},
     may, must,
 };
 

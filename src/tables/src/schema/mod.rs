@@ -46,7 +46,7 @@ pub struct Column {
     /// Name in SQL.
     pub name: &'static str,
     /// Type.
-    pub kind: Kind,
+    pub kind: ColumnType,
     /// Whether it may be null.
     pub nullable: bool,
     /// Meaning, with the unit where it has one.
@@ -55,7 +55,7 @@ pub struct Column {
 
 /// Type of a column.
 #[derive(Clone, Copy, Debug)]
-pub enum Kind {
+pub enum ColumnType {
     /// UTF-8.
     Text,
     /// True or false.
@@ -70,14 +70,14 @@ pub enum Kind {
     /// 64-bit float.
     Float,
     /// A list.
-    List(&'static Kind),
+    List(&'static ColumnType),
     /// Named fields.
     Struct(&'static [Column]),
 }
 
-use Kind::{Flag, Float, Int, List, Long, Struct, Text, Unsigned};
+use ColumnType::{Flag, Float, Int, List, Long, Struct, Text, Unsigned};
 
-const fn must(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
+const fn must(name: &'static str, kind: ColumnType, meaning: &'static str) -> Column {
     Column {
         name,
         kind,
@@ -86,7 +86,7 @@ const fn must(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
     }
 }
 
-const fn may(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
+const fn may(name: &'static str, kind: ColumnType, meaning: &'static str) -> Column {
     Column {
         name,
         kind,
@@ -288,7 +288,7 @@ fn fields(columns: &[Column]) -> Fields {
         .collect()
 }
 
-fn data_type(kind: Kind) -> DataType {
+fn data_type(kind: ColumnType) -> DataType {
     match kind {
         Text => DataType::Utf8,
         Flag => DataType::Boolean,
@@ -374,7 +374,7 @@ fn document_columns(columns: &[Column], page: &mut String) {
     }
 }
 
-fn type_name(kind: Kind) -> String {
+fn type_name(kind: ColumnType) -> String {
     match kind {
         Text => "text".into(),
         Flag => "boolean".into(),

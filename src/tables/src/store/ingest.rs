@@ -17,14 +17,14 @@ use arrow::{
 };
 use deltalake::kernel::Action;
 use rayon::prelude::*;
-use reel_trace::{RecordsReader, file_facts};
+use reel_trace::{RecordsReader, file_metadata};
 use serde::Serialize;
 
 use super::{
     Refused, SIDE, Store, StoreError, TRIES_MAX,
     location::absolute,
     parts::{Merge, parts},
-    reading::{Key, Read, Seen, TraceRows, key},
+    reading::{DocumentSet, Key, Read, TraceRows, key},
 };
 use crate::{Table, rows::Rows};
 
@@ -127,7 +127,7 @@ impl Store {
         progress: Progress<'_>,
         read: impl FnOnce(
             &[Vec<PathBuf>],
-            Seen,
+            DocumentSet,
             &(dyn Fn(usize) + Sync),
             &mut dyn FnMut(TraceRows) -> Result<(), E>,
         ) -> Result<(), E>,
@@ -148,7 +148,7 @@ impl Store {
         report.unchanged = paths.len() - fresh.len();
         let done = AtomicUsize::new(report.unchanged);
         progress(report.unchanged, paths.len());
-        let seen = Seen::new(known.tasks.union(&known.scenes).copied());
+        let seen = DocumentSet::new(known.tasks.union(&known.scenes).copied());
         let more = |count: usize| {
             progress(
                 done.fetch_add(count, Ordering::Relaxed) + count,
@@ -310,7 +310,7 @@ impl Store {
                         if *digest == key(&read.digest)
                             && same_content.get(&read.episode_id).is_some_and(
                                 |(path, bytes)| match *path == read.path {
-                                    true => file_facts(Path::new(path))
+                                    true => file_metadata(Path::new(path))
                                         .is_ok_and(|facts| facts.bytes != *bytes),
                                     false => !known.files.contains(&file_key(Path::new(path))),
                                 },
@@ -665,7 +665,7 @@ fn column_of(table: Table) -> &'static str {
 
 fn file_key(path: &Path) -> Key {
     let (bytes, modified_ns) =
-        file_facts(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
+        file_metadata(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
     identity(&path.display().to_string(), bytes, modified_ns)
 }
 

@@ -39,9 +39,9 @@ use url::Url;
 pub use ingest::{IngestReport, Progress};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
-pub use opinions::{Blamed, Class, Finding, Label};
-pub use reading::{Seen, TraceRows};
-pub use rescored::{RescoreReport, Rescored};
+pub use opinions::{BlameRow, ClassRow, Finding, Label};
+pub use reading::{DocumentSet, TraceRows};
+pub use rescored::{RescoreReport, RescoredEpisodes};
 pub use verdicts::TraceVerdict;
 
 use crate::Table;
@@ -278,7 +278,7 @@ impl Store {
     ///
     /// # Errors
     /// When the system refuses threads.
-    pub fn again(&self) -> Result<Self, StoreError> {
+    pub fn reopen(&self) -> Result<Self, StoreError> {
         Ok(Self {
             location: self.location.clone(),
             runtime: runtime()?,

@@ -11,7 +11,7 @@ use crate::{Table, rows::Rows};
 
 /// A failed episode with its class: a row of `classes`.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Class<'a> {
+pub struct ClassRow<'a> {
     /// The episode.
     pub episode_id: &'a str,
     /// Of the trace that was judged.
@@ -55,7 +55,7 @@ pub struct Finding<'a> {
 /// table.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the schema of the table says what each is")]
-pub struct Blamed {
+pub struct BlameRow {
     pub episode_id: String,
     pub trace_digest: String,
     pub step: Option<i32>,
@@ -115,7 +115,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn replace_classes<'a, I: Iterator<Item = Class<'a>>>(
+    pub fn replace_classes<'a, I: Iterator<Item = ClassRow<'a>>>(
         &mut self,
         classes: impl Fn() -> I,
     ) -> Result<(), StoreError> {
@@ -126,7 +126,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn replace_blame(&mut self, rows: &[Blamed]) -> Result<(), StoreError> {
+    pub fn replace_blame(&mut self, rows: &[BlameRow]) -> Result<(), StoreError> {
         self.replace(Table::Blame, |_| Ok(Some(rows)))
     }
 

@@ -12,7 +12,7 @@ use arrow::{
     compute::concat_batches,
     ipc::{reader::StreamReader, writer::StreamWriter},
 };
-use reel_trace::{RecordsReader, file_facts};
+use reel_trace::{RecordsReader, file_metadata};
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
@@ -42,9 +42,9 @@ pub(super) struct Read {
 
 /// Tasks and scenes of which there are rows, or somebody makes them.
 #[derive(Default)]
-pub struct Seen(Mutex<HashSet<Key>>);
+pub struct DocumentSet(Mutex<HashSet<Key>>);
 
-impl Seen {
+impl DocumentSet {
     pub(super) fn new(keys: impl IntoIterator<Item = Key>) -> Self {
         Self(Mutex::new(keys.into_iter().collect()))
     }
@@ -75,7 +75,7 @@ impl TraceRows {
     pub fn read(
         reader: &RecordsReader,
         paths: &[PathBuf],
-        seen: &Seen,
+        seen: &DocumentSet,
     ) -> Result<Self, StoreError> {
         let mut episodes = Rows::new(Table::Episodes)?;
         let empty = RecordBatch::new_empty(Table::Episodes.schema());
@@ -100,7 +100,7 @@ impl TraceRows {
                 }
             };
             // after it was read: then a bucket has told it already
-            let modified_ns = file_facts(path).map_or(0, |facts| facts.modified_ns);
+            let modified_ns = file_metadata(path).map_or(0, |facts| facts.modified_ns);
             if let Err(error) = episodes.push_episode(&trace, modified_ns) {
                 // a row that fails may have filled some of its columns: the rows before it are read
                 // again without it

@@ -38,13 +38,13 @@ pub struct RescoreReport {
 
 /// Episodes scored under a preset, on their way into the store.
 #[derive(Default)]
-pub struct Rescored {
+pub struct RescoredEpisodes {
     portions: Vec<RecordBatch>,
     /// Episodes that had the version already.
     unchanged: usize,
 }
 
-impl Rescored {
+impl RescoredEpisodes {
     /// Adds what was scored elsewhere.
     pub fn append(&mut self, other: Self) {
         self.portions.extend(other.portions);
@@ -115,10 +115,10 @@ impl Store {
         files: &[String],
         preset: &Preset,
         mut progress: impl FnMut(usize),
-    ) -> Result<Rescored, StoreError> {
+    ) -> Result<RescoredEpisodes, StoreError> {
         let version = preset.version().to_string();
         let known = self.versions_in(&self.tables[&Table::Rescored], &version)?;
-        let mut scored = Rescored::default();
+        let mut scored = RescoredEpisodes::default();
         let (mut rows, mut count) = (Rows::new(preset.name(), &version), 0_usize);
         self.score_in(files, std::slice::from_ref(preset), |episode, rewards| {
             // what was recorded under the preset stands in its own rows already
@@ -149,10 +149,10 @@ impl Store {
     /// When the store cannot be written.
     pub fn keep_rescored(
         &mut self,
-        scored: Rescored,
+        scored: RescoredEpisodes,
         preset: &Preset,
     ) -> Result<RescoreReport, StoreError> {
-        let Rescored {
+        let RescoredEpisodes {
             portions,
             unchanged,
         } = scored;

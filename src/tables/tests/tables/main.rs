@@ -13,7 +13,8 @@ use arrow::{
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
 use reel_tables::{
-    Label, Rescored, Seen, Store, StoreError, Table, TraceRows, TraceVerdict, episode_batch,
+    DocumentSet, Label, RescoredEpisodes, Store, StoreError, Table, TraceRows, TraceVerdict,
+    episode_batch,
 };
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
@@ -595,11 +596,11 @@ fn rows_survive_the_way_from_another_machine() {
         .unwrap();
     let reader = reel_trace::RecordsReader::default();
     let away = |groups: &[Vec<PathBuf>],
-                _: Seen,
+                _: DocumentSet,
                 done: &(dyn Fn(usize) + Sync),
                 take: &mut dyn FnMut(TraceRows) -> Result<(), StoreError>| {
         for group in groups {
-            let bytes = TraceRows::read(&reader, group, &Seen::default())?.to_bytes()?;
+            let bytes = TraceRows::read(&reader, group, &DocumentSet::default())?.to_bytes()?;
             for cut in (0..bytes.len()).step_by(bytes.len() / 97 + 1) {
                 assert!(
                     TraceRows::from_bytes(&bytes[..cut]).is_err(),
@@ -631,15 +632,15 @@ fn rows_survive_the_way_from_another_machine() {
 
     let preset = reel_reward::Preset::parse("real-repo").unwrap();
     let files = store.file_names(Table::Episodes);
-    let mut scored = Rescored::default();
+    let mut scored = RescoredEpisodes::default();
     for file in files {
         let bytes = store
             .rescore_in(&[file], &preset, |_| ())
             .unwrap()
             .to_bytes()
             .unwrap();
-        assert!(Rescored::from_bytes(&bytes[..bytes.len() / 2]).is_err());
-        scored.append(Rescored::from_bytes(&bytes).unwrap());
+        assert!(RescoredEpisodes::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+        scored.append(RescoredEpisodes::from_bytes(&bytes).unwrap());
     }
     assert_eq!(store.keep_rescored(scored, &preset).unwrap().scored, 5);
     assert_eq!(store.rescore(&preset, |_| ()).unwrap().unchanged, 5);

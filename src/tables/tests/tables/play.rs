@@ -101,7 +101,7 @@ impl Play {
         let after = 0.25 * step as f32;
         self.steps.push(StepRecord {
             step,
-            input: StepInput::bare(ToolCall::new(tool, arguments)),
+            input: StepInput::from_call(ToolCall::new(tool, arguments)),
             outcome,
             tool: Some(tool.into()),
             reply: None,
@@ -191,7 +191,7 @@ impl Play {
         let object = InstanceId::from(object);
         let from = self
             .graph
-            .place_of(&object)
+            .receptacle_of(&object)
             .expect("the object is somewhere")
             .clone();
         let event = GraphEvent::Remove {

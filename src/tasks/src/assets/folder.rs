@@ -11,7 +11,7 @@ use std::{
 use reel_world::{AssetId, Assets, Mesh};
 use serde::Serialize;
 
-use crate::assets::{Beside, Kind, Refusal, Survey, limits::FILE_BYTES_MAX, parse};
+use crate::assets::{MeshError, MeshFormat, SiblingFiles, Survey, limits::FILE_BYTES_MAX, parse};
 
 /// A folder of meshes, each file named by its asset. Only the folder itself is looked into, not
 /// what lies in folders below.
@@ -19,18 +19,18 @@ use crate::assets::{Beside, Kind, Refusal, Survey, limits::FILE_BYTES_MAX, parse
 pub struct Folder {
     /// Without links.
     path: PathBuf,
-    files: BTreeMap<AssetId, (Kind, PathBuf)>,
+    files: BTreeMap<AssetId, (MeshFormat, PathBuf)>,
     /// Files of assets that another kind of file comes first for.
     hidden: Vec<PathBuf>,
     read: Mutex<BTreeMap<AssetId, Read>>,
 }
 
 /// What came of reading a file.
-type Read = Result<Arc<Mesh>, Arc<Refusal>>;
+type Read = Result<Arc<Mesh>, Arc<MeshError>>;
 
 /// A file of a folder, and what is to say of it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Listed {
+pub struct FileReport {
     /// Its name.
     pub file: String,
     /// The asset it shows.
@@ -70,7 +70,7 @@ impl Folder {
             let file = entry?.path();
             let kind = file
                 .extension()
-                .and_then(|extension| Kind::of(extension.to_str()?));
+                .and_then(|extension| MeshFormat::of(extension.to_str()?));
             let stem = file.file_stem().and_then(|stem| stem.to_str());
             if let (Some(kind), Some(stem)) = (kind, stem) {
                 found.push((AssetId::from(stem), kind, file));
@@ -106,7 +106,7 @@ impl Folder {
     ///
     /// # Errors
     /// Why its file is refused.
-    pub fn load(&self, asset: &AssetId) -> Result<Option<Arc<Mesh>>, Arc<Refusal>> {
+    pub fn load(&self, asset: &AssetId) -> Result<Option<Arc<Mesh>>, Arc<MeshError>> {
         let Some((kind, file)) = self.files.get(asset) else {
             return Ok(None);
         };
@@ -121,27 +121,27 @@ impl Folder {
     }
 
     /// Reads every file, and says what it is; in the order of their names. Keeps none.
-    pub fn check(&self) -> Vec<Listed> {
+    pub fn check(&self) -> Vec<FileReport> {
         let name = |file: &Path| {
             file.file_name()
                 .unwrap_or_default()
                 .to_string_lossy()
                 .into_owned()
         };
-        let read = |(asset, (kind, file)): (&AssetId, &(Kind, PathBuf))| {
+        let read = |(asset, (kind, file)): (&AssetId, &(MeshFormat, PathBuf))| {
             let verdict = match self.read_file(*kind, file) {
                 Ok(mesh) => Verdict::Loads(Survey::of(&mesh)),
                 Err(reason) => Verdict::Refused {
                     reason: reason.to_string(),
                 },
             };
-            Listed {
+            FileReport {
                 file: name(file),
                 asset: asset.to_string(),
                 verdict,
             }
         };
-        let mut listed: Vec<Listed> = self.files.iter().map(read).collect();
+        let mut listed: Vec<FileReport> = self.files.iter().map(read).collect();
         listed.extend(self.hidden.iter().map(|file| {
             let asset = file
                 .file_stem()
@@ -152,7 +152,7 @@ impl Folder {
                 .files
                 .get(asset.as_str())
                 .map_or_else(String::new, |(_, file)| name(file));
-            Listed {
+            FileReport {
                 file: name(file),
                 asset,
                 verdict: Verdict::Hidden { by },
@@ -162,14 +162,14 @@ impl Folder {
         listed
     }
 
-    fn read_file(&self, kind: Kind, file: &Path) -> Result<Mesh, Refusal> {
+    fn read_file(&self, kind: MeshFormat, file: &Path) -> Result<Mesh, MeshError> {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
         parse(kind, &self.bytes(&name)?, self)
     }
 
     /// The bytes of a file, which may lie in a folder below.
-    fn bytes(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        let outside = || Refusal::Outside {
+    fn bytes(&self, name: &str) -> Result<Vec<u8>, MeshError> {
+        let outside = || MeshError::Outside {
             file: name.chars().take(200).collect(),
         };
         let relative = Path::new(name);
@@ -180,7 +180,7 @@ impl Folder {
         if !below || name.is_empty() || name.contains([':', '\\', '\0']) {
             return Err(outside());
         }
-        let missing = |error: io::Error| Refusal::Missing {
+        let missing = |error: io::Error| MeshError::Missing {
             file: name.to_owned(),
             why: error.to_string(),
         };
@@ -191,7 +191,7 @@ impl Folder {
         // Asked before it is opened: opening a pipe would wait.
         let metadata = fs::metadata(&path).map_err(missing)?;
         if !metadata.is_file() {
-            return Err(Refusal::Missing {
+            return Err(MeshError::Missing {
                 file: name.to_owned(),
                 why: "it is no file".to_owned(),
             });
@@ -206,7 +206,7 @@ impl Folder {
         match bytes.len() as u64 > FILE_BYTES_MAX {
             true => {
                 let found = metadata.len().max(FILE_BYTES_MAX + 1) as usize;
-                Err(Refusal::too_large(
+                Err(MeshError::too_large(
                     "bytes",
                     found,
                     FILE_BYTES_MAX as usize,
@@ -218,8 +218,8 @@ impl Folder {
     }
 }
 
-impl Beside for Folder {
-    fn read(&self, name: &str) -> Result<Vec<u8>, Refusal> {
+impl SiblingFiles for Folder {
+    fn read(&self, name: &str) -> Result<Vec<u8>, MeshError> {
         self.bytes(name)
     }
 }

@@ -15,7 +15,8 @@ use gltf::{
 use reel_world::mesh::{Material, MeshData, TRIANGLES_MAX, Triangle, VERTICES_MAX};
 
 use crate::assets::{
-    Beside, DECIMATE, Refusal, color::clamped, limits::NODES_MAX, picture::Pictures, upright,
+    DECIMATE, MeshError, SiblingFiles, color::clamped, limits::NODES_MAX, picture::Pictures,
+    upright,
 };
 
 /// Column by column.
@@ -32,21 +33,21 @@ const IDENTITY: Matrix = [
 ///
 /// # Errors
 /// Why it is refused.
-pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusal> {
+pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, MeshError> {
     let (text, binary) = if bytes.starts_with(b"glTF") {
         chunks(bytes)?
     } else {
         (bytes, None)
     };
     let root: json::Root = json::deserialize::from_slice(text)
-        .map_err(|error| Refusal::Broken(format!("no sound glTF document ({error})")))?;
+        .map_err(|error| MeshError::Broken(format!("no sound glTF document ({error})")))?;
     // The crate's own check looks accessors up before it knows that they are there.
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     if let Some(missing) = primitives
         .flat_map(|it| it.attributes.values())
         .find(|it| it.value() >= root.accessors.len())
     {
-        return Err(Refusal::Broken(format!(
+        return Err(MeshError::Broken(format!(
             "no sound glTF document (there is no accessor {})",
             missing.value()
         )));
@@ -57,12 +58,12 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
                 .iter()
                 .take(3)
                 .map(|(path, error)| format!("{}: {error}", path.as_str()));
-            Refusal::Broken(format!(
+            MeshError::Broken(format!(
                 "no sound glTF document ({})",
                 told.collect::<Vec<_>>().join("; ")
             ))
         }
-        other => Refusal::Broken(format!("no sound glTF document ({other})")),
+        other => MeshError::Broken(format!("no sound glTF document ({other})")),
     })?;
     let mut reader = Reader {
         buffers: buffers(document.as_json(), binary, beside)?,
@@ -89,12 +90,12 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
 }
 
 /// The document and the binary chunk of a binary file.
-fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Refusal> {
-    let broken = |what: &str| Refusal::Broken(format!("no sound binary glTF ({what})"));
+fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshError> {
+    let broken = |what: &str| MeshError::Broken(format!("no sound binary glTF ({what})"));
     let number = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?));
     let version = number(4).ok_or_else(|| broken("it ends in its header"))?;
     if version != 2 {
-        return Err(Refusal::Unsupported(format!("glTF of version {version}")));
+        return Err(MeshError::Unsupported(format!("glTF of version {version}")));
     }
     let chunk = |at: usize| -> Option<([u8; 4], &[u8])> {
         let data = bytes.get(at + 8..)?;
@@ -120,17 +121,17 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Refusal> {
 fn buffers(
     root: &json::Root,
     binary: Option<&[u8]>,
-    beside: &dyn Beside,
-) -> Result<Vec<Vec<u8>>, Refusal> {
+    beside: &dyn SiblingFiles,
+) -> Result<Vec<Vec<u8>>, MeshError> {
     let read = |(index, buffer): (usize, &json::Buffer)| {
         let bytes = match (&buffer.uri, binary) {
             (Some(uri), _) => resource(uri, beside)?,
             (None, Some(binary)) if index == 0 => binary.to_vec(),
-            (None, _) => return Err(Refusal::Broken(format!("buffer {index} is nowhere"))),
+            (None, _) => return Err(MeshError::Broken(format!("buffer {index} is nowhere"))),
         };
         let (found, said) = (bytes.len() as u64, buffer.byte_length.0);
         if found < said {
-            return Err(Refusal::Broken(format!(
+            return Err(MeshError::Broken(format!(
                 "buffer {index} has {found} bytes instead of {said}"
             )));
         }
@@ -140,16 +141,16 @@ fn buffers(
 }
 
 /// What a URI names: a file beside, or data in the URI itself.
-fn resource(uri: &str, beside: &dyn Beside) -> Result<Vec<u8>, Refusal> {
+fn resource(uri: &str, beside: &dyn SiblingFiles) -> Result<Vec<u8>, MeshError> {
     let Some(data) = uri.strip_prefix("data:") else {
         return beside.read(&percent_decoded(uri));
     };
     let (_, encoded) = data
         .split_once(";base64,")
-        .ok_or_else(|| Refusal::Unsupported("data in a URI that is not base64".into()))?;
+        .ok_or_else(|| MeshError::Unsupported("data in a URI that is not base64".into()))?;
     STANDARD
         .decode(encoded)
-        .map_err(|error| Refusal::Broken(format!("a URI holds no base64 ({error})")))
+        .map_err(|error| MeshError::Broken(format!("a URI holds no base64 ({error})")))
 }
 
 /// `%20` and its like as what they stand for.
@@ -170,7 +171,7 @@ fn percent_decoded(uri: &str) -> String {
 struct Reader<'a> {
     document: &'a Document,
     buffers: Vec<Vec<u8>>,
-    beside: &'a dyn Beside,
+    beside: &'a dyn SiblingFiles,
     pictures: Pictures,
     /// Those of the document, then the default.
     materials: Vec<Material>,
@@ -180,7 +181,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     /// Adds a material; none is the default.
-    fn material(&mut self, material: Option<&gltf::Material<'_>>) -> Result<(), Refusal> {
+    fn material(&mut self, material: Option<&gltf::Material<'_>>) -> Result<(), MeshError> {
         let Some(material) = material else {
             self.materials.push(Material {
                 color: [1.0; 3],
@@ -192,7 +193,7 @@ impl Reader<'_> {
         let [red, green, blue, _] = base.base_color_factor();
         let texture = base.base_color_texture().map(|info| {
             if info.tex_coord() != 0 {
-                return Err(Refusal::Unsupported(
+                return Err(MeshError::Unsupported(
                     "a texture by the second set of texture points".into(),
                 ));
             }
@@ -206,7 +207,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn texture(&mut self, image: usize) -> Result<u16, Refusal> {
+    fn texture(&mut self, image: usize) -> Result<u16, MeshError> {
         let json = &self.document.as_json().images[image];
         let (buffers, document, beside) = (&self.buffers, self.document, self.beside);
         let name = json
@@ -217,16 +218,16 @@ impl Reader<'_> {
         self.pictures
             .of(&name, || match (&json.uri, json.buffer_view) {
                 (Some(uri), _) => {
-                    resource(uri, beside).map_err(|reason| Refusal::texture(&name, reason))
+                    resource(uri, beside).map_err(|reason| MeshError::texture(&name, reason))
                 }
                 (None, Some(view)) => Ok(view_of(document, buffers, view.value())?.to_vec()),
-                (None, None) => Err(Refusal::Broken(format!("image {image} is nowhere"))),
+                (None, None) => Err(MeshError::Broken(format!("image {image} is nowhere"))),
             })
     }
 
     /// Adds the meshes of the default scene, or of the first one; without scenes those of all nodes
     /// that are nobody's child.
-    fn walk(&mut self) -> Result<(), Refusal> {
+    fn walk(&mut self) -> Result<(), MeshError> {
         let nodes = &self.document.as_json().nodes;
         let roots: Vec<usize> = match self
             .document
@@ -256,12 +257,12 @@ impl Reader<'_> {
         while let Some((index, outer)) = open.pop() {
             count += 1;
             if std::mem::replace(&mut visited[index], true) {
-                return Err(Refusal::Broken(format!(
+                return Err(MeshError::Broken(format!(
                     "node {index} is a child twice, or of itself"
                 )));
             }
             if count > NODES_MAX {
-                return Err(Refusal::too_large(
+                return Err(MeshError::too_large(
                     "nodes",
                     nodes.len(),
                     NODES_MAX,
@@ -285,7 +286,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive<'_>, matrix: &Matrix) -> Result<(), Refusal> {
+    fn primitive(&mut self, primitive: &Primitive<'_>, matrix: &Matrix) -> Result<(), MeshError> {
         if matches!(
             primitive.mode(),
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip
@@ -298,7 +299,7 @@ impl Reader<'_> {
         let count = positions.count();
         let first = self.data.positions.len();
         if first.saturating_add(count) > VERTICES_MAX {
-            return Err(Refusal::too_large(
+            return Err(MeshError::too_large(
                 "vertices",
                 first.saturating_add(count),
                 VERTICES_MAX,
@@ -355,7 +356,7 @@ impl Reader<'_> {
             Some(indices) => {
                 let indices = self.indices(&indices)?;
                 if let Some(index) = indices.iter().find(|index| **index >= count) {
-                    return Err(Refusal::Broken(format!(
+                    return Err(MeshError::Broken(format!(
                         "a triangle refers to vertex {index}, and there are {count}"
                     )));
                 }
@@ -383,14 +384,14 @@ impl Reader<'_> {
             _ => corners.as_chunks::<3>().0.to_vec(),
         };
         if self.data.triangles.len() + triangles.len() > TRIANGLES_MAX {
-            return Err(Refusal::too_many_triangles());
+            return Err(MeshError::too_many_triangles());
         }
         let material = primitive
             .material()
             .index()
             .unwrap_or(self.materials.len() - 1);
         let material = u16::try_from(material)
-            .map_err(|_| Refusal::Broken("it has too many materials".into()))?;
+            .map_err(|_| MeshError::Broken("it has too many materials".into()))?;
         let corner = |corner: usize| (first + corner) as u32;
         self.data
             .triangles
@@ -401,9 +402,9 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn indices(&self, accessor: &gltf::Accessor<'_>) -> Result<Vec<usize>, Refusal> {
+    fn indices(&self, accessor: &gltf::Accessor<'_>) -> Result<Vec<usize>, MeshError> {
         if accessor.count() > TRIANGLES_MAX * 3 {
-            return Err(Refusal::too_many_triangles());
+            return Err(MeshError::too_many_triangles());
         }
         let values = self.values(accessor, 1)?;
         let size = accessor.data_type().size();
@@ -414,7 +415,7 @@ impl Reader<'_> {
         };
         match accessor.data_type() {
             DataType::U8 | DataType::U16 | DataType::U32 => Ok(values.map(number).collect()),
-            other => Err(Refusal::Broken(format!("indices are {other:?}"))),
+            other => Err(MeshError::Broken(format!("indices are {other:?}"))),
         }
     }
 
@@ -422,7 +423,7 @@ impl Reader<'_> {
     fn floats<const N: usize>(
         &self,
         accessor: &gltf::Accessor<'_>,
-    ) -> Result<Vec<[f32; N]>, Refusal> {
+    ) -> Result<Vec<[f32; N]>, MeshError> {
         let size = accessor.data_type().size();
         let float: fn(&[u8]) -> f32 = match (accessor.data_type(), accessor.normalized()) {
             (DataType::F32, _) => {
@@ -433,7 +434,7 @@ impl Reader<'_> {
                 |bytes| f32::from(u16::from_le_bytes([bytes[0], bytes[1]])) / 65_535.0
             }
             (kind, normalized) => {
-                return Err(Refusal::Unsupported(format!(
+                return Err(MeshError::Unsupported(format!(
                     "vertices of {kind:?}, normalized: {normalized}"
                 )));
             }
@@ -449,10 +450,11 @@ impl Reader<'_> {
         &self,
         accessor: &gltf::Accessor<'_>,
         components: usize,
-    ) -> Result<impl Iterator<Item = &[u8]>, Refusal> {
-        let broken = |what: &str| Refusal::Broken(format!("accessor {} {what}", accessor.index()));
+    ) -> Result<impl Iterator<Item = &[u8]>, MeshError> {
+        let broken =
+            |what: &str| MeshError::Broken(format!("accessor {} {what}", accessor.index()));
         if accessor.sparse().is_some() {
-            return Err(Refusal::Unsupported("sparse accessors".into()));
+            return Err(MeshError::Unsupported("sparse accessors".into()));
         }
         if accessor.dimensions().multiplicity() != components {
             return Err(broken(&format!(
@@ -482,12 +484,12 @@ fn view_of<'b>(
     document: &Document,
     buffers: &'b [Vec<u8>],
     view: usize,
-) -> Result<&'b [u8], Refusal> {
+) -> Result<&'b [u8], MeshError> {
     let json = &document.as_json().buffer_views[view];
     let start = json.byte_offset.map_or(0, |offset| offset.0 as usize);
     let end = start.checked_add(json.byte_length.0 as usize);
     let bytes = end.and_then(|end| buffers[json.buffer.value()].get(start..end));
-    bytes.ok_or_else(|| Refusal::Broken(format!("view {view} ends behind its buffer")))
+    bytes.ok_or_else(|| MeshError::Broken(format!("view {view} ends behind its buffer")))
 }
 
 fn fill<T: Copy>(list: &mut Vec<T>, end: usize, with: T) {

@@ -15,25 +15,25 @@ mod survey;
 
 use reel_world::mesh::{Mesh, MeshFault, TRIANGLES_MAX};
 
-pub use folder::{Folder, Listed, Verdict};
+pub use folder::{FileReport, Folder, Verdict};
 pub use survey::Survey;
 
 /// Where a parser gets the files that a file names.
-pub trait Beside {
+pub trait SiblingFiles {
     /// The bytes of a file beside it.
     ///
     /// # Errors
     /// Why they cannot be had.
-    fn read(&self, name: &str) -> Result<Vec<u8>, Refusal>;
+    fn read(&self, name: &str) -> Result<Vec<u8>, MeshError>;
 }
 
 /// No other files.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Alone;
+pub struct NoSiblings;
 
-impl Beside for Alone {
-    fn read(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        Err(Refusal::Missing {
+impl SiblingFiles for NoSiblings {
+    fn read(&self, name: &str) -> Result<Vec<u8>, MeshError> {
+        Err(MeshError::Missing {
             file: name.to_owned(),
             why: "there are no files beside it".to_owned(),
         })
@@ -42,7 +42,7 @@ impl Beside for Alone {
 
 /// The kinds of files that hold a mesh, the first one first where there are several of an asset.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Kind {
+pub enum MeshFormat {
     /// Binary glTF.
     Glb,
     /// glTF.
@@ -51,13 +51,13 @@ pub enum Kind {
     Obj,
 }
 
-impl Kind {
+impl MeshFormat {
     /// By the end of a file's name.
     pub fn of(extension: &str) -> Option<Self> {
         match extension.to_ascii_lowercase().as_str() {
-            "glb" => Some(Kind::Glb),
-            "gltf" => Some(Kind::Gltf),
-            "obj" => Some(Kind::Obj),
+            "glb" => Some(MeshFormat::Glb),
+            "gltf" => Some(MeshFormat::Gltf),
+            "obj" => Some(MeshFormat::Obj),
             _ => None,
         }
     }
@@ -67,17 +67,17 @@ impl Kind {
 ///
 /// # Errors
 /// Why it is refused.
-pub fn parse(kind: Kind, bytes: &[u8], beside: &dyn Beside) -> Result<Mesh, Refusal> {
+pub fn parse(kind: MeshFormat, bytes: &[u8], beside: &dyn SiblingFiles) -> Result<Mesh, MeshError> {
     let data = match kind {
-        Kind::Glb | Kind::Gltf => gltf::read(bytes, beside)?,
-        Kind::Obj => obj::read(bytes, beside)?,
+        MeshFormat::Glb | MeshFormat::Gltf => gltf::read(bytes, beside)?,
+        MeshFormat::Obj => obj::read(bytes, beside)?,
     };
     Ok(Mesh::new(data)?)
 }
 
 /// Why a file is no mesh of ours.
 #[derive(Debug, thiserror::Error)]
-pub enum Refusal {
+pub enum MeshError {
     /// Not what its name says.
     #[error("{0}")]
     Broken(String),
@@ -90,7 +90,7 @@ pub enum Refusal {
         /// From 1.
         line: usize,
         /// What is wrong with it.
-        what: String,
+        problem: String,
     },
     /// Beyond a limit.
     #[error("it has {found} {what}, and at most {limit} are taken; {advice}")]
@@ -113,7 +113,7 @@ pub enum Refusal {
         /// The file.
         file: String,
         /// What is wrong there.
-        reason: Box<Refusal>,
+        reason: Box<MeshError>,
     },
     /// A file that it names cannot be read.
     #[error("the file {file} cannot be read ({why})")]
@@ -133,9 +133,9 @@ pub enum Refusal {
     },
 }
 
-impl Refusal {
+impl MeshError {
     fn too_large(what: &'static str, found: usize, limit: usize, advice: &'static str) -> Self {
-        Refusal::TooLarge {
+        MeshError::TooLarge {
             what,
             found,
             limit,
@@ -153,12 +153,12 @@ impl Refusal {
     }
 
     /// Of a texture; files say their names themselves.
-    fn texture(name: &str, reason: Refusal) -> Self {
+    fn texture(name: &str, reason: MeshError) -> Self {
         match reason {
-            reason @ (Refusal::In { .. } | Refusal::Missing { .. } | Refusal::Outside { .. }) => {
-                reason
-            }
-            reason => Refusal::In {
+            reason @ (MeshError::In { .. }
+            | MeshError::Missing { .. }
+            | MeshError::Outside { .. }) => reason,
+            reason => MeshError::In {
                 file: name.to_owned(),
                 reason: Box::new(reason),
             },

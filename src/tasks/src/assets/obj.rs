@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use reel_world::mesh::{Material, MeshData, TRIANGLES_MAX, Triangle};
 
 use crate::assets::{
-    Beside, Refusal,
+    MeshError, SiblingFiles,
     color::{clamped, linear},
     limits::LINE_BYTES_MAX,
     picture::Pictures,
@@ -33,7 +33,7 @@ type Corner = (usize, Option<usize>, Option<usize>);
 ///
 /// # Errors
 /// Why it is refused.
-pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusal> {
+pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, MeshError> {
     let mut lists = Lists::default();
     let mut materials = Materials {
         list: vec![Material::default()],
@@ -43,7 +43,10 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
     let mut faces: Vec<([Corner; 3], u16)> = Vec::new();
     let mut material = 0;
     for (number, line) in lines(bytes)? {
-        let broken = |what: String| Refusal::Line { line: number, what };
+        let broken = |what: String| MeshError::Line {
+            line: number,
+            problem: what,
+        };
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         match word {
             "v" => {
@@ -90,7 +93,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
                         .map(|pair| ([corners[0], pair[0], pair[1]], material)),
                 );
                 if faces.len() > TRIANGLES_MAX {
-                    return Err(Refusal::too_many_triangles());
+                    return Err(MeshError::too_many_triangles());
                 }
             }
             "usemtl" => material = materials.names.get(rest.trim()).copied().unwrap_or(0),
@@ -165,14 +168,17 @@ struct Materials {
 
 impl Materials {
     /// Reads an MTL file beside the mesh.
-    fn read(&mut self, name: &str, beside: &dyn Beside) -> Result<(), Refusal> {
+    fn read(&mut self, name: &str, beside: &dyn SiblingFiles) -> Result<(), MeshError> {
         let bytes = beside.read(name)?;
         let mut current: Option<usize> = None;
         for (number, line) in lines(&bytes)? {
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-            let broken = |what: String| Refusal::In {
+            let broken = |what: String| MeshError::In {
                 file: name.to_owned(),
-                reason: Box::new(Refusal::Line { line: number, what }),
+                reason: Box::new(MeshError::Line {
+                    line: number,
+                    problem: what,
+                }),
             };
             if word == "newmtl" {
                 let index = u16::try_from(self.list.len())
@@ -216,24 +222,24 @@ impl Materials {
 }
 
 /// The lines with their numbers, without comments and empty ones.
-fn lines(bytes: &[u8]) -> Result<Vec<(usize, &str)>, Refusal> {
+fn lines(bytes: &[u8]) -> Result<Vec<(usize, &str)>, MeshError> {
     let mut found = Vec::new();
     for (number, line) in (1..).zip(bytes.split(|byte| *byte == b'\n')) {
         if line.len() > LINE_BYTES_MAX {
-            return Err(Refusal::Line {
+            return Err(MeshError::Line {
                 line: number,
-                what: format!("it has more than {LINE_BYTES_MAX} bytes"),
+                problem: format!("it has more than {LINE_BYTES_MAX} bytes"),
             });
         }
-        let line = str::from_utf8(line).map_err(|_| Refusal::Line {
+        let line = str::from_utf8(line).map_err(|_| MeshError::Line {
             line: number,
-            what: "it is no text".into(),
+            problem: "it is no text".into(),
         })?;
         let line = line.split('#').next().unwrap_or("").trim();
         if line.ends_with('\\') {
-            return Err(Refusal::Line {
+            return Err(MeshError::Line {
                 line: number,
-                what: "it goes on in the next line, which is not supported".into(),
+                problem: "it goes on in the next line, which is not supported".into(),
             });
         }
         if !line.is_empty() {

@@ -7,7 +7,7 @@ use reel_world::mesh::{TEXELS_MAX, Texture};
 use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 use zune_jpeg::JpegDecoder;
 
-use crate::assets::{Beside, Refusal, limits::TEXTURE_SIDE_MAX};
+use crate::assets::{MeshError, SiblingFiles, limits::TEXTURE_SIDE_MAX};
 
 /// The textures of a mesh, each of them once.
 #[derive(Default)]
@@ -19,11 +19,11 @@ pub(crate) struct Pictures {
 
 impl Pictures {
     /// The texture of a file beside the mesh.
-    pub fn file(&mut self, name: &str, beside: &dyn Beside) -> Result<u16, Refusal> {
+    pub fn file(&mut self, name: &str, beside: &dyn SiblingFiles) -> Result<u16, MeshError> {
         self.of(name, || {
             beside
                 .read(name)
-                .map_err(|reason| Refusal::texture(name, reason))
+                .map_err(|reason| MeshError::texture(name, reason))
         })
     }
 
@@ -31,16 +31,16 @@ impl Pictures {
     pub fn of(
         &mut self,
         name: &str,
-        bytes: impl FnOnce() -> Result<Vec<u8>, Refusal>,
-    ) -> Result<u16, Refusal> {
+        bytes: impl FnOnce() -> Result<Vec<u8>, MeshError>,
+    ) -> Result<u16, MeshError> {
         if let Some(index) = self.known.get(name) {
             return Ok(*index);
         }
         let used: usize = self.list.iter().map(|texture| texture.rgb.len() / 3).sum();
         let texture = decode(&bytes()?, TEXELS_MAX - used)
-            .map_err(|reason| Refusal::texture(name, reason))?;
+            .map_err(|reason| MeshError::texture(name, reason))?;
         let index = u16::try_from(self.list.len())
-            .map_err(|_| Refusal::Broken("it has too many textures".into()))?;
+            .map_err(|_| MeshError::Broken("it has too many textures".into()))?;
         self.list.push(texture);
         self.known.insert(name.to_owned(), index);
         Ok(index)
@@ -52,20 +52,20 @@ impl Pictures {
     }
 }
 
-fn decode(bytes: &[u8], texels_max: usize) -> Result<Texture, Refusal> {
+fn decode(bytes: &[u8], texels_max: usize) -> Result<Texture, MeshError> {
     match bytes {
         [0x89, b'P', b'N', b'G', ..] => decode_png(bytes, texels_max),
         [0xff, 0xd8, ..] => decode_jpeg(bytes, texels_max),
-        _ => Err(Refusal::Unsupported(
+        _ => Err(MeshError::Unsupported(
             "a picture that is neither PNG nor JPEG".into(),
         )),
     }
 }
 
-fn check_size(width: u32, height: u32, texels_max: usize) -> Result<(), Refusal> {
+fn check_size(width: u32, height: u32, texels_max: usize) -> Result<(), MeshError> {
     let side = width.max(height);
     if side > TEXTURE_SIDE_MAX {
-        return Err(Refusal::too_large(
+        return Err(MeshError::too_large(
             "pixels on one side",
             side as usize,
             TEXTURE_SIDE_MAX as usize,
@@ -75,7 +75,7 @@ fn check_size(width: u32, height: u32, texels_max: usize) -> Result<(), Refusal>
     let texels = width as usize * height as usize;
     if texels > texels_max {
         let what = "pixels, with the other textures of the mesh";
-        return Err(Refusal::too_large(
+        return Err(MeshError::too_large(
             what,
             texels + TEXELS_MAX - texels_max,
             TEXELS_MAX,
@@ -85,8 +85,8 @@ fn check_size(width: u32, height: u32, texels_max: usize) -> Result<(), Refusal>
     Ok(())
 }
 
-fn decode_png(bytes: &[u8], texels_max: usize) -> Result<Texture, Refusal> {
-    let broken = |error: png::DecodingError| Refusal::Broken(format!("no sound PNG ({error})"));
+fn decode_png(bytes: &[u8], texels_max: usize) -> Result<Texture, MeshError> {
+    let broken = |error: png::DecodingError| MeshError::Broken(format!("no sound PNG ({error})"));
     let mut decoder = png::Decoder::new_with_limits(
         Cursor::new(bytes),
         Limits {
@@ -99,7 +99,7 @@ fn decode_png(bytes: &[u8], texels_max: usize) -> Result<Texture, Refusal> {
     check_size(width, height, texels_max)?;
     let size = reader
         .output_buffer_size()
-        .ok_or_else(|| Refusal::Broken("no sound PNG (its size)".into()))?;
+        .ok_or_else(|| MeshError::Broken("no sound PNG (its size)".into()))?;
     let mut pixels = vec![0; size];
     let shown = reader.next_frame(&mut pixels).map_err(broken)?;
     pixels.truncate(shown.buffer_size());
@@ -118,13 +118,13 @@ fn decode_png(bytes: &[u8], texels_max: usize) -> Result<Texture, Refusal> {
             .iter()
             .flat_map(|[grey, _]| [*grey; 3])
             .collect(),
-        ColorType::Indexed => return Err(Refusal::Broken("no sound PNG (its palette)".into())),
+        ColorType::Indexed => return Err(MeshError::Broken("no sound PNG (its palette)".into())),
     };
     Ok(Texture { width, height, rgb })
 }
 
-fn decode_jpeg(bytes: &[u8], texels_max: usize) -> Result<Texture, Refusal> {
-    let broken = |what: String| Refusal::Broken(format!("no sound JPEG ({what})"));
+fn decode_jpeg(bytes: &[u8], texels_max: usize) -> Result<Texture, MeshError> {
+    let broken = |what: String| MeshError::Broken(format!("no sound JPEG ({what})"));
     // Without vector instructions, so that every machine decodes the same.
     let options = DecoderOptions::new_safe()
         .jpeg_set_out_colorspace(ColorSpace::RGB)

@@ -10,4 +10,4 @@ pub mod scene;
 pub mod social;
 pub mod task;
 
-pub use portrait::portrait;
+pub use portrait::object_thumbnail;

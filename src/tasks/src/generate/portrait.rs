@@ -11,8 +11,8 @@ use reel_world::Frame;
 const BOARD: [u8; 3] = [214, 206, 190];
 
 /// A picture of an object from above and before it, so near that it fills most of the picture.
-pub fn portrait(object: &LibraryObject) -> Frame {
-    let instance = object.standing(&"board".into(), "picture", [0.0; 3]);
+pub fn object_thumbnail(object: &LibraryObject) -> Frame {
+    let instance = object.instance_at(&"board".into(), "picture", [0.0; 3]);
     let model = object_model(&instance);
     let half = Shape::Cuboid {
         half: [2.0, 2.0, 0.05],
@@ -45,6 +45,6 @@ pub fn portrait(object: &LibraryObject) -> Frame {
     render(
         &Camera::looking_at(eye, [0.0, 0.0, model.half[2]]),
         &drawables,
-        Detail::Picture,
+        Detail::Full,
     )
 }

@@ -18,7 +18,7 @@ use std::{
 use reel_world::Scene;
 
 use self::checks::Facts;
-pub use self::rebuild::{Evidence, Rebuilt};
+pub use self::rebuild::{Evidence, RebuiltScene};
 use crate::{
     LoadReport, TaskError,
     document::{self, Node},
@@ -131,7 +131,7 @@ impl Checkout {
     ///
     /// # Errors
     /// Fails if the files contradict each other, or no scene can be made of them.
-    pub fn rebuild(&self, scene_id: &str) -> Result<Rebuilt, TaskError> {
+    pub fn rebuild(&self, scene_id: &str) -> Result<RebuiltScene, TaskError> {
         let files: Vec<(&Path, Field<'_>)> = self
             .of(scene_id)
             .map(|file| (&*file.path, Field::root(&file.root)))
@@ -146,7 +146,7 @@ impl Checkout {
             match real_schema::read(&Field::root(&file.root), scene) {
                 Ok((task, oddities)) => {
                     report.tasks.push(task);
-                    report.oddities.extend(oddities);
+                    report.warnings.extend(oddities);
                 }
                 Err(problem) => report
                     .broken

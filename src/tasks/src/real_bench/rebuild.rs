@@ -27,7 +27,7 @@ const FEW_MANY: [usize; 2] = [10, 60];
 
 /// A scene rebuilt from placements, and how certain each receptacle of it is.
 #[derive(Clone, Debug)]
-pub struct Rebuilt {
+pub struct RebuiltScene {
     /// The scene, in the form of a scene file.
     pub scene: Scene,
     /// The text of its file.
@@ -66,7 +66,10 @@ struct Known {
 }
 
 /// Rebuilds the scene of task files that passed the published checks.
-pub(super) fn rebuild(scene_id: &str, files: &[(&Path, Field<'_>)]) -> Result<Rebuilt, TaskError> {
+pub(super) fn rebuild(
+    scene_id: &str,
+    files: &[(&Path, Field<'_>)],
+) -> Result<RebuiltScene, TaskError> {
     let mut known: BTreeMap<String, Known> = BTreeMap::new();
     let mut orders: Vec<Vec<String>> = Vec::new();
     for (path, root) in files {
@@ -168,7 +171,7 @@ pub(super) fn rebuild(scene_id: &str, files: &[(&Path, Field<'_>)]) -> Result<Re
     let text = format!("{document:#}\n");
     let loaded = scene::parse(&text, &format!("{scene_id}.json"))?;
     warnings.extend(loaded.warnings);
-    Ok(Rebuilt {
+    Ok(RebuiltScene {
         scene: loaded.scene,
         text,
         evidence,

@@ -357,8 +357,10 @@ impl ProcEpisode {
             .object_distractors
             .iter()
             .filter_map(|asset| Some((asset.to_string(), category(asset.as_str())?)));
-        let mut moved: Vec<InstanceId> =
-            task.moved().map(|object| object.instance.clone()).collect();
+        let mut moved: Vec<InstanceId> = task
+            .goal_objects()
+            .map(|object| object.instance.clone())
+            .collect();
         // The target comes first.
         moved.sort_by_key(|instance| *instance != task.target);
         let picked = |step: &PlanStep| match step.text_argument("instance") {

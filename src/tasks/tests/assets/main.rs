@@ -9,7 +9,7 @@ use std::{
 };
 
 use proptest::{prelude::*, sample::Index};
-use reel_tasks::assets::{Alone, Folder, Kind, Refusal, Verdict, parse};
+use reel_tasks::assets::{Folder, MeshError, MeshFormat, NoSiblings, Verdict, parse};
 use reel_world::{AssetId, Assets};
 
 #[test]
@@ -146,16 +146,19 @@ fn links_lead_nowhere_else() {
     .unwrap();
     let folder = Folder::open(folder.path()).unwrap();
     let refusal = folder.load(&"cube".into()).unwrap_err();
-    assert!(matches!(&*refusal, Refusal::Outside { .. }), "{refusal}");
+    assert!(matches!(&*refusal, MeshError::Outside { .. }), "{refusal}");
 }
 
-static SOUND: LazyLock<Vec<(Kind, Vec<u8>)>> = LazyLock::new(|| {
+static SOUND: LazyLock<Vec<(MeshFormat, Vec<u8>)>> = LazyLock::new(|| {
     let (document, binary) = samples::textured(&samples::vase(), &samples::pattern());
     let (plain, bytes) = samples::gltf(&samples::cube(), &[]);
     vec![
-        (Kind::Glb, samples::glb(&document, &binary)),
-        (Kind::Glb, samples::glb(&plain, &bytes)),
-        (Kind::Obj, samples::obj(&samples::cube(), "").into_bytes()),
+        (MeshFormat::Glb, samples::glb(&document, &binary)),
+        (MeshFormat::Glb, samples::glb(&plain, &bytes)),
+        (
+            MeshFormat::Obj,
+            samples::obj(&samples::cube(), "").into_bytes(),
+        ),
     ]
 });
 
@@ -177,7 +180,7 @@ proptest! {
                 _ => bytes.insert(at, byte),
             }
         }
-        if let Err(refusal) = parse(kind, &bytes, &Alone) {
+        if let Err(refusal) = parse(kind, &bytes, &NoSiblings) {
             prop_assert!(!refusal.to_string().is_empty());
         }
     }
@@ -192,7 +195,7 @@ proptest! {
             text[digits[at.index(digits.len())]] = b'0' + byte % 10;
         }
         if let Ok(document) = serde_json::from_slice(&text) {
-            drop(parse(Kind::Glb, &samples::glb(&document, &binary), &Alone));
+            drop(parse(MeshFormat::Glb, &samples::glb(&document, &binary), &NoSiblings));
         }
     }
 }

@@ -11,7 +11,7 @@ use reel_tasks::generate::task::{
     Ground, Side, Site,
     placement::{Misfit, Placement, is_valid, nearest_side, static_filter},
 };
-use reel_tasks::{Stream, home, library::objects};
+use reel_tasks::{Stream, home_scene, library::objects};
 
 /// SPEC section 3, in metres.
 const MARGIN_M: f64 = 0.05;
@@ -69,7 +69,7 @@ fn meets(part: &Part, centre: [f64; 2], radius: f64, [from, to]: [f64; 2]) -> bo
 
 #[test]
 fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
-    let ground = Ground::survey(Arc::new(home()));
+    let ground = Ground::survey(Arc::new(home_scene()));
     let model = scene_model(&ground.scene, &BTreeSet::new());
     let solid = |part: &&Part| part.solid;
     let mut placed = 0;
@@ -180,7 +180,7 @@ fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
 #[test]
 fn nobody_reaches_over_an_edge_that_something_stands_at() {
     let reached = |gap: f64| {
-        let mut scene = home();
+        let mut scene = home_scene();
         let at = |id: &str| {
             scene
                 .receptacles
@@ -217,7 +217,7 @@ fn nobody_reaches_over_an_edge_that_something_stands_at() {
 
 #[test]
 fn what_stands_behind_a_door_is_reached_through_it() {
-    let ground = Ground::survey(Arc::new(home()));
+    let ground = Ground::survey(Arc::new(home_scene()));
     let (behind, free): (Vec<&Site>, Vec<&Site>) = ground
         .sites
         .iter()
@@ -251,7 +251,7 @@ fn what_stands_behind_a_door_is_reached_through_it() {
 
 #[test]
 fn later_objects_stand_as_far_from_the_others_as_they_can() {
-    let ground = Ground::survey(Arc::new(home()));
+    let ground = Ground::survey(Arc::new(home_scene()));
     let site = ground
         .sites
         .iter()
@@ -271,7 +271,7 @@ fn later_objects_stand_as_far_from_the_others_as_they_can() {
 
 #[test]
 fn the_static_filter_says_what_is_wrong() {
-    let ground = Ground::survey(Arc::new(home()));
+    let ground = Ground::survey(Arc::new(home_scene()));
     let site = |id: &str| {
         ground
             .sites

@@ -2,14 +2,14 @@
 
 use std::{collections::BTreeSet, fs, sync::Arc};
 
-use reel_tasks::generate::task::{Compatibility, Options, Placing, TaskType, make};
-use reel_tasks::{home, library::objects, real_proc::export};
+use reel_tasks::generate::task::{Compatibility, GenerateOptions, Placing, TaskType, make};
+use reel_tasks::{home_scene, library::objects, real_proc::export};
 use reel_world::{Family, Task};
 
 #[test]
 fn a_file_for_each_type_reads_back_as_the_tasks() {
-    let scene = Arc::new(home());
-    let options = Options {
+    let scene = Arc::new(home_scene());
+    let options = GenerateOptions {
         scenes: std::slice::from_ref(&scene),
         library: objects(),
         table: Compatibility::committed(),
@@ -76,7 +76,7 @@ fn a_file_for_each_type_reads_back_as_the_tasks() {
             })
             .collect();
         let moved: BTreeSet<String> = task
-            .moved()
+            .goal_objects()
             .map(|object| format!("{} {}", object.asset, object.receptacle))
             .collect();
         (
@@ -107,7 +107,7 @@ fn a_file_for_each_type_reads_back_as_the_tasks() {
 
 #[test]
 fn what_is_wrong_with_such_a_file_says_where() {
-    let scene = home();
+    let scene = home_scene();
     let file = |from: &str, to: &str| {
         let text = "scene_id: home\ntask_type: basic\nobjects:\n  obj_0: {original_id: m, category: mug, position: [1, 1, 1], size: [0.1, 0.1, 0.1]}\n\
             episodes:\n- task_id: task_0\n  task_type: basic\n  task_description: Move the mug.\n  src: table_1\n  dest: table_2\n  \

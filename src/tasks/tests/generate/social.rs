@@ -9,8 +9,8 @@ use reel_episode::user::{RuleUser, violations};
 use reel_tasks::generate::{
     scene::built_in,
     social::{
-        About, Annotated, Annotation, FIELD, Objection, Options, Skipped, Strategy, annotate,
-        apply, insert, proposal, settles,
+        AnnotateOptions, AnnotatedTask, Annotation, FIELD, Objection, QuestionTopic, SkipReason,
+        Strategy, annotate, apply, insert, proposal, settles,
     },
     task::{Compatibility, TaskType, make},
 };
@@ -18,7 +18,7 @@ use reel_tasks::library::objects;
 use reel_world::{Family, PlanStep, Scene, Task};
 use serde_json::json;
 
-const BOTH: Options<'static> = Options {
+const BOTH: AnnotateOptions<'static> = AnnotateOptions {
     strategies: &Strategy::ALL,
     seed: 1,
 };
@@ -30,7 +30,7 @@ fn made() -> &'static [(Arc<Scene>, Task)] {
         let scenes = ["S1", "S3"].map(|name| Arc::new(built_in(name).unwrap()));
         let (families, types) = (&Family::ALL, &TaskType::ALL);
         let (library, table) = (objects(), Compatibility::committed());
-        let options = reel_tasks::generate::task::Options {
+        let options = reel_tasks::generate::task::GenerateOptions {
             scenes: &scenes,
             library,
             table,
@@ -48,7 +48,7 @@ fn made() -> &'static [(Arc<Scene>, Task)] {
     })
 }
 
-fn annotated(options: &Options<'_>) -> Vec<(&'static Scene, &'static Task, Annotated)> {
+fn annotated(options: &AnnotateOptions<'_>) -> Vec<(&'static Scene, &'static Task, AnnotatedTask)> {
     let one = |(scene, task): &'static (Arc<Scene>, Task)| {
         Some((scene.as_ref(), task, annotate(task, scene, options).ok()?))
     };
@@ -63,7 +63,10 @@ fn asks(task: &Task) -> Vec<&PlanStep> {
 }
 
 /// A task of a family that can be annotated.
-fn of(family: Family, options: &Options<'_>) -> (&'static Scene, &'static Task, Annotated) {
+fn of(
+    family: Family,
+    options: &AnnotateOptions<'_>,
+) -> (&'static Scene, &'static Task, AnnotatedTask) {
     annotated(options)
         .into_iter()
         .find(|(_, task, _)| task.family == family && task.goal_changes().len() == 2)
@@ -79,7 +82,7 @@ fn every_kind_of_question_occurs_in_most_tasks() {
         all.len(),
         made().len()
     );
-    let mut counts: BTreeMap<About, usize> = BTreeMap::new();
+    let mut counts: BTreeMap<QuestionTopic, usize> = BTreeMap::new();
     for (_, task, annotated) in &all {
         assert!(
             (1..=3).contains(&annotated.annotations.len()),
@@ -186,9 +189,9 @@ fn indices_are_those_of_the_plan_as_it_was() {
                     .any(|step| step.args.get("receptacle_name") == Some(&json!(id)))
             };
             match annotation.about {
-                About::Object => assert!(has("find") && !has("gaze_at") && !has("pick")),
-                About::Source => assert!(!has("nav_to")),
-                About::Destination => assert!(!was_at(task.dest.as_str())),
+                QuestionTopic::Object => assert!(has("find") && !has("gaze_at") && !has("pick")),
+                QuestionTopic::Source => assert!(!has("nav_to")),
+                QuestionTopic::Destination => assert!(!was_at(task.dest.as_str())),
             }
         }
     }
@@ -196,11 +199,11 @@ fn indices_are_those_of_the_plan_as_it_was() {
 
 #[test]
 fn questions_at_one_index_keep_their_order() {
-    let ask = |about: About, insert_before| Annotation {
+    let ask = |about: QuestionTopic, insert_before| Annotation {
         strategy: about.strategy(),
         about,
         insert_before,
-        question: (about != About::Object).then(|| "Which one?".to_owned()),
+        question: (about != QuestionTopic::Object).then(|| "Which one?".to_owned()),
     };
     let step = |action: &str| PlanStep {
         action: action.to_owned(),
@@ -210,9 +213,9 @@ fn questions_at_one_index_keep_their_order() {
     insert(
         &mut plan,
         &[
-            ask(About::Object, 2),
-            ask(About::Source, 0),
-            ask(About::Destination, 0),
+            ask(QuestionTopic::Object, 2),
+            ask(QuestionTopic::Source, 0),
+            ask(QuestionTopic::Destination, 0),
         ],
     );
     let words: Vec<&str> = plan
@@ -240,7 +243,7 @@ fn questions_at_one_index_keep_their_order() {
 #[test]
 fn equal_seeds_give_equal_tasks_and_others_others() {
     let tasks = |seed| {
-        annotated(&Options { seed, ..BOTH })
+        annotated(&AnnotateOptions { seed, ..BOTH })
             .into_iter()
             .map(|(_, _, annotated)| annotated)
             .collect::<Vec<_>>()
@@ -288,14 +291,14 @@ fn a_fuzzy_task_asks_about_its_object_and_is_left_out_where_nothing_may() {
         annotated
             .annotations
             .iter()
-            .any(|annotation| annotation.about == About::Object)
+            .any(|annotation| annotation.about == QuestionTopic::Object)
     );
     assert_eq!(annotated.task.purpose, task.purpose);
-    let only_b = Options {
+    let only_b = AnnotateOptions {
         strategies: &[Strategy::B],
         seed: 1,
     };
-    assert_eq!(annotate(task, scene, &only_b), Err(Skipped::LeftVague));
+    assert_eq!(annotate(task, scene, &only_b), Err(SkipReason::LeftVague));
     assert!(
         self::annotated(&only_b)
             .iter()
@@ -305,7 +308,7 @@ fn a_fuzzy_task_asks_about_its_object_and_is_left_out_where_nothing_may() {
 
 #[test]
 fn strategy_a_alone_asks_about_objects_alone() {
-    let all = annotated(&Options {
+    let all = annotated(&AnnotateOptions {
         strategies: &[Strategy::A],
         seed: 1,
     });
@@ -316,7 +319,7 @@ fn strategy_a_alone_asks_about_objects_alone() {
             annotated
                 .annotations
                 .iter()
-                .all(|annotation| annotation.about == About::Object),
+                .all(|annotation| annotation.about == QuestionTopic::Object),
             "{}",
             task.task_id
         );
@@ -335,12 +338,12 @@ fn gathering_asks_about_the_destination_alone() {
         .collect();
     assert!(!gathering.is_empty());
     for (_, _, annotated) in gathering {
-        let abouts: Vec<About> = annotated
+        let abouts: Vec<QuestionTopic> = annotated
             .annotations
             .iter()
             .map(|annotation| annotation.about)
             .collect();
-        assert_eq!(abouts, [About::Destination]);
+        assert_eq!(abouts, [QuestionTopic::Destination]);
     }
 }
 
@@ -349,18 +352,18 @@ fn tasks_that_cannot_be_annotated_say_why() {
     let (scene, task, annotated) = of(Family::FDP, &BOTH);
     assert_eq!(
         annotate(&annotated.task, scene, &BOTH),
-        Err(Skipped::AsksAlready)
+        Err(SkipReason::AsksAlready)
     );
     let no_plan = Task {
         plan: Vec::new(),
         ..task.clone()
     };
-    assert_eq!(annotate(&no_plan, scene, &BOTH), Err(Skipped::NoPlan));
+    assert_eq!(annotate(&no_plan, scene, &BOTH), Err(SkipReason::NoPlan));
     let silent = Task {
         instruction: "Do as yesterday.".to_owned(),
         ..task.clone()
     };
-    assert_eq!(annotate(&silent, scene, &BOTH), Err(Skipped::NotWorded));
+    assert_eq!(annotate(&silent, scene, &BOTH), Err(SkipReason::NotWorded));
     let mut alone = scene.clone();
     alone
         .receptacles
@@ -369,18 +372,18 @@ fn tasks_that_cannot_be_annotated_say_why() {
         annotate(
             task,
             &alone,
-            &Options {
+            &AnnotateOptions {
                 strategies: &[Strategy::B],
                 seed: 1
             }
         ),
-        Err(Skipped::NothingAlike)
+        Err(SkipReason::NothingAlike)
     );
 }
 
 #[test]
 fn rules_are_kept_whoever_annotates() {
-    let options = Options {
+    let options = AnnotateOptions {
         strategies: &[Strategy::B],
         seed: 1,
     };
@@ -391,7 +394,7 @@ fn rules_are_kept_whoever_annotates() {
                 && annotated
                     .annotations
                     .iter()
-                    .all(|annotation| annotation.about == About::Destination)
+                    .all(|annotation| annotation.about == QuestionTopic::Destination)
         });
     let (scene, task, good) = found.unwrap();
     let told = good.task.instruction.clone();
@@ -457,7 +460,7 @@ fn rules_are_kept_whoever_annotates() {
 fn a_models_proposal_is_read_leniently_and_judged_strictly() {
     let (scene, task, good) = of(
         Family::FODP,
-        &Options {
+        &AnnotateOptions {
             strategies: &[Strategy::B],
             seed: 1,
         },

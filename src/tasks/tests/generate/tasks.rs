@@ -5,19 +5,19 @@ use std::{collections::BTreeMap, sync::Arc};
 use reel_tasks::generate::{
     scene::{built_in, names},
     task::{
-        Compatibility, Ground, Made, Options, Placing, Rejection, TaskType, Unfit, Unsettled,
-        can_be_approached, compatibility, make, real, settle, spawn,
+        Compatibility, GenerateOptions, GenerateReport, Ground, Placing, Rejection, TaskType,
+        Unfit, Unsettled, can_be_approached, compatibility, make, real, settle, spawn,
     },
 };
-use reel_tasks::{home, library::objects};
+use reel_tasks::{home_scene, library::objects};
 use reel_world::{Family, ReceptacleId, Scene, Task};
 
-fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> Made {
+fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> GenerateReport {
     let (families, types) = (&Family::ALL, &TaskType::ALL);
     let (library, table) = (objects(), Compatibility::committed());
     let placing = Placing::Reach;
     make(
-        &Options {
+        &GenerateOptions {
             scenes,
             library,
             table,
@@ -35,7 +35,7 @@ fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> Made {
 
 /// The home, and the same seen in a mirror: two scenes.
 fn scenes() -> Vec<Arc<Scene>> {
-    let mut mirrored = home();
+    let mut mirrored = home_scene();
     mirrored.scene_id = "mirrored".to_owned();
     let flip = |low: &mut f64, high: &mut f64| (*low, *high) = (13.5 - *high, 13.5 - *low);
     for room in &mut mirrored.rooms {
@@ -51,7 +51,7 @@ fn scenes() -> Vec<Arc<Scene>> {
     mirrored.robot_start = mirrored
         .robot_start
         .map(|[x, y, yaw]| [13.5 - x, y, std::f64::consts::PI - yaw]);
-    vec![Arc::new(home()), Arc::new(mirrored)]
+    vec![Arc::new(home_scene()), Arc::new(mirrored)]
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
         &[Family::FDP],
         &[TaskType::Gather],
     );
-    let options = Options {
+    let options = GenerateOptions {
         scenes: &scenes,
         library,
         table,
@@ -191,7 +191,7 @@ fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
     let made = make(&options, || {}).unwrap();
     for (_, task) in &made.tasks {
         let is_ours = |id: &ReceptacleId| {
-            *id == task.dest || task.moved().any(|object| object.receptacle == *id)
+            *id == task.dest || task.goal_objects().any(|object| object.receptacle == *id)
         };
         for other in scenes[0].receptacles.iter().filter(|one| !is_ours(&one.id)) {
             let named = other
@@ -272,7 +272,7 @@ fn the_table_speaks_of_every_object_and_receptacle() {
             object.purpose
         );
     }
-    for scene in names().filter_map(built_in).chain([home()]) {
+    for scene in names().filter_map(built_in).chain([home_scene()]) {
         for receptacle in &scene.receptacles {
             let held = objects()
                 .iter()
@@ -286,7 +286,7 @@ fn the_table_speaks_of_every_object_and_receptacle() {
             );
         }
     }
-    let pairs = Ground::survey(Arc::new(home()))
+    let pairs = Ground::survey(Arc::new(home_scene()))
         .triplets(objects(), table)
         .len();
     assert!(pairs >= 200, "{pairs} pairs in one scene");
@@ -294,8 +294,8 @@ fn the_table_speaks_of_every_object_and_receptacle() {
 
 #[test]
 fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
-    let twice = [Arc::new(home()), Arc::new(home())];
-    let options = Options {
+    let twice = [Arc::new(home_scene()), Arc::new(home_scene())];
+    let options = GenerateOptions {
         scenes: &twice,
         library: objects(),
         table: Compatibility::committed(),
@@ -306,10 +306,10 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
         placing: Placing::Reach,
         jobs: 1,
     };
-    let error = |options: &Options<'_>| make(options, || {}).unwrap_err().to_string();
+    let error = |options: &GenerateOptions<'_>| make(options, || {}).unwrap_err().to_string();
     assert!(error(&options).starts_with("two scenes are called home"));
     assert!(
-        error(&Options {
+        error(&GenerateOptions {
             scenes: &twice[..1],
             ..options
         })
@@ -340,7 +340,7 @@ fn a_goal_of_several_moves_is_checked_when_it_is_read() {
 fn a_table_by_a_model_says_where_things_go() {
     let table = Compatibility::committed();
     let scenes = [Arc::new(built_in("S7").unwrap())];
-    let places = table.places(scenes.iter().map(Arc::as_ref));
+    let places = table.receptacle_kinds(scenes.iter().map(Arc::as_ref));
     let couch = places.iter().find(|place| place.kind == "couch").unwrap();
     assert!(
         compatibility::question(couch, objects())
@@ -384,7 +384,7 @@ fn a_table_by_a_model_says_where_things_go() {
     let mugs: Compatibility = serde_json::from_str(&serde_json::to_string(&mugs).unwrap()).unwrap();
     let (families, types) = ([Family::FDP], [TaskType::Basic]);
     let (scenes, families, types) = (&scenes[..], &families[..], &types[..]);
-    let options = Options {
+    let options = GenerateOptions {
         scenes,
         library: objects(),
         table: &mugs,

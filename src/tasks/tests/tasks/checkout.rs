@@ -195,7 +195,7 @@ fn what_the_server_tells_of_a_task_survives_loading() {
         // The order of placements is the order of their lines.
         let placements = &text[text.find("\n  placements:").unwrap()..];
         let lines: Vec<usize> = task
-            .placed()
+            .placement_order()
             .into_iter()
             .map(|index| {
                 placements
@@ -267,7 +267,7 @@ fn broken_files_are_named_and_the_rest_loads() {
         let loaded = reel_tasks::load_with(
             &benchmark.join(path),
             &SceneSource::ById(|_| None),
-            reel_tasks::Listed::AsWritten,
+            reel_tasks::ObjectOrder::AsWritten,
         );
         assert!(
             loaded.report.broken.is_empty(),

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, fs};
 
-use reel_tasks::{DrawOptions, Drawn, OddityKind, draw, home};
+use reel_tasks::{DrawOptions, Drawn, TaskWarningKind, draw, home_scene};
 use reel_world::{Family, Scene, Task};
 
 fn generated(scene: &Scene, count: usize, seed: u64) -> Drawn {
@@ -17,8 +17,8 @@ fn generated(scene: &Scene, count: usize, seed: u64) -> Drawn {
 
 #[test]
 fn the_same_seed_gives_the_same_tasks_and_more_begin_with_the_fewer() {
-    let home = home();
-    let tasks = generated(&home, 40, 7).tasks;
+    let home = home_scene();
+    let tasks = generated(&home_scene, 40, 7).tasks;
     assert_eq!(tasks, generated(&home, 40, 7).tasks);
     assert_eq!(tasks[..12], generated(&home, 12, 7).tasks);
     assert_ne!(
@@ -29,7 +29,7 @@ fn the_same_seed_gives_the_same_tasks_and_more_begin_with_the_fewer() {
 
 #[test]
 fn two_hundred_tasks_come_in_equal_parts_under_their_own_names() {
-    let generated = generated(&home(), 200, 1);
+    let generated = generated(&home_scene(), 200, 1);
     let families = Family::ALL.map(|family| {
         generated
             .tasks
@@ -50,9 +50,9 @@ fn two_hundred_tasks_come_in_equal_parts_under_their_own_names() {
 
 #[test]
 fn families_are_what_they_are_called() {
-    let home = home();
-    for task in generated(&home, 200, 2).tasks {
-        let door = |id| home.receptacle(id).unwrap().door.exists();
+    let home = home_scene();
+    for task in generated(&home_scene, 200, 2).tasks {
+        let door = |id| home_scene.receptacle(id).unwrap().door.exists();
         let target = task.target_object();
         let beside: Vec<_> = task
             .objects
@@ -117,10 +117,10 @@ fn families_are_what_they_are_called() {
 
 #[test]
 fn objects_stand_apart_on_their_surfaces_within_reach() {
-    let home = home();
-    for task in generated(&home, 200, 3).tasks {
+    let home = home_scene();
+    for task in generated(&home_scene, 200, 3).tasks {
         for (index, object) in task.objects.iter().enumerate() {
-            let surface = home.receptacle(&object.receptacle).unwrap();
+            let surface = home_scene.receptacle(&object.receptacle).unwrap();
             let ([x, y, z], [width, depth, height]) = (object.position, object.size);
             let rect = surface.surface_rect();
             let gaps = [
@@ -161,11 +161,11 @@ fn objects_stand_apart_on_their_surfaces_within_reach() {
 
 #[test]
 fn instructions_name_source_destination_and_target_and_nothing_else() {
-    let home = home();
+    let home = home_scene();
     let mut openings = BTreeSet::new();
-    for task in generated(&home, 200, 4).tasks {
+    for task in generated(&home_scene, 200, 4).tasks {
         for id in [&task.src, &task.dest] {
-            let captions = &home.receptacle(id).unwrap().captions;
+            let captions = &home_scene.receptacle(id).unwrap().captions;
             assert!(
                 captions
                     .keys()
@@ -196,15 +196,15 @@ fn instructions_name_source_destination_and_target_and_nothing_else() {
 
 #[test]
 fn writing_and_loading_gives_the_same_tasks() {
-    let home = home();
-    let tasks = generated(&home, 80, 5).tasks;
+    let home = home_scene();
+    let tasks = generated(&home_scene, 80, 5).tasks;
     let folder = tempfile::tempdir().unwrap();
     for task in &tasks {
         let path = folder.path().join(format!("{}.yaml", task.task_id));
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, reel_tasks::yaml::write(task, &home)).unwrap();
+        fs::write(path, reel_tasks::yaml::write(task, &home_scene)).unwrap();
     }
-    let report = reel_tasks::load(folder.path(), &home);
+    let report = reel_tasks::load(folder.path(), &home_scene);
     assert!(report.broken.is_empty(), "{:?}", report.broken);
     let sorted = |mut tasks: Vec<Task>| {
         tasks.sort_by(|a, b| a.task_id.cmp(&b.task_id));
@@ -213,17 +213,17 @@ fn writing_and_loading_gives_the_same_tasks() {
     assert_eq!(sorted(report.tasks), sorted(tasks));
     assert!(
         report
-            .oddities
+            .warnings
             .iter()
-            .all(|oddity| oddity.kind == OddityKind::SameAssetInSeveralPlaces),
+            .all(|oddity| oddity.kind == TaskWarningKind::SameAssetInSeveralPlaces),
         "{:#?}",
-        report.oddities
+        report.warnings
     );
 }
 
 #[test]
 fn a_scene_that_does_not_allow_a_family_gives_fewer_tasks_and_says_why() {
-    let mut scene = home();
+    let mut scene = home_scene();
     scene
         .receptacles
         .retain(|receptacle| !receptacle.door.exists());

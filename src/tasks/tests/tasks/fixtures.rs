@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, fs};
 
 use proptest::prelude::*;
-use reel_tasks::{LoadReport, OddityKind::*, TaskError};
+use reel_tasks::{LoadReport, TaskError, TaskWarningKind::*};
 use reel_world::{DoorState, Family};
 
 use crate::{count_by_kind, data, fixture_scene};
@@ -47,9 +47,9 @@ fn every_oddity_is_taken_and_listed() {
         (InitialGraphDisagrees, 2),
         (ObjectsAndPlacementsDiffer, 4),
     ];
-    let listed: Vec<String> = report.oddities.iter().map(ToString::to_string).collect();
+    let listed: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
     assert_eq!(
-        count_by_kind(&report.oddities),
+        count_by_kind(&report.warnings),
         expected.into(),
         "{listed:#?}"
     );

@@ -2,18 +2,18 @@
 
 use std::{fs, path::Path};
 
-use reel_tasks::{Listed, LoadedSet, SceneSource, home, load_with};
+use reel_tasks::{LoadedSet, ObjectOrder, SceneSource, home_scene, load_with};
 use reel_world::Scene;
 use serde_json::json;
 
 use crate::{data, fixture_scene};
 
 fn built_in(scene_id: &str) -> Option<Scene> {
-    (scene_id == "home").then(home)
+    (scene_id == "home").then(home_scene)
 }
 
 fn load(path: &Path) -> LoadedSet {
-    load_with(path, &SceneSource::ById(built_in), Listed::AsWritten)
+    load_with(path, &SceneSource::ById(built_in), ObjectOrder::AsWritten)
 }
 
 /// A folder with one task file of the fixtures, renamed to play in `scene_id`.

@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_tasks::{Oddity, OddityKind};
+use reel_tasks::{TaskWarning, TaskWarningKind};
 use reel_vectors::real_bench;
 use reel_world::Scene;
 
@@ -27,7 +27,7 @@ fn fixture_scene() -> Scene {
     reel_tasks::scene::load(&data("scene.json")).unwrap().scene
 }
 
-fn count_by_kind(oddities: &[Oddity]) -> BTreeMap<OddityKind, usize> {
+fn count_by_kind(oddities: &[TaskWarning]) -> BTreeMap<TaskWarningKind, usize> {
     let mut counts = BTreeMap::new();
     for oddity in oddities {
         *counts.entry(oddity.kind).or_default() += 1;

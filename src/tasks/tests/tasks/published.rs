@@ -1,6 +1,6 @@
 //! All published tasks load, with the oddities known of them.
 
-use reel_tasks::OddityKind::*;
+use reel_tasks::TaskWarningKind::*;
 use reel_world::Family;
 
 use crate::{count_by_kind, real_bench};
@@ -31,7 +31,7 @@ fn every_published_task_loads_and_its_oddities_are_listed() {
         (DestinationWithoutGeometry, 15),
         (UnplaceableReceptacle, 2),
     ];
-    assert_eq!(count_by_kind(&report.oddities), expected.into());
+    assert_eq!(count_by_kind(&report.warnings), expected.into());
 }
 
 #[test]

@@ -43,7 +43,7 @@ fn the_home_is_as_promised() {
     let loaded = reel_tasks::scene::parse(text, "home.json").unwrap();
     assert_eq!(loaded.warnings, Vec::<String>::new());
     let home = loaded.scene;
-    assert_eq!(home, reel_tasks::home());
+    assert_eq!(home, reel_tasks::home_scene());
     assert_eq!((home.receptacles.len(), home.rooms.len()), (18, 6));
     let doors: Vec<&str> = home
         .receptacles
@@ -85,7 +85,7 @@ fn the_home_is_as_promised() {
 
 #[test]
 fn every_piece_of_the_home_has_free_floor_before_it_and_doorways_are_free() {
-    let home = reel_tasks::home();
+    let home = reel_tasks::home_scene();
     let mut doorways: Vec<Rect> = Vec::new();
     for (index, a) in home.rooms.iter().enumerate() {
         for b in &home.rooms[..index] {

@@ -26,7 +26,7 @@ pub enum JudgeError {
         /// The episode.
         episode_id: String,
         /// What is wrong with it.
-        what: String,
+        problem: String,
         /// Whether it was cut off at the most tokens allowed.
         truncated: bool,
         /// Its beginning.

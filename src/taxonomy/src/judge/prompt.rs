@@ -6,7 +6,7 @@ use reel_llm::client::{Message, Part, Request, Role};
 use reel_world::Digest;
 use serde_json::json;
 
-use super::{Case, Options, Picture, Turn};
+use super::{Case, CaseImage, JudgeOptions, Turn};
 
 /// What the judge is told before it gets a record.
 pub(super) const PROMPT: &str = include_str!("../../prompts/judge.md");
@@ -24,10 +24,12 @@ pub fn version() -> Digest {
 }
 
 /// What the model is asked about a case.
-pub(super) fn request(case: &Case, options: &Options) -> Request {
+pub(super) fn request(case: &Case, options: &JudgeOptions) -> Request {
     let record = record(
         case,
-        options.transcript_bytes.max(Options::TRANSCRIPT_BYTES_MIN),
+        options
+            .transcript_bytes
+            .max(JudgeOptions::TRANSCRIPT_BYTES_MIN),
     );
     // Nobody who writes into the record knows the digest of all of it.
     let code = Digest::of(record.as_bytes()).short();
@@ -168,7 +170,7 @@ fn shortened(text: &str, bytes_max: usize) -> String {
 }
 
 /// So many pictures with even gaps, the last one always.
-fn spread(pictures: &[Picture], count: usize) -> impl Iterator<Item = &Picture> {
+fn spread(pictures: &[CaseImage], count: usize) -> impl Iterator<Item = &CaseImage> {
     let count = count.min(pictures.len());
     (1..=count).map(move |nth| &pictures[(nth * pictures.len()).div_ceil(count) - 1])
 }
@@ -255,12 +257,12 @@ mod tests {
 
     #[test]
     fn pictures_are_spread_to_the_last() {
-        let picture = |step| Picture {
+        let picture = |step| CaseImage {
             step,
             media_type: "image/png".to_owned(),
             bytes: vec![0],
         };
-        let pictures: Vec<Picture> = (0..10).map(picture).collect();
+        let pictures: Vec<CaseImage> = (0..10).map(picture).collect();
         let steps = |count| {
             spread(&pictures, count)
                 .map(|picture| picture.step)

@@ -7,8 +7,8 @@ use std::{
 
 use reel_llm::client::{Cache, Client, Endpoint};
 use reel_taxonomy::judge::{
-    Case, JudgeError, Options, Picture, Proven, REFUSED_MAX, Source, Turn, Verdict, judge,
-    judge_all, prompt_version,
+    Case, CaseImage, JudgeError, JudgeOptions, JudgedCase, REFUSED_MAX, RuleFinding, Source, Turn,
+    judge, judge_all, prompt_version,
 };
 use serde_json::{Value, json};
 
@@ -40,9 +40,9 @@ fn case(word: &str) -> Case {
     }
 }
 
-fn proven(class: &str, sub_class: &str) -> Option<Proven> {
+fn proven(class: &str, sub_class: &str) -> Option<RuleFinding> {
     let evidence = "nav_to sofa, bed, sofa, bed".to_owned();
-    Some(Proven {
+    Some(RuleFinding {
         class: class.to_owned(),
         sub_class: Some(sub_class.to_owned()),
         step: 3,
@@ -55,10 +55,10 @@ fn answer(class: &str, sub_class: Option<&str>, step: u32) -> String {
 }
 
 /// The verdict on a case when the model says this.
-fn judged(case: &Case, says: &str) -> (Result<Verdict, JudgeError>, Vec<Received>) {
+fn judged(case: &Case, says: &str) -> (Result<JudgedCase, JudgeError>, Vec<Received>) {
     let says = says.to_owned();
     let server = Scripted::answering(move |_| Act::Say(says.clone()));
-    let verdict = judge(case, &client(&server.base_url), &Options::default());
+    let verdict = judge(case, &client(&server.base_url), &JudgeOptions::default());
     (verdict, server.received())
 }
 
@@ -118,7 +118,7 @@ fn agreement() {
         "{text}"
     );
     assert_eq!(
-        serde_json::from_str::<Verdict>(&serde_json::to_string(&verdict).unwrap()).unwrap(),
+        serde_json::from_str::<JudgedCase>(&serde_json::to_string(&verdict).unwrap()).unwrap(),
         verdict
     );
 }
@@ -216,7 +216,12 @@ fn a_bad_answer_is_asked_for_once_more() {
         Act::Say(answer("Lost Memory", None, 99)),
         Act::Say(good),
     ]);
-    let verdict = judge(&case("mug"), &client(&server.base_url), &Options::default()).unwrap();
+    let verdict = judge(
+        &case("mug"),
+        &client(&server.base_url),
+        &JudgeOptions::default(),
+    )
+    .unwrap();
     assert_eq!(verdict.opinion.step, 4);
     let messages = server.received()[1].body["messages"]
         .as_array()
@@ -258,7 +263,7 @@ fn gibberish_twice_costs_its_case_alone() {
     let results = judge_all(
         &cases,
         &client(&server.base_url),
-        &Options::default(),
+        &JudgeOptions::default(),
         2,
         |_| (),
     );
@@ -334,7 +339,7 @@ fn a_long_episode_is_cut_in_the_middle_and_pictures_are_chosen() {
         reasoning: "where is it? ".repeat(400),
         ..Turn::default()
     };
-    let picture = |step| Picture {
+    let picture = |step| CaseImage {
         step,
         media_type: "image/png".to_owned(),
         bytes: vec![u8::try_from(step).unwrap()],
@@ -345,7 +350,7 @@ fn a_long_episode_is_cut_in_the_middle_and_pictures_are_chosen() {
         ..case("mug")
     };
     let server = Scripted::answering(|_| Act::Say(answer("Lost Memory", Some("exploration"), 100)));
-    let options = Options {
+    let options = JudgeOptions {
         transcript_bytes: 20_000,
         frames: 2,
     };
@@ -413,7 +418,7 @@ fn results_stand_in_the_order_of_the_cases_for_any_number_of_threads() {
         let results = judge_all(
             &cases,
             &client(&server.base_url),
-            &Options::default(),
+            &JudgeOptions::default(),
             threads,
             |count| done.lock().unwrap().push(count),
         );
@@ -433,7 +438,13 @@ fn results_stand_in_the_order_of_the_cases_for_any_number_of_threads() {
 #[test]
 fn nobody_there_stops_it_early() {
     let cases: Vec<Case> = (0..20).map(|n| case(&format!("thing{n}"))).collect();
-    let results = judge_all(&cases, &client(&nobody()), &Options::default(), 1, |_| ());
+    let results = judge_all(
+        &cases,
+        &client(&nobody()),
+        &JudgeOptions::default(),
+        1,
+        |_| (),
+    );
     let (tried, stopped) = results.split_at(REFUSED_MAX as usize);
     assert!(
         tried
@@ -457,7 +468,7 @@ fn kept_replies_and_errors_are_no_refusals() {
     let cases: Vec<Case> = (0..20).map(|n| case(&format!("thing{n}"))).collect();
     let cached = |base_url: &str| client(base_url).with_cache(Cache::open(folder.path()).unwrap());
     let server = Scripted::answering(|_| Act::Say(answer("Lost Memory", Some("oscillation"), 1)));
-    let options = Options::default();
+    let options = JudgeOptions::default();
     let known = [&cases[3..5], &cases[8..9]].concat();
     assert!(
         judge_all(&known, &cached(&server.base_url), &options, 1, |_| ())
@@ -465,7 +476,7 @@ fn kept_replies_and_errors_are_no_refusals() {
             .all(Result::is_ok)
     );
     let results = judge_all(&cases[..10], &cached(&nobody()), &options, 1, |_| ());
-    let outcome = |result: &Result<Verdict, JudgeError>| match result {
+    let outcome = |result: &Result<JudgedCase, JudgeError>| match result {
         Ok(_) => 'k',
         Err(JudgeError::Model { .. }) => 'r',
         Err(_) => 's',

@@ -17,7 +17,7 @@ mod scripted;
 use std::path::Path;
 
 use play::Play;
-use reel_query::Session;
+use reel_query::QuerySession;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
 use reel_trace::Images;
@@ -49,11 +49,11 @@ pub(crate) fn classified(dir: &Path, plays: &[Play]) -> Vec<Found> {
     let mut store = Store::open_or_create(dir.join("store")).unwrap();
     let report = store.ingest(&paths, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined), (plays.len(), vec![]));
-    found(&Session::new(store).unwrap(), &RuleSet::built_in())
+    found(&QuerySession::new(store).unwrap(), &RuleSet::built_in())
 }
 
 /// What a set of rules finds in a store.
-pub(crate) fn found(session: &Session, rules: &RuleSet) -> Vec<Found> {
+pub(crate) fn found(session: &QuerySession, rules: &RuleSet) -> Vec<Found> {
     let verdicts = classify(session, rules, None).unwrap();
     let mut found: Vec<Found> = verdicts
         .classes()

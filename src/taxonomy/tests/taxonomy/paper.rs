@@ -4,9 +4,9 @@
 
 use std::{path::Path, sync::Arc};
 
-use reel_agents::{Context, NoAnswer, Outside, Policy, RecordTo, run_episode};
+use reel_agents::{Context, NoAnswer, Policy, RecordTo, Responders, run_episode};
 use reel_episode::EpisodeConfig;
-use reel_query::Session;
+use reel_query::QuerySession;
 use reel_reward::Preset;
 use reel_tables::Store;
 use reel_taxonomy::RuleSet;
@@ -102,13 +102,13 @@ impl Policy for Script {
             },
             Some(Finish) | None => Tool::Finish,
         };
-        Ok(StepInput::bare(tool.to_call()))
+        Ok(StepInput::from_call(tool.to_call()))
     }
 }
 
 /// The home that comes with Reel; its oak shelf is a fourth cabinet.
 fn scene() -> Scene {
-    let mut scene = reel_tasks::home();
+    let mut scene = reel_tasks::home_scene();
     let shelf = scene
         .receptacles
         .iter_mut()
@@ -233,7 +233,7 @@ fn act(dir: &Path, task: Task, moves: &[Move]) -> (bool, std::path::PathBuf) {
     let report = run_episode(
         config,
         &mut script,
-        Outside::default(),
+        Responders::default(),
         Some(&RecordTo {
             path: path.clone(),
             options,
@@ -394,7 +394,7 @@ fn the_worked_cases_are_what_the_paper_says() {
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     let report = store.ingest(&traces, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined), (6, vec![]));
-    let session = Session::new(store).unwrap();
+    let session = QuerySession::new(store).unwrap();
     let by_task = |found: &Found| {
         let sql = format!(
             "SELECT task_id FROM episodes WHERE episode_id = '{}'",

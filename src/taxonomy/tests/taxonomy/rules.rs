@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_query::Session;
+use reel_query::QuerySession;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
 use reel_world::{ErrorCode, Family, record::Backend, record::EndReason};
@@ -493,7 +493,7 @@ fn a_file_more_is_a_rule_more() {
         classified(dir.path(), &[play])[0].sub_class,
         "similar_furniture"
     );
-    let session = || Session::new(Store::open(dir.path().join("store")).unwrap()).unwrap();
+    let session = || QuerySession::new(Store::open(dir.path().join("store")).unwrap()).unwrap();
     let rules = dir.path().join("rules");
     std::fs::create_dir(&rules).unwrap();
     let rule = "-- desk_two\n--\n-- It always puts things on desk_2.\n--\n-- Class: Object Confusion\n-- Sub-class: desk_two\n-- Priority: 5\nSELECT sequence_find(steps, 'place[ok and receptacle = ''desk_2'']') AS found FROM episodes\n";

@@ -22,12 +22,27 @@ const NAMING: &[&str] = &[
 ];
 
 /// Folders of the root: a name that begins with one is a path.
-const ROOTED: &[&str] =
-    &["dashboards/", "docs/", "queries/", "schemas/", "src/", "tests/", "traces/"];
+const ROOTED: &[&str] = &[
+    "dashboards/",
+    "docs/",
+    "queries/",
+    "schemas/",
+    "src/",
+    "tests/",
+    "traces/",
+];
 
 /// Last labels of host names that nobody outside of one network can reach.
-const PRIVATE: &[&str] =
-    &["corp", "home", "internal", "intranet", "lan", "local", "localdomain", "private"];
+const PRIVATE: &[&str] = &[
+    "corp",
+    "home",
+    "internal",
+    "intranet",
+    "lan",
+    "local",
+    "localdomain",
+    "private",
+];
 
 /// Last labels that are reserved for examples and tests. A link to one leads nowhere.
 const RESERVED: &[&str] = &["example", "invalid", "localhost", "test"];
@@ -42,7 +57,9 @@ const OWN: &str = "tidy/links.rs";
 fn links_of_pages_lead_somewhere() {
     let files = files();
     let pages = Pages::of(&files);
-    let written = files.iter().filter(|(path, _)| is_page(path) && !path.contains("/prompts/"));
+    let written = files
+        .iter()
+        .filter(|(path, _)| is_page(path) && !path.contains("/prompts/"));
     let found: Vec<String> = written
         .flat_map(|(path, text)| links(text).into_iter().map(move |link| (path, link)))
         .filter_map(|(path, (line, target))| {
@@ -80,7 +97,10 @@ fn every_guide_is_linked() {
         }
     }
     let in_docs = |path: &str| path.starts_with("docs/") && path.matches('/').count() == 1;
-    let guides = files.iter().map(|(path, _)| path).filter(|path| is_page(path) && in_docs(path));
+    let guides = files
+        .iter()
+        .map(|(path, _)| path)
+        .filter(|path| is_page(path) && in_docs(path));
     none(
         guides
             .filter(|path| !linked.contains(*path) && !path.ends_with("SUMMARY.md"))
@@ -124,8 +144,13 @@ impl Pages {
     /// The pages among files.
     fn of(files: &[(String, String)]) -> Self {
         let pages = files.iter().filter(|(path, _)| is_page(path));
-        let anchors = pages.map(|(path, text)| (path.clone(), anchors(text))).collect();
-        Self { root: root(), anchors }
+        let anchors = pages
+            .map(|(path, text)| (path.clone(), anchors(text)))
+            .collect();
+        Self {
+            root: root(),
+            anchors,
+        }
     }
 
     /// What is wrong with a link of a page; `None` if it leads somewhere.
@@ -137,8 +162,14 @@ impl Pages {
             return None;
         }
         let (path, anchor) = split_anchor(target);
-        let path = if path.is_empty() { Some(page.to_owned()) } else { resolved(page, path) };
-        let Some(path) = path else { return Some("it leaves the repository".to_owned()) };
+        let path = if path.is_empty() {
+            Some(page.to_owned())
+        } else {
+            resolved(page, path)
+        };
+        let Some(path) = path else {
+            return Some("it leaves the repository".to_owned());
+        };
         if is_generated(&path) {
             return None;
         }
@@ -162,9 +193,17 @@ impl Pages {
         }
         let is_path = ROOTED.iter().any(|folder| path.starts_with(*folder));
         let fits = |page: &str| {
-            if is_path { page == path } else { file_name(page) == file_name(path) }
+            if is_path {
+                page == path
+            } else {
+                file_name(page) == file_name(path)
+            }
         };
-        let mut pages = self.anchors.iter().filter(|(page, _)| fits(page)).peekable();
+        let mut pages = self
+            .anchors
+            .iter()
+            .filter(|(page, _)| fits(page))
+            .peekable();
         if pages.peek().is_none() {
             return Some("there is no such page".to_owned());
         }
@@ -240,7 +279,10 @@ fn wrong_with_url(url: &str) -> Option<&'static str> {
 /// Whether a host is a name that anybody can look up: no address, port, user or private name.
 fn is_public(host: &str) -> bool {
     let is_name = |label: &str| {
-        !label.is_empty() && label.chars().all(|char| char.is_ascii_alphanumeric() || char == '-')
+        !label.is_empty()
+            && label
+                .chars()
+                .all(|char| char.is_ascii_alphanumeric() || char == '-')
     };
     let last = last_label(host);
     host.contains('.')
@@ -297,10 +339,17 @@ fn anchors(text: &str) -> BTreeSet<String> {
     for heading in text.lines().filter_map(heading) {
         let slug = slug(heading);
         let count = counts.entry(slug.clone()).or_insert(0);
-        found.insert(if *count == 0 { slug } else { format!("{slug}-{count}") });
+        found.insert(if *count == 0 {
+            slug
+        } else {
+            format!("{slug}-{count}")
+        });
         *count += 1;
     }
-    let ids = text.split("<a id=\"").skip(1).filter_map(|rest| rest.split_once('"'));
+    let ids = text
+        .split("<a id=\"")
+        .skip(1)
+        .filter_map(|rest| rest.split_once('"'));
     found.extend(ids.map(|(id, _)| id.to_owned()));
     found
 }
@@ -309,7 +358,9 @@ fn anchors(text: &str) -> BTreeSet<String> {
 fn heading(line: &str) -> Option<&str> {
     let text = line.trim_start_matches('#');
     let depth = line.len() - text.len();
-    text.strip_prefix(' ').filter(|_| (1..=6).contains(&depth)).map(str::trim)
+    text.strip_prefix(' ')
+        .filter(|_| (1..=6).contains(&depth))
+        .map(str::trim)
 }
 
 /// The anchor of a heading: lower case, words joined by hyphens, without punctuation and without
@@ -339,12 +390,18 @@ fn links(text: &str) -> Vec<(usize, String)> {
     }
     for (start, _) in text.match_indices("<http") {
         let rest = &text[start + 1..];
-        found.extend(rest.split_once('>').map(|(url, _)| (line_of(start), url.to_owned())));
+        found.extend(
+            rest.split_once('>')
+                .map(|(url, _)| (line_of(start), url.to_owned())),
+        );
     }
     for attribute in [" href=\"", " src=\""] {
         for (start, mark) in text.match_indices(attribute) {
             let rest = &text[start + mark.len()..];
-            found.extend(rest.split_once('"').map(|(url, _)| (line_of(start), url.to_owned())));
+            found.extend(
+                rest.split_once('"')
+                    .map(|(url, _)| (line_of(start), url.to_owned())),
+            );
         }
     }
     for (number, line) in (1..).zip(text.lines()) {
@@ -365,7 +422,9 @@ fn target(rest: &str) -> Option<String> {
             ')' if depth > 0 => depth -= 1,
             ')' => {
                 let inside = &rest[..index];
-                let target = inside.split_once(" \"").map_or(inside, |(target, _)| target);
+                let target = inside
+                    .split_once(" \"")
+                    .map_or(inside, |(target, _)| target);
                 return Some(target.trim().to_owned());
             }
             _ => {}
@@ -405,7 +464,10 @@ fn without_blocks(text: &str) -> String {
 /// nothing follows it.
 fn fence(line: &str) -> Option<(char, usize, bool)> {
     let line = line.trim();
-    let mark = line.chars().next().filter(|mark| matches!(mark, '`' | '~'))?;
+    let mark = line
+        .chars()
+        .next()
+        .filter(|mark| matches!(mark, '`' | '~'))?;
     let rest = line.trim_start_matches(mark);
     let length = line.len() - rest.len();
     (length >= 3 && !rest.contains('`')).then_some((mark, length, rest.is_empty()))
@@ -421,7 +483,10 @@ fn without_spans(text: &str) -> String {
         let ticks = span.len() - span.trim_start_matches('`').len();
         let length = closing(&span[ticks..], ticks).map_or(ticks, |end| ticks + end + ticks);
         let (span, after) = span.split_at(length);
-        kept.extend(span.chars().map(|char| if char == '\n' { '\n' } else { ' ' }));
+        kept.extend(
+            span.chars()
+                .map(|char| if char == '\n' { '\n' } else { ' ' }),
+        );
         rest = after;
     }
     kept.push_str(rest);
@@ -435,7 +500,10 @@ fn closing(text: &str, ticks: usize) -> Option<usize> {
     let mut from = 0;
     while let Some(found) = paragraph[from..].find('`') {
         let start = from + found;
-        let run = paragraph[start..].chars().take_while(|char| *char == '`').count();
+        let run = paragraph[start..]
+            .chars()
+            .take_while(|char| *char == '`')
+            .count();
         if run == ticks {
             return Some(start);
         }
@@ -448,7 +516,13 @@ fn closing(text: &str, ticks: usize) -> Option<usize> {
 fn headings_become_the_anchors_of_their_pages() {
     let page = "# Top\n## Terms of `real-repo`\n### What is [said](a.md): *all*\n## Top\n\
                 ```sh\n# no heading\n```\n#no heading\n<a id=\"named\"></a>\n";
-    let expected = ["named", "terms-of-real-repo", "top", "top-1", "what-is-said-all"];
+    let expected = [
+        "named",
+        "terms-of-real-repo",
+        "top",
+        "top-1",
+        "what-is-said-all",
+    ];
     assert_eq!(anchors(page).into_iter().collect::<Vec<_>>(), expected);
 }
 
@@ -457,23 +531,43 @@ fn links_are_found_outside_of_code_alone() {
     let page = "[a](b.md) and\n![c](d.png \"title\"), `[no](no.md)`\n\n```\n[no](no.md)\n```\n\
                 <https://e.org>\n[f]: g.md\n[`code`](h(1).md#i) ``[no](` no.md)``\n";
     let found = links(page);
-    let expected = [(1, "b.md"), (2, "d.png"), (9, "h(1).md#i"), (7, "https://e.org"), (8, "g.md")];
-    assert_eq!(found.iter().map(|(line, to)| (*line, to.as_str())).collect::<Vec<_>>(), expected);
+    let expected = [
+        (1, "b.md"),
+        (2, "d.png"),
+        (9, "h(1).md#i"),
+        (7, "https://e.org"),
+        (8, "g.md"),
+    ];
+    assert_eq!(
+        found
+            .iter()
+            .map(|(line, to)| (*line, to.as_str()))
+            .collect::<Vec<_>>(),
+        expected
+    );
 }
 
 #[test]
 fn a_link_is_resolved_from_the_folder_of_its_page() {
     assert_eq!(resolved("docs/a.md", "b.md").as_deref(), Some("docs/b.md"));
-    assert_eq!(resolved("docs/a.md", "../schemas/./b.md").as_deref(), Some("schemas/b.md"));
+    assert_eq!(
+        resolved("docs/a.md", "../schemas/./b.md").as_deref(),
+        Some("schemas/b.md")
+    );
     assert_eq!(resolved("README.md", "docs").as_deref(), Some("docs"));
     assert_eq!(resolved("docs/a.md", "../../shared/b.md"), None);
 }
 
 #[test]
 fn broken_links_and_references_are_seen() {
-    let texts = [("docs/a.md", "# Here\n"), ("src/x/prompts/b.md", "# There\n")];
-    let files: Vec<(String, String)> =
-        texts.iter().map(|(path, text)| ((*path).to_owned(), (*text).to_owned())).collect();
+    let texts = [
+        ("docs/a.md", "# Here\n"),
+        ("src/x/prompts/b.md", "# There\n"),
+    ];
+    let files: Vec<(String, String)> = texts
+        .iter()
+        .map(|(path, text)| ((*path).to_owned(), (*text).to_owned()))
+        .collect();
     let pages = Pages::of(&files);
     assert_eq!(pages.wrong_with_reference("docs/a.md#here"), None);
     assert_eq!(pages.wrong_with_reference("../../docs/a.md"), None);
@@ -484,14 +578,26 @@ fn broken_links_and_references_are_seen() {
     assert!(pages.wrong_with_reference("c.md").is_some());
     assert_eq!(pages.wrong_with_link("docs/a.md", "#here"), None);
     assert!(pages.wrong_with_link("docs/a.md", "#there").is_some());
-    assert!(pages.wrong_with_link("docs/a.md", "no-such-page.png").is_some());
+    assert!(
+        pages
+            .wrong_with_link("docs/a.md", "no-such-page.png")
+            .is_some()
+    );
     assert!(pages.wrong_with_link("docs/a.md", "../../b.md").is_some());
-    assert!(pages.wrong_with_link("docs/a.md", "http://localhost:8801").is_some());
+    assert!(
+        pages
+            .wrong_with_link("docs/a.md", "http://localhost:8801")
+            .is_some()
+    );
 }
 
 #[test]
 fn the_form_of_external_links_is_checked() {
-    for url in ["https://mcap.dev", "https://github.com/a/b/tree/main#c", "http://a-b.org/?c=d"] {
+    for url in [
+        "https://mcap.dev",
+        "https://github.com/a/b/tree/main#c",
+        "http://a-b.org/?c=d",
+    ] {
         assert_eq!(wrong_with_url(url), None, "{url}");
     }
     for url in [
@@ -513,6 +619,12 @@ fn the_form_of_external_links_is_checked() {
 #[test]
 fn names_of_pages_are_found_in_comments() {
     let text = "// (docs/a.md#b); `../c.md`, *.md\n# https://d.org/e.md and F.md.\n";
-    assert_eq!(references(text), [(1, "docs/a.md#b"), (1, "../c.md"), (2, "F.md")]);
-    assert_eq!(hosts("a\nsee https://d.org/e. Or http://f:80."), [(2, "d.org"), (2, "f")]);
+    assert_eq!(
+        references(text),
+        [(1, "docs/a.md#b"), (1, "../c.md"), (2, "F.md")]
+    );
+    assert_eq!(
+        hosts("a\nsee https://d.org/e. Or http://f:80."),
+        [(2, "d.org"), (2, "f")]
+    );
 }

@@ -304,7 +304,7 @@ fn errors_say_what_where_and_what_to_do() {
     let path = folder.path().join("a.mcap");
     fs::write(&path, &trace).unwrap();
     assert!(matches!(
-        Trace::read_within(&path, &small),
+        Trace::read_with_limits(&path, &small),
         Err(TraceError::TooLarge { limit: 100, .. })
     ));
     let small = Limits {
@@ -312,7 +312,7 @@ fn errors_say_what_where_and_what_to_do() {
         ..Limits::default()
     };
     assert!(matches!(
-        Trace::read_within(&path, &small),
+        Trace::read_with_limits(&path, &small),
         Err(TraceError::Damaged { .. })
     ));
     assert!(matches!(

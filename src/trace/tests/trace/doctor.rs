@@ -10,7 +10,7 @@ use mcap::{
 };
 use prost::Message as _;
 use prost_types::FileDescriptorSet;
-use reel_trace::{Examination, Images, examine};
+use reel_trace::{DoctorReport, Images, examine};
 
 use crate::sample::Source;
 
@@ -26,7 +26,7 @@ fn trace() -> Vec<u8> {
     fs::read(path).unwrap()
 }
 
-fn doctor(bytes: &[u8]) -> Examination {
+fn doctor(bytes: &[u8]) -> DoctorReport {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     fs::write(&path, bytes).unwrap();

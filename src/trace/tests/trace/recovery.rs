@@ -15,7 +15,7 @@ use std::{
 };
 
 use reel_trace::{
-    Durability, Images, RecordOptions, Recorder, Recovery, Restored, Scoring, Timing, Trace,
+    Durability, Images, RecordOptions, Recorder, Recovery, RecoveryStatus, Scoring, Timing, Trace,
     TraceError, encode_png, examine, recover,
 };
 use reel_world::{
@@ -479,7 +479,7 @@ fn a_part_cut_anywhere_gives_exactly_its_whole_steps() {
         let before = marks.iter().rfind(|(size, _)| *size <= length);
         match (before, Trace::read(&recovery.trace)) {
             (Some((size, steps)), Ok(trace)) => {
-                assert_eq!(recovery.restored, Restored::Written);
+                assert_eq!(recovery.restored, RecoveryStatus::Written);
                 assert_first_steps(&trace, &sample, *steps);
                 let nothing_lost = only_announcements(&part[*size..length]);
                 assert_eq!(
@@ -491,7 +491,7 @@ fn a_part_cut_anywhere_gives_exactly_its_whole_steps() {
                 assert_eq!(trace.recoveries.len(), 1);
             }
             (None, Err(TraceError::NothingRestored { .. })) => {
-                assert_eq!(recovery.restored, Restored::Nothing);
+                assert_eq!(recovery.restored, RecoveryStatus::Nothing);
                 assert!(!recovery.lost.is_empty());
             }
             (_, result) => panic!(
@@ -618,7 +618,7 @@ fn a_call_under_way_is_named_and_kept_as_evidence() {
     let again = restore(&part);
     assert_eq!(
         (again.restored, again.lost, again.trace),
-        (Restored::Before, recovery.lost, path)
+        (RecoveryStatus::Before, recovery.lost, path)
     );
 }
 

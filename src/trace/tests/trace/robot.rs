@@ -124,10 +124,10 @@ fn what_was_measured_comes_back() {
     // Debug tells zero from minus zero.
     assert_eq!(format!("{:?}", trace.robot), format!("{:?}", log()));
     for step in [None, Some(0), Some(1)] {
-        assert_eq!(trace.original(step), Some(&original(step)));
+        assert_eq!(trace.camera_image(step), Some(&original(step)));
         assert!(trace.frame_rgb(step).unwrap().is_some());
     }
-    assert_eq!(trace.original(Some(2)), None);
+    assert_eq!(trace.camera_image(Some(2)), None);
     let shares = content(&path).unwrap();
     assert!(
         TOPICS.iter().all(|topic| shares.contains_key(*topic)),
@@ -136,7 +136,7 @@ fn what_was_measured_comes_back() {
 
     let read = reel_trace::RecordsReader::default().read(&path).unwrap();
     assert_eq!(
-        (&read.robot, read.original(None), read.image_count()),
+        (&read.robot, read.camera_image(None), read.image_count()),
         (&trace.robot, None, 0)
     );
 
@@ -152,7 +152,7 @@ fn what_was_measured_comes_back() {
     trace.rewrite(&lean, Images::None, |_| None).unwrap();
     let lean_trace = Trace::read(&lean).unwrap();
     assert_eq!(
-        (&lean_trace.robot, lean_trace.original(None)),
+        (&lean_trace.robot, lean_trace.camera_image(None)),
         (&trace.robot, None)
     );
     let bare = folder.path().join("bare.mcap");
@@ -207,7 +207,7 @@ fn a_recording_that_broke_off_keeps_what_was_measured() {
     let trace = Trace::read(&path).unwrap();
     assert_eq!(trace.robot, log());
     assert_eq!(
-        (trace.original(None), trace.original(Some(1))),
+        (trace.camera_image(None), trace.camera_image(Some(1))),
         (Some(&original(None)), Some(&original(Some(1))))
     );
     assert_eq!(trace.image_count(), 3);
@@ -215,7 +215,7 @@ fn a_recording_that_broke_off_keeps_what_was_measured() {
     let again = recover(&part, None, score).unwrap();
     assert_eq!(
         (again.restored, again.trace),
-        (reel_trace::Restored::Before, path)
+        (reel_trace::RecoveryStatus::Before, path)
     );
 }
 
@@ -238,7 +238,7 @@ fn what_is_out_of_turn_is_refused() {
     };
     let refused = |written: Result<(), TraceError>| {
         assert!(
-            matches!(written, Err(TraceError::OutOfTurn { .. })),
+            matches!(written, Err(TraceError::UnexpectedCall { .. })),
             "{written:?}"
         )
     };

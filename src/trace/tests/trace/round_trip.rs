@@ -133,11 +133,11 @@ fn pictures_come_back_and_must_be_the_recorded_ones() {
     let swapped = Trace::read(&other).unwrap();
     assert!(matches!(
         swapped.verify_images(),
-        Err(TraceError::Picture { step: None, .. })
+        Err(TraceError::Image { step: None, .. })
     ));
     assert!(matches!(
         swapped.frame_rgb(Some(0)),
-        Err(TraceError::Picture { step: Some(0), .. })
+        Err(TraceError::Image { step: Some(0), .. })
     ));
 
     sample.start.digests.frame = None;
@@ -176,11 +176,11 @@ fn the_recorder_refuses_what_is_out_of_turn() {
     recorder.start(&sample.start, None).unwrap();
     assert!(matches!(
         recorder.step(step, None),
-        Err(TraceError::OutOfTurn { .. })
+        Err(TraceError::UnexpectedCall { .. })
     ));
     assert!(matches!(
         recorder.input(1, &step.input),
-        Err(TraceError::OutOfTurn { .. })
+        Err(TraceError::UnexpectedCall { .. })
     ));
     recorder.input(0, &step.input).unwrap();
     let mut other = step.clone();
@@ -190,7 +190,7 @@ fn the_recorder_refuses_what_is_out_of_turn() {
     });
     assert!(matches!(
         recorder.step(&other, None),
-        Err(TraceError::OutOfTurn { .. })
+        Err(TraceError::UnexpectedCall { .. })
     ));
     let mut other = step.clone();
     other.outcome.text.push('!');
@@ -201,7 +201,7 @@ fn the_recorder_refuses_what_is_out_of_turn() {
     recorder.step(step, None).unwrap();
     assert!(matches!(
         recorder.end(&sample.end),
-        Err(TraceError::OutOfTurn { .. })
+        Err(TraceError::UnexpectedCall { .. })
     ));
 
     let mut header = sample.header.clone();

@@ -7,7 +7,7 @@ mod play;
 use play::{DISTRACTOR, Play, success};
 use reel_replay::lay_beside;
 use reel_trace::{Images, Trace};
-use reel_view::{Film, Part, contact_sheet, side_by_side, transcript};
+use reel_view::{Video, VideoSegment, contact_sheet, side_by_side, transcript};
 use reel_world::{
     ErrorCode, Family,
     record::{EndReason, PolicyOutput},
@@ -110,29 +110,29 @@ fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
         .record(dir.path(), Images::None);
     let grey = |trace: &Trace| vec![vec![90; 640 * 480 * 3]; trace.steps.len() + 1];
     let (a, b) = (grey(&long), grey(&short));
-    let film = Film::new(&[
-        Part {
+    let film = Video::new(&[
+        VideoSegment {
             trace: &long,
-            pictures: &a,
+            frames: &a,
         },
-        Part {
+        VideoSegment {
             trace: &short,
-            pictures: &b,
+            frames: &b,
         },
     ]);
     assert_eq!(
-        (film.width, film.pictures.len()),
+        (film.width, film.frames.len()),
         (2 * 640 + 8, long.steps.len() + 1)
     );
     assert!(
         film.height.is_multiple_of(2)
             && film
-                .pictures
+                .frames
                 .iter()
                 .all(|picture| picture.len() == film.width * film.height * 3)
     );
     let right = |moment: usize| -> Vec<u8> {
-        film.pictures[moment]
+        film.frames[moment]
             .chunks(film.width * 3)
             .flat_map(|row| row[648 * 3..].to_vec())
             .collect()
@@ -141,7 +141,7 @@ fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
         right(0) != right(1) && right(1) == right(2),
         "the shorter one waits in its last picture"
     );
-    assert_eq!(film.stream().count(), film.pictures.len() + 2);
+    assert_eq!(film.stream().count(), film.frames.len() + 2);
 
     let mut gif = gif::DecodeOptions::new()
         .read_info(std::io::Cursor::new(film.gif(2.0).unwrap()))
@@ -156,7 +156,7 @@ fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
     }
     assert_eq!(
         (delays.len(), delays[0], *delays.last().unwrap()),
-        (film.pictures.len(), 50, 150)
+        (film.frames.len(), 50, 150)
     );
 }
 
@@ -175,7 +175,7 @@ fn two_episodes_side_by_side() {
         .find("clock")
         .pick(DISTRACTOR);
     let b = b.finish().record(dir.path(), Images::None);
-    let text = side_by_side(&lay_beside(&a, &b).unwrap());
+    let text = side_by_side(&compare(&a, &b).unwrap());
     if std::env::var_os("REEL_TEST_OUTPUT").is_some() {
         eprintln!("{text}");
     }

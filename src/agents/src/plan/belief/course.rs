@@ -2,7 +2,7 @@
 
 use reel_world::ReceptacleId;
 
-use super::{Belief, Errand, Move, Thing};
+use super::{Belief, DeliveryGoal, Move, ObjectIndex};
 
 /// Questions after which it takes what fits best.
 const ASKS_MAX: u32 = 3;
@@ -49,7 +49,7 @@ impl Belief {
         (0..self.errands.len()).find(taken)
     }
 
-    fn moved(&self, thing: Thing) -> bool {
+    fn moved(&self, thing: ObjectIndex) -> bool {
         let sighting = &self.things[&thing];
         self.held == Some(thing) || sighting.place != sighting.origin
     }
@@ -62,7 +62,7 @@ impl Belief {
 
     /// Whether a thing may be the one that is meant: the words fit, and it comes from where the
     /// words say, as far as read.
-    pub(super) fn may_be(&self, thing: Thing, errand: usize) -> bool {
+    pub(super) fn may_be(&self, thing: ObjectIndex, errand: usize) -> bool {
         let Some(sighting) = self.things.get(&thing) else {
             return false;
         };
@@ -70,7 +70,7 @@ impl Belief {
         sighting.fits.get(errand) == Some(&true) && sighting.origin.as_ref().is_some_and(from)
     }
 
-    pub(super) fn candidates(&self, errand: usize) -> impl Iterator<Item = Thing> {
+    pub(super) fn candidates(&self, errand: usize) -> impl Iterator<Item = ObjectIndex> {
         self.things
             .keys()
             .copied()
@@ -79,7 +79,7 @@ impl Belief {
 
     /// The sources that were not read to be others.
     pub(super) fn open_sources(&self, errand: usize) -> impl Iterator<Item = &ReceptacleId> {
-        let Errand {
+        let DeliveryGoal {
             sources, source, ..
         } = &self.errands[errand];
         let read = self.read.contains(source);
@@ -98,7 +98,7 @@ impl Belief {
     }
 
     pub(super) fn open_destinations(&self, errand: usize) -> impl Iterator<Item = &ReceptacleId> {
-        let Errand {
+        let DeliveryGoal {
             destinations,
             destination,
             ..
@@ -121,15 +121,15 @@ impl Belief {
         let Some(destination) = self.destination(errand) else {
             return false;
         };
-        let there = |thing: Thing| {
+        let there = |thing: ObjectIndex| {
             self.taken.contains(&thing) && self.things[&thing].place.as_ref() == Some(destination)
         };
         self.candidates(errand).any(there)
     }
 
     /// A thing that was taken by mistake and stands elsewhere than before.
-    fn displaced(&self) -> Option<(Thing, ReceptacleId)> {
-        let stray = |thing: &&Thing| self.moved(**thing) && self.errand_of(**thing).is_none();
+    fn displaced(&self) -> Option<(ObjectIndex, ReceptacleId)> {
+        let stray = |thing: &&ObjectIndex| self.moved(**thing) && self.errand_of(**thing).is_none();
         let found = self
             .taken
             .iter()
@@ -140,7 +140,7 @@ impl Belief {
 
     /// The errand that a taken thing is for: the first undone one that it may be meant by, or the
     /// one it did.
-    fn errand_of(&self, thing: Thing) -> Option<usize> {
+    fn errand_of(&self, thing: ObjectIndex) -> Option<usize> {
         let place = self.things[&thing].place.as_ref();
         let fits = |errand: &usize| self.may_be(thing, *errand);
         let did =
@@ -152,7 +152,7 @@ impl Belief {
     }
 
     /// Brings what it holds where it belongs.
-    fn bring(&self, held: Thing) -> Move {
+    fn bring(&self, held: ObjectIndex) -> Move {
         let origin = || {
             self.things[&held]
                 .origin
@@ -192,13 +192,13 @@ impl Belief {
     fn fetch(&self, errand: usize) -> Move {
         let source = self.source(errand);
         let known = source.and_then(|_| {
-            let mut found: Vec<(Thing, ReceptacleId)> = self
+            let mut found: Vec<(ObjectIndex, ReceptacleId)> = self
                 .candidates(errand)
                 .filter_map(|thing| Some((thing, self.things[&thing].place.clone()?)))
                 .collect();
             // What is at hand comes first, and last what could not be taken when it tried.
             let at_hand =
-                |thing: &Thing| (self.gazed != Some(*thing), !self.numbered.contains(thing));
+                |thing: &ObjectIndex| (self.gazed != Some(*thing), !self.numbered.contains(thing));
             found.sort_by_key(|(thing, _)| (self.lost.contains(thing), at_hand(thing)));
             found.into_iter().next()
         });
@@ -237,7 +237,7 @@ impl Belief {
         if self.closed.contains(place) {
             return self.at_number(place, Move::Open(place.clone()));
         }
-        let in_view = |thing: &Thing| {
+        let in_view = |thing: &ObjectIndex| {
             self.in_view.contains(thing) && self.things[thing].place.as_ref() == Some(place)
         };
         match self.candidates(errand).find(in_view) {
@@ -247,7 +247,7 @@ impl Belief {
     }
 
     /// Takes a thing that is known to be there.
-    fn take_from(&self, thing: Thing, place: &ReceptacleId) -> Move {
+    fn take_from(&self, thing: ObjectIndex, place: &ReceptacleId) -> Move {
         if self.at.as_ref() != Some(place) {
             return Move::NavTo(place.clone());
         }

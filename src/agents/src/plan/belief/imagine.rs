@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use reel_world::{HORIZON, ReceptacleId};
 
-use super::{Belief, Move, Sighting, Thing};
+use super::{Belief, Move, ObjectIndex, Sighting};
 
 impl Belief {
     /// The moves to the end if every open question is answered at its worst, `finish` included;
@@ -116,7 +116,7 @@ impl Belief {
 
     /// Nothing new is there, unless it must be: then it is there, and where the words leave it open
     /// another one too.
-    fn look_at_worst(&mut self, found: Option<Thing>) {
+    fn look_at_worst(&mut self, found: Option<ObjectIndex>) {
         let Some(here) = self.at.clone() else { return };
         self.read_at_worst(&here);
         self.see_nothing();
@@ -141,7 +141,8 @@ impl Belief {
                 self.imagine(errand, 1, &here);
             }
         }
-        let here = |(_, sighting): &(&Thing, &Sighting)| sighting.place.as_ref() == Some(&here);
+        let here =
+            |(_, sighting): &(&ObjectIndex, &Sighting)| sighting.place.as_ref() == Some(&here);
         self.in_view = self
             .things
             .iter()
@@ -165,13 +166,13 @@ impl Belief {
             fits,
         };
         self.things
-            .insert(Thing::MAX - 2 * errand as u32 - number, sighting);
+            .insert(ObjectIndex::MAX - 2 * errand as u32 - number, sighting);
     }
 
     /// What was taken is not what was meant.
     fn answer_at_worst(&mut self, errand: usize) {
         self.settled = true;
-        let candidates: Vec<Thing> = self.candidates(errand).collect();
+        let candidates: Vec<ObjectIndex> = self.candidates(errand).collect();
         let meant = candidates
             .iter()
             .copied()

@@ -20,11 +20,11 @@ pub use objection::Objection;
 
 /// A thing that was seen, by a number of the agent's own: who follows things with the eyes knows
 /// them again.
-pub type Thing = u32;
+pub type ObjectIndex = u32;
 
 /// One object to bring somewhere, as the words tell.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Errand {
+pub struct DeliveryGoal {
     /// Where it may stand, before anything was read.
     pub sources: Vec<ReceptacleId>,
     /// The one of them that the words mean; it is known when it was read, or when no other is left.
@@ -52,16 +52,16 @@ struct Sighting {
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct View {
     /// Things, with their places and whether the words fit them.
-    pub things: Vec<(Thing, Option<ReceptacleId>, Vec<bool>)>,
+    pub objects: Vec<(ObjectIndex, Option<ReceptacleId>, Vec<bool>)>,
     /// Those of them that have a number.
-    pub numbered: BTreeSet<Thing>,
+    pub numbered: BTreeSet<ObjectIndex>,
     /// Receptacles that have a number.
     pub receptacles: BTreeSet<ReceptacleId>,
 }
 
 /// What a call did. One that failed and taught nothing is none of these.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Deed {
+pub enum CallEffect {
     /// Stands at the receptacle.
     NavTo(ReceptacleId),
     /// Has the receptacles in view numbered, and so read.
@@ -71,9 +71,9 @@ pub enum Deed {
     /// Took stock of all that is where it stands.
     WalkAround,
     /// Stands before the thing.
-    Gaze(Thing),
+    Gaze(ObjectIndex),
     /// Holds it.
-    Pick(Thing),
+    Pick(ObjectIndex),
     /// Put what it held there.
     Place(ReceptacleId),
     /// Opened the door.
@@ -89,7 +89,7 @@ pub enum Deed {
     /// Found that this receptacle is of no use: nobody can stand there, or nothing be put there.
     Useless(ReceptacleId),
     /// Could not take the thing from there: it has to be looked for again.
-    Lost(Thing),
+    Lost(ObjectIndex),
 }
 
 /// What to do next, in the agent's own terms.
@@ -100,13 +100,13 @@ pub enum Move {
     /// `show_receptacles`
     ShowReceptacles,
     /// `show_object_by_category`, of the category of that thing.
-    Find(Thing),
+    Find(ObjectIndex),
     /// `walk_around`
     WalkAround,
     /// `gaze_at`
-    Gaze(Thing),
+    Gaze(ObjectIndex),
     /// `pick`
-    Pick(Thing),
+    Pick(ObjectIndex),
     /// `place`
     Place(ReceptacleId),
     /// `open`
@@ -122,10 +122,10 @@ pub enum Move {
 /// What an agent knows.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Belief {
-    errands: Vec<Errand>,
+    errands: Vec<DeliveryGoal>,
     /// Where it stands.
     at: Option<ReceptacleId>,
-    held: Option<Thing>,
+    held: Option<ObjectIndex>,
     /// Where it has been.
     visited: BTreeSet<ReceptacleId>,
     /// Receptacles whose look and name were brought together.
@@ -138,15 +138,15 @@ pub struct Belief {
     closed: BTreeSet<ReceptacleId>,
     /// Open, and closed at the start.
     opened: BTreeSet<ReceptacleId>,
-    things: BTreeMap<Thing, Sighting>,
+    things: BTreeMap<ObjectIndex, Sighting>,
     /// Things that were in the hand.
-    taken: BTreeSet<Thing>,
-    in_view: BTreeSet<Thing>,
-    numbered: BTreeSet<Thing>,
+    taken: BTreeSet<ObjectIndex>,
+    in_view: BTreeSet<ObjectIndex>,
+    numbered: BTreeSet<ObjectIndex>,
     receptacles: BTreeSet<ReceptacleId>,
-    gazed: Option<Thing>,
+    gazed: Option<ObjectIndex>,
     /// Things that it could not take when it tried.
-    lost: BTreeSet<Thing>,
+    lost: BTreeSet<ObjectIndex>,
     /// Whether an answer named the object of the vague errand.
     settled: bool,
     asks: u32,
@@ -155,7 +155,7 @@ pub struct Belief {
 impl Belief {
     /// Before the first call. `closed` are the receptacles that have a door, as far as one knows;
     /// all stand closed.
-    pub fn new(errands: Vec<Errand>, closed: BTreeSet<ReceptacleId>) -> Self {
+    pub fn new(errands: Vec<DeliveryGoal>, closed: BTreeSet<ReceptacleId>) -> Self {
         Self {
             errands,
             at: None,
@@ -185,7 +185,7 @@ impl Belief {
 
     /// Takes in what is in view, without a call: before the first, or after one that failed.
     pub fn see(&mut self, view: &View) {
-        for (thing, place, fits) in &view.things {
+        for (thing, place, fits) in &view.objects {
             let known = self.things.entry(*thing);
             let sighting = known.or_insert_with(|| Sighting {
                 place: None,
@@ -197,20 +197,20 @@ impl Belief {
             }
             sighting.fits.clone_from(fits);
         }
-        self.in_view = view.things.iter().map(|(thing, ..)| *thing).collect();
+        self.in_view = view.objects.iter().map(|(thing, ..)| *thing).collect();
         self.numbered.clone_from(&view.numbered);
         self.receptacles.clone_from(&view.receptacles);
     }
 
     /// Takes in what a call did, and what is in view then.
-    pub fn learn(&mut self, deed: &Deed, view: &View) {
+    pub fn learn(&mut self, deed: &CallEffect, view: &View) {
         let before = self.at.clone();
         self.see(view);
         match deed {
-            Deed::NavTo(receptacle) => self.go(receptacle),
-            Deed::ShowReceptacles => self.read.extend(view.receptacles.iter().cloned()),
-            Deed::Find => self.read.extend(before),
-            Deed::WalkAround => {
+            CallEffect::NavTo(receptacle) => self.go(receptacle),
+            CallEffect::ShowReceptacles => self.read.extend(view.receptacles.iter().cloned()),
+            CallEffect::Find => self.read.extend(before),
+            CallEffect::WalkAround => {
                 let here =
                     |sighting: &Sighting| sighting.place.is_some() && sighting.place == before;
                 for (thing, sighting) in &mut self.things {
@@ -221,27 +221,27 @@ impl Belief {
                 self.read.extend(before.clone());
                 self.surveyed.extend(before);
             }
-            Deed::Gaze(thing) => self.gazed = Some(*thing),
-            Deed::Pick(thing) => self.take(*thing),
-            Deed::Place(receptacle) => self.put(receptacle),
-            Deed::Open(receptacle) => self.open(receptacle),
-            Deed::Close(receptacle) => self.close(receptacle),
-            Deed::Ask(names_it) => {
+            CallEffect::Gaze(thing) => self.gazed = Some(*thing),
+            CallEffect::Pick(thing) => self.take(*thing),
+            CallEffect::Place(receptacle) => self.put(receptacle),
+            CallEffect::Open(receptacle) => self.open(receptacle),
+            CallEffect::Close(receptacle) => self.close(receptacle),
+            CallEffect::Ask(names_it) => {
                 self.asks += 1;
                 self.settled |= names_it;
             }
-            Deed::DoorClosed(receptacle) => {
+            CallEffect::DoorClosed(receptacle) => {
                 self.closed.insert(receptacle.clone());
             }
-            Deed::NoDoor(receptacle) => {
+            CallEffect::NoDoor(receptacle) => {
                 self.closed.remove(receptacle);
                 self.opened.remove(receptacle);
             }
-            Deed::Useless(receptacle) => {
+            CallEffect::Useless(receptacle) => {
                 self.useless.insert(receptacle.clone());
                 self.opened.remove(receptacle);
             }
-            Deed::Lost(thing) => {
+            CallEffect::Lost(thing) => {
                 self.gazed = None;
                 self.numbered.remove(thing);
                 self.in_view.remove(thing);
@@ -251,7 +251,7 @@ impl Belief {
     }
 
     /// Changes what the words fit, after an answer.
-    pub fn fits(&mut self, thing: Thing, fits: Vec<bool>) {
+    pub fn fits(&mut self, thing: ObjectIndex, fits: Vec<bool>) {
         if let Some(sighting) = self.things.get_mut(&thing) {
             sighting.fits = fits;
         }
@@ -263,7 +263,7 @@ impl Belief {
         self.gazed = None;
     }
 
-    fn take(&mut self, thing: Thing) {
+    fn take(&mut self, thing: ObjectIndex) {
         let here = self.at.clone();
         let fits = vec![false; self.errands.len()];
         let sighting = self.things.entry(thing).or_insert(Sighting {

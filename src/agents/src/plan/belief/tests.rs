@@ -5,16 +5,16 @@ use std::collections::BTreeSet;
 
 use reel_world::ReceptacleId;
 
-use super::{Belief, Deed, Errand, Move, Objection, Thing, View};
+use super::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, View};
 
 /// Two things: what is meant, and one like it that the vague words fit too.
-const MEANT: Thing = 0;
-const LIKE: Thing = 1;
+const MEANT: ObjectIndex = 0;
+const LIKE: ObjectIndex = 1;
 
 /// A world in which one errand is to be done.
 #[derive(Clone, Debug)]
 struct World {
-    errand: Errand,
+    errand: DeliveryGoal,
     places: Vec<ReceptacleId>,
     closed: BTreeSet<ReceptacleId>,
     /// Where the things are; none: in the hand.
@@ -23,7 +23,7 @@ struct World {
     hidden: bool,
     told: bool,
     robot: Option<ReceptacleId>,
-    numbered: BTreeSet<Thing>,
+    numbered: BTreeSet<ObjectIndex>,
     receptacles: BTreeSet<ReceptacleId>,
 }
 
@@ -39,7 +39,7 @@ impl World {
         let name = |kind: &str, index: usize| ReceptacleId::from(format!("{kind}_{index}"));
         let sources: Vec<_> = (0..sources).map(|index| name("table", index)).collect();
         let destinations: Vec<_> = (0..destinations).map(|index| name("desk", index)).collect();
-        let errand = Errand {
+        let errand = DeliveryGoal {
             source: sources[source].clone(),
             destination: destinations[destination].clone(),
             vague,
@@ -62,7 +62,7 @@ impl World {
         }
     }
 
-    fn here(&self) -> Vec<Thing> {
+    fn here(&self) -> Vec<ObjectIndex> {
         let open = self
             .robot
             .as_ref()
@@ -78,9 +78,9 @@ impl World {
             .here()
             .into_iter()
             .filter(|thing| !self.hidden || self.numbered.contains(thing));
-        let fits = |thing: Thing| thing == MEANT || (self.errand.vague && !self.told);
+        let fits = |thing: ObjectIndex| thing == MEANT || (self.errand.vague && !self.told);
         View {
-            things: seen
+            objects: seen
                 .map(|thing| (thing, self.at[thing as usize].clone(), vec![fits(thing)]))
                 .collect(),
             numbered: self.numbered.clone(),
@@ -88,7 +88,7 @@ impl World {
         }
     }
 
-    fn make(&mut self, next: &Move) -> Deed {
+    fn make(&mut self, next: &Move) -> CallEffect {
         if matches!(
             next,
             Move::NavTo(_) | Move::ShowReceptacles | Move::Find(_) | Move::WalkAround
@@ -100,22 +100,22 @@ impl World {
             Move::NavTo(place) => {
                 assert!(self.places.contains(place));
                 self.robot = Some(place.clone());
-                Deed::NavTo(place.clone())
+                CallEffect::NavTo(place.clone())
             }
             Move::ShowReceptacles => {
                 self.receptacles.extend(self.robot.clone());
-                Deed::ShowReceptacles
+                CallEffect::ShowReceptacles
             }
             Move::Find(thing) => {
                 assert!(self.here().contains(thing) && !self.hidden);
                 self.numbered.insert(*thing);
-                Deed::Find
+                CallEffect::Find
             }
             Move::WalkAround => {
                 self.numbered.extend(self.here());
-                Deed::WalkAround
+                CallEffect::WalkAround
             }
-            Move::Gaze(thing) => Deed::Gaze(*thing),
+            Move::Gaze(thing) => CallEffect::Gaze(*thing),
             Move::Pick(thing) => {
                 assert!(
                     self.here().contains(thing)
@@ -123,7 +123,7 @@ impl World {
                         && self.held().is_none()
                 );
                 self.at[*thing as usize] = None;
-                Deed::Pick(*thing)
+                CallEffect::Pick(*thing)
             }
             Move::Place(place) => {
                 assert!(
@@ -133,7 +133,7 @@ impl World {
                 );
                 let held = self.held().expect("something is held");
                 self.at[held as usize] = Some(place.clone());
-                Deed::Place(place.clone())
+                CallEffect::Place(place.clone())
             }
             Move::Open(place) => {
                 assert!(
@@ -141,21 +141,21 @@ impl World {
                         && self.receptacles.contains(place)
                         && self.closed.remove(place)
                 );
-                Deed::Open(place.clone())
+                CallEffect::Open(place.clone())
             }
             Move::Close(place) => {
                 assert!(self.held().is_none() && self.closed.insert(place.clone()));
-                Deed::Close(place.clone())
+                CallEffect::Close(place.clone())
             }
             Move::Ask(_) => {
                 self.told = true;
-                Deed::Ask(true)
+                CallEffect::Ask(true)
             }
             Move::Finish(_) => unreachable!("it ends the loop"),
         }
     }
 
-    fn held(&self) -> Option<Thing> {
+    fn held(&self) -> Option<ObjectIndex> {
         [MEANT, LIKE]
             .into_iter()
             .find(|thing| self.at[*thing as usize].is_none())
@@ -318,16 +318,20 @@ fn of_two_equal_things_it_takes_the_one_that_can_be_taken() {
         .map(|thing| (thing, Some(source.clone()), vec![true]))
         .to_vec();
     let view = View {
-        things: both,
+        objects: both,
         numbered: [MEANT, LIKE].into(),
         receptacles: BTreeSet::new(),
     };
-    for deed in [Deed::NavTo(source), Deed::WalkAround, Deed::Gaze(MEANT)] {
+    for deed in [
+        CallEffect::NavTo(source),
+        CallEffect::WalkAround,
+        CallEffect::Gaze(MEANT),
+    ] {
         belief.learn(&deed, &view);
     }
     assert_eq!(belief.next(), Move::Pick(MEANT));
-    belief.learn(&Deed::Lost(MEANT), &view);
+    belief.learn(&CallEffect::Lost(MEANT), &view);
     assert_eq!(belief.next(), Move::Gaze(LIKE));
-    belief.learn(&Deed::Gaze(LIKE), &view);
+    belief.learn(&CallEffect::Gaze(LIKE), &view);
     assert_eq!(belief.next(), Move::Pick(LIKE));
 }

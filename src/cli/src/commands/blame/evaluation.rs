@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs};
 
 use anyhow::{Context, bail};
 use reel_agents::Label;
-use reel_counterfactual::blame::Measured;
+use reel_counterfactual::blame::MeasuredTrace;
 use reel_trace::Trace;
 
 /// What came of one kind of fault.
@@ -21,7 +21,7 @@ struct Row {
 }
 
 /// Prints how often the decisive step is the call with which the first unrepaired fault began.
-pub fn print(measured: &[Measured]) -> anyhow::Result<()> {
+pub fn print(measured: &[MeasuredTrace]) -> anyhow::Result<()> {
     let mut rows: BTreeMap<&'static str, Row> = BTreeMap::new();
     let (mut total, mut without, mut verified) = (Row::default(), Vec::new(), 0);
     for one in measured

@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use reel_counterfactual::blame::{Blame, Cause, Measured, Options, blame_all};
+use reel_counterfactual::blame::{Blame, BlameOptions, Cause, MeasuredTrace, blame_all};
 #[cfg(feature = "analytics")]
-use reel_tables::{Blamed, Store};
+use reel_tables::{BlameRow, Store};
 use reel_trace::Trace;
 
-use crate::{Answer, elsewhere::Elsewhere, inputs, progress};
+use crate::{ExitStatus, elsewhere::ClusterArguments, inputs, progress};
 
 /// What stands for paths.
 #[cfg(feature = "analytics")]
@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
-    elsewhere: Elsewhere,
+    elsewhere: ClusterArguments,
     /// Print what every step cost
     #[arg(long)]
     steps: bool,
@@ -70,7 +70,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     #[cfg(feature = "analytics")]
     let mut store = arguments.store.as_ref().map(Store::open).transpose()?;
     #[cfg(feature = "analytics")]
@@ -88,23 +88,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         std::fs::create_dir_all(folder)?;
     }
     let bar = progress::bar(paths.len(), "blame");
-    let options = Options {
+    let options = BlameOptions {
         alternatives: !arguments.no_alternatives,
         branches: arguments.branches.clone(),
     };
-    let measured = match arguments
-        .elsewhere
-        .each("blame", &asked(&options), &paths, |more| bar.inc(more))?
-    {
-        Some(answers) => answers
-            .into_iter()
-            .zip(&paths)
-            .map(|(answer, path)| received(answer, path, &options))
-            .collect::<Result<_, _>>()?,
-        None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || {
-            bar.inc(1)
-        }),
-    };
+    let measured =
+        match arguments
+            .elsewhere
+            .map_traces("blame", &asked(&options), &paths, |more| bar.inc(more))?
+        {
+            Some(answers) => answers
+                .into_iter()
+                .zip(&paths)
+                .map(|(answer, path)| received(answer, path, &options))
+                .collect::<Result<_, _>>()?,
+            None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || {
+                bar.inc(1)
+            }),
+        };
     bar.finish_and_clear();
     let mut unreadable = false;
     for (path, measured) in paths.iter().zip(&measured) {
@@ -120,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Ok(measured) => print(measured, &Trace::read(path)?, arguments.steps),
         }
     }
-    let measured: Vec<Measured> = measured.into_iter().flatten().collect();
+    let measured: Vec<MeasuredTrace> = measured.into_iter().flatten().collect();
     #[cfg(feature = "analytics")]
     if let Some(store) = &mut store {
         store.replace_blame(&measured.iter().map(stored).collect::<Vec<_>>())?;
@@ -129,9 +130,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             println!("kept in table `blame` of {}", store.location());
         }
         return Ok(if unreadable {
-            Answer::Loss
+            ExitStatus::Partial
         } else {
-            Answer::Yes
+            ExitStatus::Success
         });
     }
     if arguments.labels && !arguments.json {
@@ -139,20 +140,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else if !arguments.json && measured.len() > 1 {
         print_summary(&measured);
     }
-    Ok(if unreadable { Answer::No } else { Answer::Yes })
+    Ok(if unreadable {
+        ExitStatus::CheckFailed
+    } else {
+        ExitStatus::Success
+    })
 }
 
 /// What an executor says of a trace: what was measured, and the branch that was to be kept.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Answered {
-    measured: Result<Measured, String>,
+    measured: Result<MeasuredTrace, String>,
     /// The file of the branch, in base64.
     branch: Option<String>,
 }
 
 /// What an executor is asked: whether alternatives are played, and whether their branches are
 /// wanted.
-fn asked(options: &Options) -> (bool, bool) {
+fn asked(options: &BlameOptions) -> (bool, bool) {
     (options.alternatives, options.branches.is_some())
 }
 
@@ -160,8 +165,8 @@ fn asked(options: &Options) -> (bool, bool) {
 fn received(
     answer: Answered,
     trace: &Path,
-    options: &Options,
-) -> anyhow::Result<Result<Measured, String>> {
+    options: &BlameOptions,
+) -> anyhow::Result<Result<MeasuredTrace, String>> {
     let mut measured = match answer.measured {
         Ok(measured) => measured,
         Err(reason) => return Ok(Err(reason)),
@@ -184,17 +189,17 @@ fn received(
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
-pub fn work() -> reel_cluster::Work {
+pub fn work() -> reel_cluster::TraceJob {
     crate::elsewhere::work("blame", |traces, (alternatives, branches): (bool, bool)| {
         let folder = branches
             .then(tempfile::tempdir)
             .transpose()
             .map_err(|error| error.to_string())?;
-        let options = Options {
+        let options = BlameOptions {
             alternatives,
             branches: folder.as_ref().map(|folder| folder.path().to_owned()),
         };
-        let answered = |measured: Result<Measured, String>| {
+        let answered = |measured: Result<MeasuredTrace, String>| {
             let kept = measured
                 .as_ref()
                 .ok()
@@ -215,8 +220,12 @@ pub fn work() -> reel_cluster::Work {
 
 /// Measures the failed episodes of a store, and says what came of it.
 #[cfg(feature = "analytics")]
-pub fn tell(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
-    let (paths, store, elsewhere) = (Vec::new(), Some(store.to_owned()), Elsewhere::default());
+pub fn measure_and_print(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
+    let (paths, store, elsewhere) = (
+        Vec::new(),
+        Some(store.to_owned()),
+        ClusterArguments::default(),
+    );
     let arguments = Arguments {
         paths,
         elsewhere,
@@ -231,8 +240,8 @@ pub fn tell(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
     run(&arguments).map(drop)
 }
 
-fn print(measured: &Measured, trace: &Trace, steps: bool) {
-    let Measured {
+fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
+    let MeasuredTrace {
         blame,
         alternative,
         no_alternative,
@@ -294,8 +303,8 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
 
 /// A row of table `blame`.
 #[cfg(feature = "analytics")]
-fn stored(measured: &Measured) -> Blamed {
-    let Measured {
+fn stored(measured: &MeasuredTrace) -> BlameRow {
+    let MeasuredTrace {
         blame,
         alternative,
         no_alternative,
@@ -303,7 +312,7 @@ fn stored(measured: &Measured) -> Blamed {
     } = measured;
     let decisive = blame.decisive.as_ref();
     let small = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
-    Blamed {
+    BlameRow {
         episode_id: blame.episode_id.clone(),
         trace_digest: blame.trace_digest.to_string(),
         step: decisive.map(|decisive| small(decisive.step)),
@@ -365,8 +374,8 @@ fn cause(cause: Cause) -> &'static str {
     }
 }
 
-fn print_summary(measured: &[Measured]) {
-    let failed: Vec<&Measured> = measured
+fn print_summary(measured: &[MeasuredTrace]) {
+    let failed: Vec<&MeasuredTrace> = measured
         .iter()
         .filter(|one| one.blame.success == Some(false))
         .collect();

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Write training sets and recordings for other tools.
 #[derive(clap::Args)]
@@ -86,7 +86,7 @@ enum Command {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         #[cfg(feature = "analytics")]
         Command::Sft(arguments) => sft::run(arguments),
@@ -108,7 +108,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     out.display()
                 );
             }
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
         Command::Sheet { trace, out, json } => {
             std::fs::write(
@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             } else {
                 println!("{}", out.display());
             }
-            Ok(Answer::Yes)
+            Ok(ExitStatus::Success)
         }
     }
 }

@@ -11,14 +11,14 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_counterfactual::blame::{Blame, Repair, blame, repair};
-use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
-use reel_export::{ExportOptions, Selection, SplitBy, Words};
+use reel_dataset::{Encoding, Format, ImageOptions, Ratios, Style, WriterOptions};
+use reel_export::{AnnotationSource, ExportOptions, Selection, SplitBy};
 use reel_replay::verify_trace;
 use reel_tables::Store;
 use reel_trace::Trace;
 use serde_json::{Value, json};
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Discount of the value targets (paper, Training Objective).
 const GAMMA: f64 = 0.99;
@@ -68,7 +68,7 @@ struct Pair {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Arguments { out, .. } = arguments;
     if out.exists() && fs::read_dir(out)?.next().is_some() {
         bail!("the folder {} is not empty", out.display());
@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             "{}",
             json!({ "failed": failed.len(), "pairs": count, "refused": refused, "out": out })
         );
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     println!(
         "{count} pairs of {} failed episodes in {}",
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for (trace, reason) in refused {
         println!("  none of {trace}: {reason}");
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
@@ -243,16 +243,16 @@ fn options(arguments: &Arguments) -> ExportOptions {
             ..Selection::default()
         },
         writer: WriterOptions {
-            pictures: PictureOptions {
+            pictures: ImageOptions {
                 encoding: Encoding::Png,
                 pixels_max,
-                ..PictureOptions::default()
+                ..ImageOptions::default()
             },
             ..WriterOptions::new(Format::Trl)
         },
         style: Style::SingleTurn,
         prompt: reel_prompt::Prompt::builtin(),
-        words: Words::Auto,
+        words: AnnotationSource::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).expect("all of it is one part"),
         pictures: !arguments.no_images,

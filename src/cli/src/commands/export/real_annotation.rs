@@ -5,14 +5,14 @@ use std::{fs, path::PathBuf};
 use anyhow::Context;
 use reel_annotate::{
     Note, PublicTask, Step, annotate, episode_seed, notes_path,
-    published::{Wording, answers, episode, events},
+    published::{RequestWording, answers, episode, events},
     read_notes,
 };
 use reel_trace::{Trace, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::{Value, json};
 
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Traces in the forms of REAL's annotation script, tools under their old names:
 ///   streams/<n>.json, <n>_meta.json                the events that the script reads, and the task
@@ -47,7 +47,7 @@ pub struct Arguments {
 }
 
 /// Runs `reel export real-annotation`.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let out = &arguments.out;
     let (mut templates, mut samples, mut images): (Vec<Value>, Vec<Value>, usize) =
@@ -83,11 +83,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         )?;
         let of_episode = written.samples(
             &answers(&notes(path, &trace, arguments.seed)?),
-            &Wording::OURS,
+            &RequestWording::OURS,
         );
         let checkpoint = format!("anno_checkpoint/annotated_checkpoint.{}.json", written.id());
         save_json(&out.join(checkpoint), &json!(of_episode))?;
-        templates.extend(written.templates(&Wording::OURS));
+        templates.extend(written.templates(&RequestWording::OURS));
         samples.extend(of_episode);
         bar.inc(1);
     }
@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             out.display()
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// The notes beside a trace; if there are none, those of the rules.

@@ -7,11 +7,11 @@ use std::{
 };
 
 use anyhow::Context;
-use reel_import::eval_client::{RunSettings, replay::Recorded, run};
+use reel_import::eval_client::{RunSettings, replay::RecordedRun, run};
 use reel_trace::Trace;
 use serde_json::{Map, json};
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// End of the range of episodes that the client has by default.
 const END_IDX: i64 = 999_999;
@@ -47,7 +47,7 @@ pub struct Arguments {
 }
 
 /// Runs `reel export real-eval`.
-pub fn execute(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut models: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for path in inputs::traces(&arguments.paths)? {
         let model = Trace::read(&path)?.header.policy.name;
@@ -69,7 +69,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<Answer> {
             metadata: Map::new(),
             run_tag: run_tag.clone(),
         };
-        let mut recorded = Recorded::new(&paths);
+        let mut recorded = RecordedRun::new(&paths);
         let results = match run(&settings, &mut recorded) {
             Ok(results) => results,
             Err(error) => {
@@ -96,9 +96,9 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if skipped > 0 {
-        Answer::Loss
+        ExitStatus::Partial
     } else {
-        Answer::Yes
+        ExitStatus::Success
     })
 }
 

@@ -8,7 +8,7 @@ use reel_export::{RolloutOptions, Selection};
 use reel_reward::{Estimator, PAPER_EPS, Returns, Scale};
 
 use super::shared::{Shared, format, style};
-use crate::{Answer, commands::reward::Named};
+use crate::{ExitStatus, commands::reward::Named};
 
 /// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout,
 /// failed ones too, with its reward, the return of its episode, the advantage in its group and,
@@ -153,7 +153,7 @@ fn rollout_style(name: &str) -> Result<Style, String> {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut options =
         arguments
             .shared

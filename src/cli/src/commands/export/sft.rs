@@ -6,7 +6,7 @@ use reel_dataset::{Format, Style};
 use reel_export::Selection;
 
 use super::shared::{Shared, format, style};
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Training examples from the episodes of a store: what the agent saw before a decision, and what
 /// it should do. Only episodes that replay bit for bit become rows; every row names its trace,
@@ -67,7 +67,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut options =
         arguments
             .shared

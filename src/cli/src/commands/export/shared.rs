@@ -7,12 +7,12 @@ use std::{
 };
 
 use anyhow::Context;
-use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
-use reel_export::{ExportOptions, ExportReport, Selection, SplitBy, Words};
-use reel_query::Session;
+use reel_dataset::{Encoding, Format, ImageOptions, Ratios, Style, WriterOptions};
+use reel_export::{AnnotationSource, ExportOptions, ExportReport, Selection, SplitBy};
+use reel_query::QuerySession;
 use reel_tables::Store;
 
-use crate::{Answer, inputs, progress, prompt::PromptArguments};
+use crate::{ExitStatus, inputs, progress, prompt::PromptArguments};
 
 /// Which episodes of which store.
 #[derive(clap::Args)]
@@ -43,7 +43,7 @@ impl StoreSource {
         let Some(condition) = &self.condition else {
             return Ok(None);
         };
-        let batches = Session::new(self.open()?)?
+        let batches = QuerySession::new(self.open()?)?
             .run(&format!(
                 "SELECT episode_id FROM episodes WHERE {condition}"
             ))
@@ -68,7 +68,7 @@ pub struct Shared {
     /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded,
     /// notes (of `reel annotate`)
     #[arg(long, value_name = "WORDS", default_value = "auto", value_parser = words)]
-    words: Words,
+    words: AnnotationSource,
     #[command(flatten)]
     prompt: PromptArguments,
     /// What is kept together in a part of the dataset: task or scene
@@ -139,10 +139,10 @@ impl Shared {
                 ..Selection::default()
             },
             writer: WriterOptions {
-                pictures: PictureOptions {
+                pictures: ImageOptions {
                     encoding: encoding.unwrap_or_default(),
                     pixels_max,
-                    ..PictureOptions::default()
+                    ..ImageOptions::default()
                 },
                 rows_max: self.rows_per_file,
                 budget: self.budget,
@@ -166,7 +166,7 @@ impl Shared {
     }
 
     /// Makes the dataset and tells of it.
-    pub fn export(&self, out: &Path, options: &ExportOptions) -> anyhow::Result<Answer> {
+    pub fn export(&self, out: &Path, options: &ExportOptions) -> anyhow::Result<ExitStatus> {
         let store = self.source.open()?;
         let (verifying, writing) = (progress::spinner(), progress::spinner());
         verifying.set_message("episodes verified");
@@ -197,12 +197,12 @@ pub fn style(name: &str) -> Result<Style, String> {
     Style::parse(name).ok_or_else(|| format!("no such style; known are {known}"))
 }
 
-fn words(name: &str) -> Result<Words, String> {
+fn words(name: &str) -> Result<AnnotationSource, String> {
     match name {
-        "auto" => Ok(Words::Auto),
-        "rules" => Ok(Words::Rules),
-        "recorded" => Ok(Words::Recorded),
-        "notes" => Ok(Words::Notes),
+        "auto" => Ok(AnnotationSource::Auto),
+        "rules" => Ok(AnnotationSource::Rules),
+        "recorded" => Ok(AnnotationSource::Recorded),
+        "notes" => Ok(AnnotationSource::Notes),
         _ => Err("known are auto, rules, recorded and notes".into()),
     }
 }
@@ -235,7 +235,7 @@ fn command(arguments: impl Iterator<Item = String>) -> String {
     said.join(" ")
 }
 
-fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<Answer> {
+fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<ExitStatus> {
     for refusal in &report.refused {
         let call = refusal
             .call
@@ -246,9 +246,9 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<Answer>
         );
     }
     let answer = if report.refused.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::Loss
+        ExitStatus::Partial
     };
     if json {
         println!("{}", serde_json::to_string(report)?);

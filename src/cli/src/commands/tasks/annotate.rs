@@ -13,7 +13,7 @@ use reel_llm::client::{Client, Message, Request, Role};
 #[cfg(feature = "service")]
 use reel_tasks::generate::social::proposal;
 use reel_tasks::generate::social::{
-    Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate,
+    AnnotateOptions, AnnotatedTask, Annotation, FIELD, SkipReason, Strategy, annotate,
 };
 use reel_world::{Digest, Scene, Task};
 use serde_json::{Value, json};
@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use super::{save, save_scene};
 #[cfg(feature = "service")]
 use crate::model::Model;
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Tasks that are worked on before their files are written.
 const BATCH: usize = 10;
@@ -78,8 +78,8 @@ enum Done {
     /// Its file is there from an earlier run.
     Kept(Vec<Annotation>),
     /// Annotated anew; if a model was asked and its proposal not taken, why.
-    Annotated(Box<Annotated>, Option<String>),
-    Skipped(Skipped),
+    Annotated(Box<AnnotatedTask>, Option<String>),
+    Skipped(SkipReason),
 }
 
 /// What came of all.
@@ -88,18 +88,18 @@ struct Counts {
     annotated: usize,
     kept: usize,
     questions: BTreeMap<String, usize>,
-    skipped: BTreeMap<Skipped, usize>,
+    skipped: BTreeMap<SkipReason, usize>,
     /// Why the rules stand in a model's place.
     fallbacks: BTreeMap<String, usize>,
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let strategies = parse_strategies(&arguments.strategies)?;
     let loaded = inputs::tasks(
         &arguments.tasks,
         arguments.scene.as_deref(),
-        reel_tasks::Listed::AsWritten,
+        reel_tasks::ObjectOrder::AsWritten,
     )?;
     let (sets, broken) = (loaded.by_scene(), loaded.broken);
     let author = Author::new(arguments, &strategies)?;
@@ -150,9 +150,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         counts.print(arguments, author.asks_model());
     }
     Ok(if broken == 0 && counts.annotated > 0 {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
@@ -186,7 +186,7 @@ impl Counts {
     }
 
     fn json(&self, arguments: &Arguments) -> Value {
-        let reasons = |(why, count): (&Skipped, &usize)| (why.to_string(), json!(count));
+        let reasons = |(why, count): (&SkipReason, &usize)| (why.to_string(), json!(count));
         let skipped: serde_json::Map<String, Value> = self.skipped.iter().map(reasons).collect();
         json!({
             "annotated": self.annotated, "kept": self.kept, "questions": self.questions, "skipped": skipped,
@@ -223,14 +223,14 @@ impl Counts {
 
 /// Who annotates: the rules, and a model, if one was named.
 struct Author<'a> {
-    options: Options<'a>,
+    options: AnnotateOptions<'a>,
     #[cfg(feature = "service")]
     model: Option<Client>,
 }
 
 impl<'a> Author<'a> {
     fn new(arguments: &Arguments, strategies: &'a [Strategy]) -> anyhow::Result<Self> {
-        let options = Options {
+        let options = AnnotateOptions {
             strategies,
             seed: arguments.seed,
         };
@@ -270,7 +270,7 @@ impl<'a> Author<'a> {
 
     /// Stands in a file for all that it was made from.
     fn made_from(&self, task: &Task, scene: &Scene) -> String {
-        let Options { strategies, seed } = self.options;
+        let AnnotateOptions { strategies, seed } = self.options;
         let inputs = json!([
             Digest::of_json(task),
             Digest::of_json(scene),
@@ -296,8 +296,8 @@ impl Author<'_> {
         &self,
         _: &Task,
         _: &Scene,
-        by_rules: Annotated,
-    ) -> anyhow::Result<(Annotated, String, Option<String>)> {
+        by_rules: AnnotatedTask,
+    ) -> anyhow::Result<(AnnotatedTask, String, Option<String>)> {
         Ok((by_rules, self.name(), None))
     }
 }
@@ -326,8 +326,8 @@ impl Author<'_> {
         &self,
         task: &Task,
         scene: &Scene,
-        by_rules: Annotated,
-    ) -> anyhow::Result<(Annotated, String, Option<String>)> {
+        by_rules: AnnotatedTask,
+    ) -> anyhow::Result<(AnnotatedTask, String, Option<String>)> {
         let Some(client) = &self.model else {
             return Ok((by_rules, self.name(), None));
         };

@@ -11,7 +11,7 @@ use anyhow::bail;
 use reel_tasks::generate::task::Compatibility;
 use reel_world::Scene;
 
-use crate::Answer;
+use crate::ExitStatus;
 #[cfg(feature = "service")]
 use crate::model::Model;
 
@@ -41,14 +41,14 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let scenes = super::scenes(&arguments.scene)?;
     let committed = Compatibility::committed();
     let table = proposed(arguments, committed, &scenes)?.unwrap_or_else(|| committed.clone());
     let text = serde_json::to_string_pretty(&table).context("a table is plain data")?;
     super::save(&arguments.out, &(text + "\n"))?;
     println!("{}", arguments.out.display());
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
 /// Reads a table.
@@ -89,7 +89,7 @@ fn proposed(
     let Some(client) = model.client(&beside("model-replies"), &beside("model-calls.jsonl"))? else {
         return Ok(None);
     };
-    let places = table.places(scenes.iter().map(Arc::as_ref));
+    let places = table.receptacle_kinds(scenes.iter().map(Arc::as_ref));
     let bar = crate::progress::bar(places.len(), "places");
     let (mut rows, mut unused, asked) = (BTreeMap::new(), 0, places.len());
     for place in places {

@@ -4,14 +4,15 @@ use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
 use reel_tasks::generate::task::{
-    Compatibility, Made, Options, Placing, Rejection, Statistics, TaskType, make, real,
+    Compatibility, GenerateOptions, GenerateReport, Placing, Rejection, Statistics, TaskType, make,
+    real,
 };
 use reel_tasks::real_proc;
 use reel_world::Scene;
 use serde_json::json;
 
 use super::{parse_families, save, save_scene};
-use crate::{Answer, inputs, progress};
+use crate::{ExitStatus, inputs, progress};
 
 /// Make tasks for any scenes, and keep those whose objects stay where they are put.
 ///
@@ -60,7 +61,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let scenes = super::scenes(&arguments.scene)?;
     let table = arguments
         .compatibility
@@ -68,7 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         .map(super::compatibility::read)
         .transpose()?;
     let in_real = arguments.format == "real";
-    let options = Options {
+    let options = GenerateOptions {
         scenes: &scenes,
         library: reel_tasks::library::objects(),
         table: table.as_ref().unwrap_or(Compatibility::committed()),
@@ -103,9 +104,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         print(statistics, arguments);
     }
     Ok(if made.tasks.len() == arguments.count {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 
@@ -145,7 +146,11 @@ fn print(statistics: &Statistics, arguments: &Arguments) {
     }
 }
 
-fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::Result<()> {
+fn write(
+    made: &GenerateReport,
+    scenes: &[Arc<Scene>],
+    arguments: &Arguments,
+) -> anyhow::Result<()> {
     let out = &arguments.out;
     for scene in made
         .tasks

@@ -16,12 +16,12 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_tasks::{DrawOptions, Listed, LoadedSet, draw};
+use reel_tasks::{DrawOptions, LoadedSet, ObjectOrder, draw};
 use reel_world::{Family, Scene};
 use serde_json::json;
 
 use super::scene::scene_file;
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Check or make task files.
 #[derive(clap::Args)]
@@ -86,7 +86,7 @@ enum Command {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.as_deref(), *json),
         Command::Generate(arguments) => generate::run(arguments),
@@ -128,9 +128,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
             }
             Ok(if made.tasks.len() == *count {
-                Answer::Yes
+                ExitStatus::Success
             } else {
-                Answer::No
+                ExitStatus::CheckFailed
             })
         }
     }
@@ -154,12 +154,12 @@ fn save_scene(folder: &Path, scene: &Scene) -> anyhow::Result<()> {
     )
 }
 
-fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<ExitStatus> {
     let LoadedSet {
         report,
         scenes,
         warnings,
-    } = reel_tasks::load_with(path, &inputs::scene_source(scene)?, Listed::AsWritten);
+    } = reel_tasks::load_with(path, &inputs::scene_source(scene)?, ObjectOrder::AsWritten);
     warnings
         .iter()
         .for_each(|warning| eprintln!("reel: {warning}"));
@@ -171,17 +171,17 @@ fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Ans
         let broken: Vec<String> = report.broken.iter().map(ToString::to_string).collect();
         println!(
             "{}",
-            json!({ "loaded": loaded, "files": files, "oddities": report.oddities, "broken": broken })
+            json!({ "loaded": loaded, "files": files, "oddities": report.warnings, "broken": broken })
         );
     } else {
-        for oddity in &report.oddities {
+        for oddity in &report.warnings {
             println!("{oddity}");
         }
         for error in &report.broken {
             println!("broken: {error}");
         }
         let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
-        for oddity in &report.oddities {
+        for oddity in &report.warnings {
             *kinds.entry(oddity.kind.as_str()).or_default() += 1;
         }
         let names: Vec<&str> = scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
@@ -194,9 +194,9 @@ fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Ans
         }
     }
     Ok(if report.broken.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::No
+        ExitStatus::CheckFailed
     })
 }
 

@@ -7,11 +7,11 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_tasks::real_bench::{Checkout, Rebuilt};
+use reel_tasks::real_bench::{Checkout, RebuiltScene};
 use serde_json::{Value, json};
 
 use super::save;
-use crate::Answer;
+use crate::ExitStatus;
 
 /// Files that failed a check are named, so many of them.
 const BROKEN_SHOWN: usize = 20;
@@ -48,7 +48,7 @@ pub struct Arguments {
 }
 
 /// Runs `reel tasks real-bench`.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Arguments {
         checkout,
         out,
@@ -116,9 +116,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         );
     }
     Ok(if broken.is_empty() && complaints.is_empty() {
-        Answer::Yes
+        ExitStatus::Success
     } else {
-        Answer::Loss
+        ExitStatus::Partial
     })
 }
 
@@ -129,7 +129,7 @@ fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
     save(to, &text)
 }
 
-fn table(tasks: usize, rebuilt: &Rebuilt) -> String {
+fn table(tasks: usize, rebuilt: &RebuiltScene) -> String {
     let scene = &rebuilt.scene;
     let mut text = format!(
         "scene {}: {tasks} tasks, {} rooms, {} receptacles\n  {:22} {:18} {:>10} {:>16} {:>26}\n",
@@ -165,7 +165,7 @@ fn table(tasks: usize, rebuilt: &Rebuilt) -> String {
     text
 }
 
-fn scene_json(tasks: usize, rebuilt: &Rebuilt) -> Value {
+fn scene_json(tasks: usize, rebuilt: &RebuiltScene) -> Value {
     let receptacle = |row: &reel_tasks::real_bench::Evidence| {
         let (height, extents) = if row.placements == 0 {
             ("assumed", "assumed")

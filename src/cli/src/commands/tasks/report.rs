@@ -5,11 +5,11 @@ use std::{
     sync::Arc,
 };
 
-use reel_tasks::generate::task::report::{Row, report};
+use reel_tasks::generate::task::report::{DistributionRow, report};
 use reel_world::Task;
 use serde_json::json;
 
-use crate::{Answer, inputs};
+use crate::{ExitStatus, inputs};
 
 /// Show how plan length, distractors, object sizes and instruction length are distributed in a set
 /// of tasks.
@@ -34,7 +34,7 @@ pub struct Arguments {
 }
 
 /// Runs the command.
-pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let ours = report(&tasks(&arguments.tasks)?);
     let theirs = arguments
         .against
@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         .map(|tasks| report(&tasks));
     if arguments.json {
         println!("{}", json!({ "tasks": ours, "against": theirs }));
-        return Ok(Answer::Yes);
+        return Ok(ExitStatus::Success);
     }
     let head = "     n    min  median    mean     max";
     println!(
@@ -69,10 +69,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             other.map_or(String::new(), |row| format!("   | {}", numbers(row)))
         );
     }
-    Ok(Answer::Yes)
+    Ok(ExitStatus::Success)
 }
 
-fn numbers(row: &Row) -> String {
+fn numbers(row: &DistributionRow) -> String {
     let of = &row.distribution;
     format!(
         "{:6} {:6.2} {:7.2} {:7.2} {:7.2}",
@@ -82,6 +82,6 @@ fn numbers(row: &Row) -> String {
 
 /// The tasks of a folder, in whatever scenes.
 fn tasks(folder: &Path) -> anyhow::Result<Vec<Task>> {
-    let loaded = inputs::tasks(folder, None, reel_tasks::Listed::AsWritten)?;
+    let loaded = inputs::tasks(folder, None, reel_tasks::ObjectOrder::AsWritten)?;
     Ok(loaded.tasks.into_iter().map(Arc::unwrap_or_clone).collect())
 }

@@ -6,10 +6,10 @@
 use std::collections::{HashMap, hash_map::Entry};
 
 use super::{Check, Seen, seen::Key};
-use crate::lint::{Place, Severity, report::Findings};
+use crate::lint::{RowLocation, Severity, report::Findings};
 
 #[derive(Default)]
-pub(super) struct Duplicates(HashMap<Key, Place>);
+pub(super) struct Duplicates(HashMap<Key, RowLocation>);
 
 impl Check for Duplicates {
     fn about(&self) -> (&'static str, &'static str) {

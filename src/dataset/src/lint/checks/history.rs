@@ -16,7 +16,7 @@ use super::{
     Check, Seen,
     told::{Teller, last, setting},
 };
-use crate::lint::{Call, Place, Role, Severity, Turn, report::Findings};
+use crate::lint::{Call, Role, RowLocation, Severity, Turn, report::Findings};
 
 /// Rows that wait for the rest of their episode.
 const ROWS_HELD_MAX: usize = 50_000;
@@ -38,7 +38,7 @@ struct Episode {
 }
 
 struct Row {
-    place: Place,
+    place: RowLocation,
     number: u64,
     last: Option<(Call, String)>,
     history: String,
@@ -113,7 +113,7 @@ impl Histories {
                 return;
             }
             if let Some(deed) = deed.flatten() {
-                checker.did(deed);
+                checker.push_step(deed);
             }
             before = Some(row.number);
             if !row.history.is_empty() {
@@ -156,12 +156,18 @@ impl Histories {
                 else {
                     return;
                 };
-                checker.did(deed);
+                checker.push_step(deed);
             }
         }
     }
 
-    fn judge(&mut self, checker: &mut Checker, history: &str, place: Place, found: &mut Findings) {
+    fn judge(
+        &mut self,
+        checker: &mut Checker,
+        history: &str,
+        place: RowLocation,
+        found: &mut Findings,
+    ) {
         self.judged += 1;
         let claims = checker.check(history);
         self.claims += claims.len() as u64;

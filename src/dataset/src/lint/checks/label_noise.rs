@@ -10,11 +10,11 @@ use super::{
     Check, Seen,
     seen::{Key, key_of},
 };
-use crate::lint::{Place, Severity, report::Findings};
+use crate::lint::{RowLocation, Severity, report::Findings};
 
 #[derive(Default)]
 pub(super) struct LabelNoise {
-    first: HashMap<Key, (u64, Place)>,
+    first: HashMap<Key, (u64, RowLocation)>,
     /// Contexts that were met again: their actions.
     again: HashMap<Key, Vec<Action>>,
     noisy: u64,
@@ -23,7 +23,7 @@ pub(super) struct LabelNoise {
 struct Action {
     id: u64,
     count: u64,
-    place: Place,
+    place: RowLocation,
     text: String,
 }
 
@@ -87,7 +87,7 @@ impl Check for LabelNoise {
             let all = total(&actions);
             let share = 100.0 * actions[0].count as f64 / all as f64;
             // The minority is what is wrong, if anything is.
-            let mut places: Vec<Place> = actions
+            let mut places: Vec<RowLocation> = actions
                 .iter()
                 .skip(1)
                 .map(|action| action.place)

@@ -9,7 +9,7 @@
 
 use std::{borrow::Cow, collections::HashSet};
 
-use crate::{Secrets, privileged};
+use crate::{PrivilegedFacts, privileged};
 
 use super::{
     Check, Seen,
@@ -18,7 +18,7 @@ use super::{
 use crate::lint::{Part, Severity, Turn, report::Findings};
 
 pub(super) struct Leaks {
-    secrets: Secrets,
+    secrets: PrivilegedFacts,
     /// Long paragraphs that were clean: instructions and lists of tools are the same in all rows.
     clean: HashSet<Key>,
 }
@@ -32,7 +32,7 @@ const BORDER: usize = 200;
 impl Leaks {
     pub(super) fn new() -> Self {
         Self {
-            secrets: Secrets::none(),
+            secrets: PrivilegedFacts::none(),
             clean: HashSet::new(),
         }
     }
@@ -59,7 +59,7 @@ impl Leaks {
 
     fn in_any_spelling(&self, text: &str) -> Option<(&'static str, String)> {
         let leak = |text: &str| {
-            privileged(text, &self.secrets)
+            find_leak(text, &self.secrets)
                 .map(|leak| (leak.kind.as_str(), around(text, &leak.span)))
         };
         leak(text).or_else(|| match plain_spelling(text) {

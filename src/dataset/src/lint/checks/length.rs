@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::{TOKENS_PER_TURN, Tokenizer, image_tokens};
 
-use super::{Check, Options, Seen, seen::Look};
+use super::{Check, LintOptions, Seen, seen::Look};
 use crate::lint::{Example, Severity, Turn, report::Findings};
 
 pub(super) struct Length {
@@ -20,7 +20,7 @@ pub(super) struct Length {
 }
 
 impl Length {
-    pub(super) fn new(options: &Options) -> Self {
+    pub(super) fn new(options: &LintOptions) -> Self {
         let (tokens_max, image_side) = (options.context_tokens_max, options.image_side);
         Self {
             tokens_max,

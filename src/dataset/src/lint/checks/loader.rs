@@ -6,12 +6,12 @@
 
 use super::{Check, Seen};
 use crate::lint::{
-    Dataset, Example, Format, Role, Severity, Turn, example::Oddity, report::Findings,
+    Dataset, Example, Format, Role, Severity, Turn, example::FormatWarning, report::Findings,
 };
 
 pub(super) struct Loader {
     /// What is odd about whole files.
-    files: Vec<(String, Oddity)>,
+    files: Vec<(String, FormatWarning)>,
     /// By file: whether a `dataset_info.json` names it.
     declared: Vec<bool>,
     warned_undeclared: bool,
@@ -45,7 +45,7 @@ impl Check for Loader {
         let mut add = |kind, severity, told: String| {
             found.add(kind, severity, &places, || (told, String::new()))
         };
-        for oddity in &example.oddities {
+        for oddity in &example.warnings {
             add(
                 oddity.kind,
                 if oddity.harmful {
@@ -93,7 +93,7 @@ impl Check for Loader {
                     );
                 }
                 alternating(example, &mut add);
-                let declared = usize::try_from(example.place.file)
+                let declared = usize::try_from(example.location.file)
                     .ok()
                     .and_then(|file| self.declared.get(file));
                 if declared == Some(&false) && !self.warned_undeclared {

@@ -30,7 +30,7 @@ use crate::lint::{
 
 /// What the checks go by.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct LintOptions {
     /// Budget of a context, in tokens.
     pub context_tokens_max: u64,
     /// Side of a picture's token, in pixels: 28 for Qwen2-VL and Qwen2.5-VL, 32 for Qwen3-VL.
@@ -48,7 +48,7 @@ pub struct Options {
     pub examples_max: usize,
 }
 
-impl Default for Options {
+impl Default for LintOptions {
     fn default() -> Self {
         Self {
             context_tokens_max: CONTEXT_TOKENS.into(),
@@ -73,7 +73,7 @@ trait Check {
 }
 
 /// Reads all rows once and checks them. `progress` is told the number of rows now and then.
-pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64)) -> Report {
+pub fn lint(dataset: &Dataset, options: &LintOptions, mut progress: impl FnMut(u64)) -> Report {
     let findings = |about: (&'static str, &'static str)| {
         Findings::new(dataset, about.0, about.1, options.examples_max)
     };
@@ -108,7 +108,7 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
                 } else {
                     String::new()
                 };
-                unread.add("row", Severity::Error, &[error.place], || {
+                unread.add("row", Severity::Error, &[error.location], || {
                     (format!("{column}{}", error.message), String::new())
                 });
             }
@@ -139,7 +139,7 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
 const PROGRESS_ROWS: u64 = 1000;
 
 /// All checks, the most harmful first.
-fn all(dataset: &Dataset, options: &Options) -> Vec<Box<dyn Check>> {
+fn all(dataset: &Dataset, options: &LintOptions) -> Vec<Box<dyn Check>> {
     vec![
         Box::new(leaks::Leaks::new()),
         Box::new(loader::Loader::new(dataset)),

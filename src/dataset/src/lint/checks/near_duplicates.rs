@@ -13,7 +13,7 @@ use std::{
 };
 
 use super::{Check, Seen, seen::Key};
-use crate::lint::{Part, Place, Severity, report::Findings};
+use crate::lint::{Part, RowLocation, Severity, report::Findings};
 
 /// Values of a signature; the error of the estimate is about `sqrt(s (1 - s) / HASHES)`.
 const HASHES: usize = 128;
@@ -46,14 +46,14 @@ pub(super) struct NearDuplicates {
 
 struct Row {
     signature: Signature,
-    place: Place,
+    place: RowLocation,
     episode: u64,
     whole: Key,
 }
 
 struct Waiting {
     lines: Vec<(u64, Vec<u32>)>,
-    place: Place,
+    place: RowLocation,
     episode: u64,
     whole: Key,
     excerpt: String,
@@ -109,7 +109,7 @@ impl NearDuplicates {
         if self.buckets.is_empty() {
             self.buckets = vec![0; BANDS * (self.mask + 1)];
         }
-        let mut best: Option<(f64, Place)> = None;
+        let mut best: Option<(f64, RowLocation)> = None;
         let mut seen = [0_u32; BANDS];
         for band in 0..BANDS {
             let values = &signature[band * BAND..(band + 1) * BAND];

@@ -7,7 +7,8 @@ use reel_world::ToolSpec;
 use serde_json::Value;
 
 use crate::lint::{
-    Answer, Call, Example, Image, ImageSource, Part, Picture, Place, Turn, show::image_bytes,
+    AssistantTurn, Call, Example, Image, ImageHeader, ImageSource, Part, RowLocation, Turn,
+    show::image_bytes,
 };
 
 /// A digest short enough to keep by the million.
@@ -30,7 +31,7 @@ pub(super) struct Seen<'a> {
 pub(super) struct Said {
     /// Its number.
     pub(super) turn: usize,
-    pub(super) answer: Answer,
+    pub(super) answer: AssistantTurn,
     /// What it calls: by function calling, or in its JSON.
     pub(super) calls: Vec<Call>,
     /// Whether the calls are those of function calling.
@@ -42,7 +43,7 @@ pub(super) struct Said {
 pub(super) struct Look {
     /// Of its bytes; of its path or URL where there are none.
     pub(super) digest: Key,
-    pub(super) picture: Option<Picture>,
+    pub(super) picture: Option<ImageHeader>,
     /// Why it cannot be used: what sort, and in words.
     pub(super) fault: Option<(&'static str, String)>,
 }
@@ -95,8 +96,8 @@ impl<'a> Seen<'a> {
         }
     }
 
-    pub(super) fn place(&self) -> Place {
-        self.example.place
+    pub(super) fn place(&self) -> RowLocation {
+        self.example.location
     }
 
     /// The tools that the row declares: in its field, or as a JSON list after `Tools:` in its text.
@@ -132,7 +133,7 @@ pub(super) fn key_of(bytes: &[u8]) -> Key {
 impl Said {
     fn of(number: usize, turn: &Turn) -> Self {
         let mut calls: Vec<Call> = turn.calls().cloned().collect();
-        let answer = Answer::parse(&turn.text());
+        let answer = AssistantTurn::parse(&turn.text());
         let by_function = !calls.is_empty();
         if !by_function {
             calls.extend(answer.action.clone());
@@ -170,7 +171,7 @@ fn look(image: &Image, name: Key) -> Look {
     match (&image.source, image_bytes(image)) {
         (_, Some(bytes)) => {
             let digest = key_of(&bytes);
-            match Picture::of(&bytes) {
+            match ImageHeader::of(&bytes) {
                 Ok(picture) => Look {
                     digest,
                     picture: Some(picture),

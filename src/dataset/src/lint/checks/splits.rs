@@ -10,13 +10,13 @@ use super::{
     Check, Seen,
     seen::{Key, key_of},
 };
-use crate::lint::{Place, Severity, report::Findings};
+use crate::lint::{RowLocation, Severity, report::Findings};
 
 #[derive(Default)]
 pub(super) struct Splits {
     names: Vec<String>,
     /// The splits that have it, one bit each, and where it was first met.
-    seen: HashMap<Key, (u32, Place)>,
+    seen: HashMap<Key, (u32, RowLocation)>,
     unsplit: u64,
 }
 

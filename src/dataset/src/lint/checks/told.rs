@@ -4,7 +4,7 @@
 //! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of SPEC
 //! sections 2 and 9; an outcome in other words is unknown, never guessed.
 
-use reel_history::{Deed, Mark, Place, Setting};
+use reel_history::{MarkerFacts, ReceptacleFacts, Setting, StepFacts};
 use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
 use serde_json::Value;
 
@@ -22,7 +22,7 @@ pub(super) fn setting(prompt: &str) -> Setting {
     let place = |line: &str| {
         let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;
         let (category, room) = rest.strip_suffix(')')?.split_once(", ")?;
-        Some(Place {
+        Some(ReceptacleFacts {
             id: id.into(),
             category: category.into(),
             room: room.into(),
@@ -38,7 +38,7 @@ pub(super) fn setting(prompt: &str) -> Setting {
         Some((room.to_owned(), ids.to_owned()))
     };
     let of_room = |(room, ids): (String, String)| {
-        let place = |id: &str| Place {
+        let place = |id: &str| ReceptacleFacts {
             id: id.into(),
             category: id
                 .trim_end_matches(|c: char| c.is_ascii_digit())
@@ -93,14 +93,14 @@ pub(super) fn last(prompt: &str) -> Result<Option<(Call, String)>, ()> {
 pub(super) struct Teller {
     step: u32,
     holding: bool,
-    markers: Vec<Mark>,
+    markers: Vec<MarkerFacts>,
 }
 
 impl Teller {
     /// The next deed; `None` if the text does not tell whether the call succeeded: the deeds after
     /// it are not to be trusted.
-    pub(super) fn deed(&mut self, call: &Call, outcome: &str) -> Option<Deed> {
-        let mut deed = Deed::called(
+    pub(super) fn deed(&mut self, call: &Call, outcome: &str) -> Option<StepFacts> {
+        let mut deed = StepFacts::from_call(
             self.step,
             &ToolCall::new(call.name.clone(), call.arguments.clone()),
             outcome,
@@ -110,7 +110,7 @@ impl Teller {
         let error = if tool == Some("ask") {
             None
         } else {
-            ErrorCode::told_by(outcome)
+            ErrorCode::from_message(outcome)
         };
         match (tool, error) {
             (None, None) => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
@@ -131,7 +131,7 @@ impl Teller {
         Some(deed)
     }
 
-    fn done(&mut self, tool: &str, outcome: &str, deed: &mut Deed) {
+    fn done(&mut self, tool: &str, outcome: &str, deed: &mut StepFacts) {
         let named = |title: &str| {
             outcome
                 .trim()
@@ -147,7 +147,7 @@ impl Teller {
                 let mark = |line: &str| {
                     let (number, id) = line.trim().split_once(": ")?;
                     let receptacle = (tool == "show_receptacles").then(|| id.to_owned());
-                    Some(Mark {
+                    Some(MarkerFacts {
                         number: number.parse().ok()?,
                         object: None,
                         receptacle,

@@ -14,7 +14,9 @@ use serde_json::{Map, Value};
 
 pub(crate) use columns::Columns;
 
-use crate::lint::{Example, Image, ImageSource, Part, Place, Role, Turn, example::Oddity};
+use crate::lint::{
+    Example, Image, ImageSource, Part, Role, RowLocation, Turn, example::FormatWarning,
+};
 
 /// Whether `<image>` in a text stands for a picture.
 pub(crate) fn has_tags(format: Format) -> bool {
@@ -90,7 +92,7 @@ fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
 
 /// Where a row comes from and how its paths are read.
 pub(crate) struct Source<'a> {
-    pub(crate) place: Place,
+    pub(crate) place: RowLocation,
     pub(crate) format: Format,
     pub(crate) columns: &'a Columns,
     /// Split by the names of file and folder.
@@ -181,14 +183,14 @@ pub(crate) fn example(
         .map(split_name)
         .or_else(|| source.split.map(str::to_owned));
     Ok(Example {
-        place: source.place,
+        location: source.place,
         format: source.format,
         split,
         turns,
         tools,
         images,
         meta,
-        oddities,
+        warnings: oddities,
     })
 }
 
@@ -244,8 +246,12 @@ pub(crate) fn image(written: &str, resolve: &dyn Fn(&Path) -> ImageSource) -> Im
     }
 }
 
-pub(crate) fn oddity(kind: &'static str, harmful: bool, message: impl Into<String>) -> Oddity {
-    Oddity {
+pub(crate) fn format_warning(
+    kind: &'static str,
+    harmful: bool,
+    message: impl Into<String>,
+) -> FormatWarning {
+    FormatWarning {
         kind,
         harmful,
         message: message.into(),

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::{Source, has_tags, image, oddity};
-use crate::lint::{Call, Format, Image, ImageSource, Part, Role, Turn, example::Oddity};
+use super::{Source, format_warning, has_tags, image};
+use crate::lint::{Call, Format, Image, ImageSource, Part, Role, Turn, example::FormatWarning};
 
 /// Reads the turns of one row; counts tags and keeps what it wonders at.
 pub(super) struct Reader<'a> {
@@ -11,7 +11,7 @@ pub(super) struct Reader<'a> {
     tags: usize,
     /// Pictures that stand in the turns themselves.
     own: Vec<Image>,
-    oddities: Vec<Oddity>,
+    oddities: Vec<FormatWarning>,
 }
 
 impl<'a> Reader<'a> {
@@ -24,7 +24,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub(super) fn finish(self) -> (Vec<Image>, Vec<Oddity>) {
+    pub(super) fn finish(self) -> (Vec<Image>, Vec<FormatWarning>) {
         (self.own, self.oddities)
     }
 
@@ -136,7 +136,7 @@ impl<'a> Reader<'a> {
                 .map(Call::of_value)
                 .collect();
             if read.is_empty() || read.contains(&None) {
-                self.oddities.push(oddity(
+                self.oddities.push(format_warning(
                     "tool calls",
                     true,
                     "`tool_calls` holds something that is no call: expected {id, type, function}",
@@ -149,7 +149,7 @@ impl<'a> Reader<'a> {
             && self.source.format == Format::OpenAi
             && fields.get("tool_call_id").is_none()
         {
-            self.oddities.push(oddity(
+            self.oddities.push(format_warning(
                 "tool call id",
                 true,
                 "a tool's result without `tool_call_id`: the server refuses it",
@@ -175,7 +175,7 @@ impl<'a> Reader<'a> {
                 }
                 _ => "`arguments` is no text: the OpenAI format wants JSON inside a string",
             };
-            self.oddities.push(oddity("tool calls", true, told));
+            self.oddities.push(format_warning("tool calls", true, told));
         }
     }
 
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
         let Some(calls) = calls else {
             let told =
                 "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}";
-            self.oddities.push(oddity("tool calls", true, told));
+            self.oddities.push(format_warning("tool calls", true, told));
             return turn.parts;
         };
         let thought = (!thought.is_empty()).then(|| Part::Text(thought.to_owned()));
@@ -232,7 +232,7 @@ impl<'a> Reader<'a> {
             }
             other => {
                 let other = other.unwrap_or("nothing").to_owned();
-                self.oddities.push(oddity(
+                self.oddities.push(format_warning(
                     "part",
                     true,
                     format!("a part of type {other}: expected text or image"),

@@ -1,7 +1,8 @@
 //! The published reward class alone, all three variants with both sets of weights.
 
 use reel_reward::{
-    Authority, EpisodeFacts, Marked, Preset, Scorer, StepHead, TaskFacts, Term, trainer::Graph,
+    Authority, EpisodeFacts, MarkerReferent, Preset, Scorer, StepHead, TaskFacts, Term,
+    trainer::Graph,
 };
 use reel_vectors::{Report, items, load, text};
 use reel_world::{Scene, Task, WorldGraph};
@@ -146,7 +147,7 @@ fn compare_class(
         episode.set_markers();
         for (number, name) in step["markers"].as_object().into_iter().flatten() {
             let object = facts.object(text(name));
-            episode.mark(number.parse().unwrap(), Marked::Object(object));
+            episode.mark(number.parse().unwrap(), MarkerReferent::Object(object));
         }
     }
     scorer.start(&facts, &episode.start());

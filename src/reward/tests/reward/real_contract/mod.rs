@@ -5,14 +5,15 @@ mod class;
 use std::collections::BTreeSet;
 
 use reel_reward::{
-    Ending, EpisodeOutcome, Fired, MetricOptions, Preset, Term, TrainingFigures, TrainingMetric,
+    AppliedTerm, Ending, EpisodeOutcome, MetricOptions, Preset, Term, TrainingFigures,
+    TrainingMetric,
     trainer::{
-        Categories, Graph, HandViolation, Rollout, TextError, Turn, is_not_found, marker_in_answer,
-        refusal,
+        Categories, Graph, HandViolation, TextError, TrainerRollout, Turn, graph_rejection,
+        is_not_found, marker_in_answer,
     },
 };
 use reel_vectors::{Report, items, load, text};
-use reel_world::answer::Answer;
+use reel_world::answer::AssistantTurn;
 use serde_json::{Map, Value, json};
 
 /// A preset from a published configuration.
@@ -54,7 +55,7 @@ fn preset(base: &str, config: &Value, more: &str) -> Preset {
     .unwrap()
 }
 
-fn sum(terms: &[Fired], of: &[Term]) -> f64 {
+fn sum(terms: &[AppliedTerm], of: &[Term]) -> f64 {
     terms
         .iter()
         .filter(|fired| of.contains(&fired.term))
@@ -62,7 +63,7 @@ fn sum(terms: &[Fired], of: &[Term]) -> f64 {
         .sum()
 }
 
-fn count(terms: &[Fired], of: Term) -> usize {
+fn count(terms: &[AppliedTerm], of: Term) -> usize {
     terms.iter().filter(|fired| fired.term == of).count()
 }
 
@@ -204,7 +205,7 @@ fn the_trainer_pays_whole_episodes_as_published() {
             content(payload)
         };
         let (_, asked) = text(&episode["task"]).split_once('/').unwrap();
-        let rollout = Rollout::reset(&preset, asked, &sent);
+        let rollout = TrainerRollout::reset(&preset, asked, &sent);
         resets.compare(id, &reset_wanted(&episode["reset"]), &reset_found(&rollout));
         if let Ok(rollout) = rollout {
             play(rollout, episode, &mut steps, &mut ends);
@@ -230,7 +231,7 @@ fn reset_wanted(reset: &Value) -> Value {
         .into()
 }
 
-fn reset_found(rollout: &Result<Rollout, reel_reward::trainer::ResetError>) -> Value {
+fn reset_found(rollout: &Result<TrainerRollout, reel_reward::trainer::ResetError>) -> Value {
     use reel_reward::trainer::ResetError::*;
     let flags = |error: bool, invalid: bool, stale: bool, done: bool| json!({ "error": error, "invalid_task": invalid, "stale": stale, "done": done, "target_diffs": null, "targets": null });
     match rollout {
@@ -262,7 +263,7 @@ fn sorted(values: &Value) -> Value {
     json!(values)
 }
 
-fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Report) {
+fn play(mut rollout: TrainerRollout, episode: &Value, steps: &mut Report, ends: &mut Report) {
     let id = text(&episode["id"]);
     let mut outcome = EpisodeOutcome::default();
     let mut horizon = 0.0;
@@ -271,7 +272,7 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
         let result = &step["result"];
         let items_of_result = content(&result["content"]);
         let calls = items(&step["calls"]);
-        let action = Answer::parse(text(&step["text"])).action;
+        let action = AssistantTurn::parse(text(&step["text"])).action;
         let turn = match (calls.first(), action) {
             (Some(_), _) if result["isError"] == true || result.get("raise").is_some() => {
                 Turn::Failed
@@ -400,7 +401,7 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
     assert!(horizon <= 0.0);
 }
 
-fn turn_is_finish(terms: &[Fired], ending: Option<Ending>) -> bool {
+fn turn_is_finish(terms: &[AppliedTerm], ending: Option<Ending>) -> bool {
     ending == Some(Ending::Finished) && !terms.is_empty()
 }
 
@@ -478,7 +479,7 @@ fn graphs_are_refused_as_published() {
                 ..new
             }
         };
-        let found = refusal(&old, &new);
+        let found = graph_rejection(&old, &new);
         let found = json!({ "accepted": found.is_none(), "reason": found.map_or("", |refusal| refusal.as_str()) });
         report.compare(
             &index.to_string(),
@@ -542,7 +543,7 @@ fn texts_are_read_as_published() {
 }
 
 /// An episode of two objects in one receptacle, for what a single call does.
-fn rollout(category: &Value) -> Rollout {
+fn rollout(category: &Value) -> TrainerRollout {
     let names = ["u1_on_a_at_t", "u2_on_a_at_t"];
     let payload = json!({
         "task_id": "t", "target_object": { "id": "u1", "category": category },
@@ -550,7 +551,7 @@ fn rollout(category: &Value) -> Rollout {
         "initial_world_graph": { "a": { "content": names }, "b": { "content": [] } },
         "target_world_graph": { "a": { "content": [names[1]] }, "b": { "content": [names[0]] } },
     });
-    Rollout::reset(
+    TrainerRollout::reset(
         &Preset::real_trainer(),
         "t",
         &[json!({ "type": "text", "text": payload.to_string() })],
@@ -558,7 +559,7 @@ fn rollout(category: &Value) -> Rollout {
     .unwrap()
 }
 
-fn call(rollout: &mut Rollout, tool: &str, items: &[Value]) {
+fn call(rollout: &mut TrainerRollout, tool: &str, items: &[Value]) {
     rollout.step(Turn::Call {
         tool,
         arguments: &json!({}),

@@ -87,7 +87,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// A scene that comes along, by name: one of [`names`], or the home of old.
 pub fn built_in(name: &str) -> Option<Scene> {
     if name == "home" {
-        return Some(crate::home());
+        return Some(crate::home_scene());
     }
     let (name, text) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
     Some(

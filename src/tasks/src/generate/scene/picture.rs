@@ -47,7 +47,7 @@ pub fn views(scene: &Scene) -> Vec<View> {
                 });
             }
         }
-        render(&viewpoint.camera, &drawables, Detail::Picture)
+        render(&viewpoint.camera, &drawables, Detail::Full)
     };
     let pieces = model.furniture.iter().zip(viewpoints).enumerate();
     pieces

@@ -58,7 +58,7 @@ impl Strategy {
 /// What a question is about.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum About {
+pub enum QuestionTopic {
     /// Which object is meant.
     Object,
     /// Where it stands.
@@ -67,22 +67,26 @@ pub enum About {
     Destination,
 }
 
-impl About {
+impl QuestionTopic {
     /// All, in the order in which they are asked.
-    pub const ALL: [About; 3] = [About::Object, About::Source, About::Destination];
+    pub const ALL: [QuestionTopic; 3] = [
+        QuestionTopic::Object,
+        QuestionTopic::Source,
+        QuestionTopic::Destination,
+    ];
 
     /// As it stands in files.
     pub fn as_str(self) -> &'static str {
         match self {
-            About::Object => "object",
-            About::Source => "source",
-            About::Destination => "destination",
+            QuestionTopic::Object => "object",
+            QuestionTopic::Source => "source",
+            QuestionTopic::Destination => "destination",
         }
     }
 
     /// The strategy that asks about it.
     pub fn strategy(self) -> Strategy {
-        if self == About::Object {
+        if self == QuestionTopic::Object {
             Strategy::A
         } else {
             Strategy::B
@@ -96,7 +100,7 @@ pub struct Annotation {
     /// The strategy.
     pub strategy: Strategy,
     /// What it asks about.
-    pub about: About,
+    pub about: QuestionTopic,
     /// The step of the plan, as it was before, that it comes before.
     pub insert_before: usize,
     /// What is said; none where that depends on what is seen.
@@ -106,7 +110,7 @@ pub struct Annotation {
 
 /// What may be done.
 #[derive(Clone, Copy, Debug)]
-pub struct Options<'a> {
+pub struct AnnotateOptions<'a> {
     /// The strategies that may be used.
     pub strategies: &'a [Strategy],
     /// Seed of all choices.
@@ -115,7 +119,7 @@ pub struct Options<'a> {
 
 /// A task with questions in its plan.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Annotated {
+pub struct AnnotatedTask {
     /// The task; its field `social` says what was done.
     pub task: Task,
     /// What was done, in the order of the plan.
@@ -125,7 +129,7 @@ pub struct Annotated {
 /// Why a task was left as it was.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Skipped {
+pub enum SkipReason {
     /// No plan to put questions into.
     NoPlan,
     /// There are questions in the plan.
@@ -140,15 +144,15 @@ pub enum Skipped {
     NotSettled,
 }
 
-impl fmt::Display for Skipped {
+impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Skipped::NoPlan => "it has no plan",
-            Skipped::AsksAlready => "its plan asks already",
-            Skipped::LeftVague => "it is vague about what the strategies do not ask",
-            Skipped::NothingAlike => "nothing is like what is meant",
-            Skipped::NotWorded => "the instruction has no words for it that could be left out",
-            Skipped::NotSettled => "the user's answer would not settle it",
+            SkipReason::NoPlan => "it has no plan",
+            SkipReason::AsksAlready => "its plan asks already",
+            SkipReason::LeftVague => "it is vague about what the strategies do not ask",
+            SkipReason::NothingAlike => "nothing is like what is meant",
+            SkipReason::NotWorded => "the instruction has no words for it that could be left out",
+            SkipReason::NotSettled => "the user's answer would not settle it",
         })
     }
 }
@@ -166,24 +170,28 @@ struct Proposal {
 ///
 /// # Errors
 /// The reason why nothing can be asked.
-pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Annotated, Skipped> {
+pub fn annotate(
+    task: &Task,
+    scene: &Scene,
+    options: &AnnotateOptions<'_>,
+) -> Result<AnnotatedTask, SkipReason> {
     if task.plan.is_empty() {
-        return Err(Skipped::NoPlan);
+        return Err(SkipReason::NoPlan);
     }
     if task.plan.iter().any(|step| step.action == "ask") {
-        return Err(Skipped::AsksAlready);
+        return Err(SkipReason::AsksAlready);
     }
     let mut stream = Stream::new(
         options.seed,
         &format!("social/{}/{}", task.scene_id, task.task_id),
         0,
     );
-    let (mut needed, mut possible, mut why) = (Vec::new(), Vec::new(), Skipped::NothingAlike);
-    for about in About::ALL {
+    let (mut needed, mut possible, mut why) = (Vec::new(), Vec::new(), SkipReason::NothingAlike);
+    for about in QuestionTopic::ALL {
         let allowed = options.strategies.contains(&about.strategy());
         match propose(task, scene, about, &mut stream) {
             Ok(proposal) if proposal.instead.is_none() && !allowed => {
-                return Err(Skipped::LeftVague);
+                return Err(SkipReason::LeftVague);
             }
             Ok(proposal) if proposal.instead.is_none() => needed.push(proposal),
             Ok(proposal) if allowed => possible.push(proposal),
@@ -213,7 +221,7 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
             .iter()
             .chain(choice.iter().map(|index| &possible[*index]))
             .collect();
-        let both_ends = [About::Source, About::Destination]
+        let both_ends = [QuestionTopic::Source, QuestionTopic::Destination]
             .iter()
             .all(|end| chosen.iter().any(|one| one.annotation.about == *end));
         // "From a table to a table" is nothing that people say.
@@ -235,7 +243,7 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
             annotations,
         ) {
             Ok(annotated) => return Ok(annotated),
-            Err(_) => why = why.max(Skipped::NotSettled),
+            Err(_) => why = why.max(SkipReason::NotSettled),
         }
     }
     Err(why)
@@ -250,16 +258,20 @@ pub fn apply(
     scene: &Scene,
     instruction: String,
     mut annotations: Vec<Annotation>,
-) -> Result<Annotated, Objection> {
-    annotations
-        .sort_by_key(|annotation| (annotation.insert_before, annotation.about != About::Source));
+) -> Result<AnnotatedTask, Objection> {
+    annotations.sort_by_key(|annotation| {
+        (
+            annotation.insert_before,
+            annotation.about != QuestionTopic::Source,
+        )
+    });
     let mut next = task.clone();
     let is_told = instruction == task.instruction;
     next.instruction = instruction;
     next.fuzzy = true;
     if annotations
         .iter()
-        .any(|annotation| annotation.about == About::Object)
+        .any(|annotation| annotation.about == QuestionTopic::Object)
         && next.purpose.is_none()
     {
         next.purpose = Some(task.target_object().category.clone());
@@ -270,7 +282,7 @@ pub fn apply(
     talk::leaves_the_rest(task, &next, scene, &annotations)?;
     // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart
     // before.
-    let vaguer = About::ALL[1..].iter().any(|about| {
+    let vaguer = QuestionTopic::ALL[1..].iter().any(|about| {
         places(task, scene, *about, &[&task.instruction]).len() < 2
             && places(&next, scene, *about, &[&next.instruction]).len() > 1
     });
@@ -282,7 +294,7 @@ pub fn apply(
         social["instruction_before"] = json!(task.instruction);
     }
     next.extra.insert(FIELD.to_owned(), social);
-    Ok(Annotated {
+    Ok(AnnotatedTask {
         task: next,
         annotations,
     })
@@ -326,35 +338,35 @@ pub fn insert(plan: &mut Vec<PlanStep>, annotations: &[Annotation]) {
 fn propose(
     task: &Task,
     scene: &Scene,
-    about: About,
+    about: QuestionTopic,
     stream: &mut Stream,
-) -> Result<Proposal, Skipped> {
+) -> Result<Proposal, SkipReason> {
     match about {
-        About::Object => object(task, scene),
-        About::Source | About::Destination => place(task, scene, about, stream),
+        QuestionTopic::Object => object(task, scene),
+        QuestionTopic::Source | QuestionTopic::Destination => place(task, scene, about, stream),
     }
 }
 
 /// Strategy A.
-fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
+fn object(task: &Task, scene: &Scene) -> Result<Proposal, SkipReason> {
     if !moves_one(task) {
-        return Err(Skipped::NothingAlike);
+        return Err(SkipReason::NothingAlike);
     }
     let find = task
         .plan
         .iter()
         .position(|step| step.action == "find")
-        .ok_or(Skipped::NotWorded)?;
+        .ok_or(SkipReason::NotWorded)?;
     let proposal = |instead| Proposal {
         annotation: Annotation {
             strategy: Strategy::A,
-            about: About::Object,
+            about: QuestionTopic::Object,
             insert_before: find + 1,
             question: None,
         },
         instead,
     };
-    if is_vague(task, scene, About::Object) {
+    if is_vague(task, scene, QuestionTopic::Object) {
         return Ok(proposal(None));
     }
     let target = task.target_object();
@@ -364,11 +376,11 @@ fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
         .filter(|object| object.receptacle == task.src && object.category == target.category)
         .count();
     if alike < 2 {
-        return Err(Skipped::NothingAlike);
+        return Err(SkipReason::NothingAlike);
     }
     let caption = target.caption.as_deref().unwrap_or_default();
     let phrases = describe::object(&target.category, caption, &target.attributes);
-    let at = phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?;
+    let at = phrase_in(&task.instruction, &phrases).ok_or(SkipReason::NotWorded)?;
     Ok(proposal(Some((at, indefinite(&target.category)))))
 }
 
@@ -376,16 +388,16 @@ fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
 fn place(
     task: &Task,
     scene: &Scene,
-    about: About,
+    about: QuestionTopic,
     stream: &mut Stream,
-) -> Result<Proposal, Skipped> {
-    let is_source = about == About::Source;
+) -> Result<Proposal, SkipReason> {
+    let is_source = about == QuestionTopic::Source;
     let right = scene
         .receptacle(if is_source { &task.src } else { &task.dest })
-        .ok_or(Skipped::NotWorded)?;
+        .ok_or(SkipReason::NotWorded)?;
     let likes = pool(task, scene, about);
     if likes.len() < 2 || (is_source && !moves_one(task)) {
-        return Err(Skipped::NothingAlike);
+        return Err(SkipReason::NothingAlike);
     }
     let vaguely = indefinite(&right.category);
     let instead = if is_vague(task, scene, about) {
@@ -393,7 +405,7 @@ fn place(
     } else {
         let phrases = words::names(right, scene);
         Some((
-            phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?,
+            phrase_in(&task.instruction, &phrases).ok_or(SkipReason::NotWorded)?,
             vaguely,
         ))
     };

@@ -5,7 +5,7 @@ use reel_world::{Digest, Scene, Task};
 use serde::Deserialize;
 use serde_json::{Deserializer, Map, Value, json};
 
-use super::{About, Annotated, Annotation, Objection, Strategy, apply};
+use super::{AnnotatedTask, Annotation, Objection, QuestionTopic, Strategy, apply};
 
 /// What the model is told before it gets a task.
 pub const PROMPT: &str = include_str!("../../../prompts/social.md");
@@ -15,7 +15,7 @@ const TRIES_MAX: usize = 200;
 
 /// Why a proposal is not taken.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-pub enum Refusal {
+pub enum ProposalError {
     /// No proposal in the answer.
     #[error("the answer holds no proposal that can be read")]
     Unreadable,
@@ -30,14 +30,14 @@ pub enum Refusal {
     Rule(#[from] Objection),
 }
 
-impl Refusal {
+impl ProposalError {
     /// The kind of it, for counting.
     pub fn kind(&self) -> &'static str {
         match self {
-            Refusal::Unreadable => "the answer holds no proposal that can be read",
-            Refusal::Strategy(_) => "a strategy was not asked for",
-            Refusal::NoWords(_) => "a question about a receptacle has no words",
-            Refusal::Rule(objection) => objection.kind(),
+            ProposalError::Unreadable => "the answer holds no proposal that can be read",
+            ProposalError::Strategy(_) => "a strategy was not asked for",
+            ProposalError::NoWords(_) => "a question about a receptacle has no words",
+            ProposalError::Rule(objection) => objection.kind(),
         }
     }
 }
@@ -52,7 +52,7 @@ struct Proposed {
 #[derive(Deserialize)]
 struct Action {
     strategy: Strategy,
-    about: About,
+    about: QuestionTopic,
     insert_before: usize,
     question: Option<String>,
 }
@@ -111,8 +111,8 @@ pub fn judge(
     scene: &Scene,
     strategies: &[Strategy],
     answer: &str,
-) -> Result<Annotated, Refusal> {
-    let proposed = parse(answer).ok_or(Refusal::Unreadable)?;
+) -> Result<AnnotatedTask, ProposalError> {
+    let proposed = parse(answer).ok_or(ProposalError::Unreadable)?;
     let mut annotations = Vec::new();
     for Action {
         strategy,
@@ -122,12 +122,12 @@ pub fn judge(
     } in proposed.actions
     {
         if !strategies.contains(&strategy) {
-            return Err(Refusal::Strategy(strategy.as_str()));
+            return Err(ProposalError::Strategy(strategy.as_str()));
         }
         // What is seen when it is asked which object is meant, nobody knows yet.
-        let question = question.filter(|_| about != About::Object);
-        if question.is_none() && about != About::Object {
-            return Err(Refusal::NoWords(about.as_str()));
+        let question = question.filter(|_| about != QuestionTopic::Object);
+        if question.is_none() && about != QuestionTopic::Object {
+            return Err(ProposalError::NoWords(about.as_str()));
         }
         annotations.push(Annotation {
             strategy,

@@ -5,12 +5,12 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use reel_episode::user::{RuleUser, spoken_id, which};
-use reel_sim::{Simulator, Stage, render::Detail};
+use reel_sim::{PreparedTask, Simulator, render::Detail};
 use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task, language};
 use serde_json::Value;
 
 use super::{
-    About, Annotation,
+    Annotation, QuestionTopic,
     words::{self, place_of_step},
 };
 
@@ -132,12 +132,12 @@ pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Obje
         let is = |step: &PlanStep, actions: &[&str]| actions.contains(&step.action.as_str());
         let at = |step: &PlanStep, id: &str| place_of_step(step) == Some(id);
         let fits = before.is_some_and(|before| match about {
-            About::Object => {
+            QuestionTopic::Object => {
                 before.iter().any(|step| is(step, &["find"]))
                     && !before.iter().any(|step| is(step, &["pick", "gaze_at"]))
             }
-            About::Source => before.is_empty(),
-            About::Destination => !before.iter().any(|step| at(step, task.dest.as_str())),
+            QuestionTopic::Source => before.is_empty(),
+            QuestionTopic::Destination => !before.iter().any(|step| at(step, task.dest.as_str())),
         });
         if twice || !fits {
             return Err(Objection::Place {
@@ -162,11 +162,11 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
     if task
         .plan
         .iter()
-        .any(|step| asks_about(step) == Some(About::Source))
+        .any(|step| asks_about(step) == Some(QuestionTopic::Source))
     {
         user.observe("", &seen_at_start(task, scene));
     }
-    let mut answers: BTreeMap<About, Vec<String>> = BTreeMap::new();
+    let mut answers: BTreeMap<QuestionTopic, Vec<String>> = BTreeMap::new();
     for step in &task.plan {
         match step.action.as_str() {
             "find" => {
@@ -179,7 +179,7 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
             "pick" => user.observe_held(Some(&meant(task, step).instance)),
             "place" => user.observe_held(None),
             "ask" => {
-                let about = asks_about(step).unwrap_or(About::Object);
+                let about = asks_about(step).unwrap_or(QuestionTopic::Object);
                 let words = step.args.get("question").and_then(Value::as_str);
                 let question = words.map_or_else(|| question(task), str::to_owned);
                 speakable(task, scene, &question)?;
@@ -216,12 +216,12 @@ pub(super) fn leaves_the_rest(
     scene: &Scene,
     annotations: &[Annotation],
 ) -> Result<(), Objection> {
-    let unasked = |about: &About| {
+    let unasked = |about: &QuestionTopic| {
         !annotations
             .iter()
             .any(|annotation| annotation.about == *about)
     };
-    for about in About::ALL.into_iter().filter(unasked) {
+    for about in QuestionTopic::ALL.into_iter().filter(unasked) {
         if words::is_vague(before, scene, about) {
             return Err(Objection::LeftVague {
                 about: about.as_str(),
@@ -242,9 +242,9 @@ pub(super) fn leaves_the_rest(
                 .map_or("", |receptacle| receptacle.category.as_str())
         };
         let kind = match annotation.about {
-            About::Object => after.purpose.as_deref().unwrap_or_default(),
-            About::Source => category(&after.src),
-            About::Destination => category(&after.dest),
+            QuestionTopic::Object => after.purpose.as_deref().unwrap_or_default(),
+            QuestionTopic::Source => category(&after.src),
+            QuestionTopic::Destination => category(&after.dest),
         };
         if !language::quotes(&after.instruction, kind) {
             return Err(Objection::Unnamed {
@@ -256,11 +256,11 @@ pub(super) fn leaves_the_rest(
 }
 
 /// What instruction and answers leave possible, by identifier.
-fn possible(task: &Task, scene: &Scene, about: About, answers: &[String]) -> Vec<String> {
+fn possible(task: &Task, scene: &Scene, about: QuestionTopic, answers: &[String]) -> Vec<String> {
     let mut texts = vec![task.instruction.as_str()];
     texts.extend(answers.iter().map(String::as_str));
     match about {
-        About::Object => words::objects(task, &texts)
+        QuestionTopic::Object => words::objects(task, &texts)
             .iter()
             .map(|object| object.instance.to_string())
             .collect(),
@@ -271,29 +271,31 @@ fn possible(task: &Task, scene: &Scene, about: About, answers: &[String]) -> Vec
     }
 }
 
-fn right(task: &Task, about: About) -> String {
+fn right(task: &Task, about: QuestionTopic) -> String {
     match about {
-        About::Object => task.target.to_string(),
-        About::Source => task.src.to_string(),
-        About::Destination => task.dest.to_string(),
+        QuestionTopic::Object => task.target.to_string(),
+        QuestionTopic::Source => task.src.to_string(),
+        QuestionTopic::Destination => task.dest.to_string(),
     }
 }
 
-fn asks_about(step: &PlanStep) -> Option<About> {
+fn asks_about(step: &PlanStep) -> Option<QuestionTopic> {
     let about = step
         .args
         .get("about")
         .filter(|_| step.action == "ask")?
         .as_str()?;
-    About::ALL.into_iter().find(|known| known.as_str() == about)
+    QuestionTopic::ALL
+        .into_iter()
+        .find(|known| known.as_str() == about)
 }
 
 /// What is in the first picture of an episode.
 fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
-    let stage = Stage::new(Arc::new(scene.clone()), Arc::new(task.clone()));
+    let stage = PreparedTask::new(Arc::new(scene.clone()), Arc::new(task.clone()));
     let mut simulator = Simulator::new(stage, Profile::Paper, 0);
     simulator.set_detail(Detail::Geometry);
-    simulator.take_picture();
+    simulator.capture_frame();
     simulator
         .visible()
         .into_iter()

@@ -6,7 +6,7 @@ use std::ops::Range;
 use crate::wording::indefinite;
 use reel_world::{ObjectInstance, PlanStep, Receptacle, Scene, Task, language};
 
-use super::About;
+use super::QuestionTopic;
 use crate::generate::task::describe;
 
 /// The objects on the source that every one of the texts may mean.
@@ -26,8 +26,8 @@ pub(super) fn objects<'a>(task: &'a Task, texts: &[&str]) -> Vec<&'a ObjectInsta
 
 /// The receptacles that may be meant by the word for the right one: of its kind, usable, and not
 /// the other end of the way.
-pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a Receptacle> {
-    let right = if about == About::Source {
+pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: QuestionTopic) -> Vec<&'a Receptacle> {
+    let right = if about == QuestionTopic::Source {
         &task.src
     } else {
         &task.dest
@@ -57,7 +57,7 @@ pub(super) fn is_called(category: &str, kind: &str) -> bool {
 pub(super) fn places<'a>(
     task: &Task,
     scene: &'a Scene,
-    about: About,
+    about: QuestionTopic,
     texts: &[&str],
 ) -> Vec<&'a Receptacle> {
     let mut left = pool(task, scene, about);
@@ -109,12 +109,12 @@ pub(super) fn places<'a>(
 }
 
 /// Whether the instruction leaves open what is meant, and says so: by a purpose, or by "a table".
-pub(super) fn is_vague(task: &Task, scene: &Scene, about: About) -> bool {
+pub(super) fn is_vague(task: &Task, scene: &Scene, about: QuestionTopic) -> bool {
     let told = [task.instruction.as_str()];
     match about {
-        About::Object => task.fuzzy && moves_one(task) && objects(task, &told).len() > 1,
-        About::Source | About::Destination => {
-            let right = scene.receptacle(if about == About::Source {
+        QuestionTopic::Object => task.fuzzy && moves_one(task) && objects(task, &told).len() > 1,
+        QuestionTopic::Source | QuestionTopic::Destination => {
+            let right = scene.receptacle(if about == QuestionTopic::Source {
                 &task.src
             } else {
                 &task.dest
@@ -128,7 +128,7 @@ pub(super) fn is_vague(task: &Task, scene: &Scene, about: About) -> bool {
 }
 
 /// The words by which an instruction tells what is meant: for the object, of each that moves.
-pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
+pub(super) fn told(task: &Task, scene: &Scene, about: QuestionTopic) -> Vec<String> {
     let longest = |names: Vec<String>| {
         let said = names
             .into_iter()
@@ -136,8 +136,8 @@ pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
         said.max_by_key(|name| language::words(name).len())
     };
     match about {
-        About::Object => {
-            let names = task.moved().map(|object| {
+        QuestionTopic::Object => {
+            let names = task.goal_objects().map(|object| {
                 let mut names = describe::object(
                     &object.category,
                     object.caption.as_deref().unwrap_or_default(),
@@ -149,11 +149,11 @@ pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
             });
             names.filter_map(longest).collect()
         }
-        About::Source => task
-            .moved()
+        QuestionTopic::Source => task
+            .goal_objects()
             .filter_map(|object| longest(names(scene.receptacle(&object.receptacle)?, scene)))
             .collect(),
-        About::Destination => scene
+        QuestionTopic::Destination => scene
             .receptacle(&task.dest)
             .and_then(|one| longest(names(one, scene)))
             .into_iter()
@@ -213,7 +213,7 @@ pub(super) fn phrase_in(text: &str, phrases: &[String]) -> Option<Range<usize>> 
 
 /// Whether a task moves its target and nothing else.
 pub(super) fn moves_one(task: &Task) -> bool {
-    task.moved().count() == 1
+    task.goal_objects().count() == 1
 }
 
 /// The receptacle a step of a plan is at, if it says one.
@@ -224,11 +224,14 @@ pub(super) fn place_of_step(step: &PlanStep) -> Option<&str> {
 }
 
 /// Where things come from, for the destination; where they go, for the source.
-fn other_ends<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a Receptacle> {
-    if about == About::Source {
+fn other_ends<'a>(task: &Task, scene: &'a Scene, about: QuestionTopic) -> Vec<&'a Receptacle> {
+    if about == QuestionTopic::Source {
         return scene.receptacle(&task.dest).into_iter().collect();
     }
-    let mut ids: Vec<_> = task.moved().map(|object| &object.receptacle).collect();
+    let mut ids: Vec<_> = task
+        .goal_objects()
+        .map(|object| &object.receptacle)
+        .collect();
     ids.sort();
     ids.dedup();
     ids.into_iter()

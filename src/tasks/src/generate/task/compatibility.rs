@@ -48,7 +48,7 @@ struct Row {
 
 /// A kind of receptacle in a kind of room.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub struct Place {
+pub struct ReceptacleKind {
     /// The kind of receptacle, e.g. `tvstand`.
     pub kind: String,
     /// The kind of room, e.g. `living room`.
@@ -57,7 +57,7 @@ pub struct Place {
 
 /// What a model says that a place holds.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Held {
+pub struct CompatibilityAnswer {
     /// Purposes and categories of the library.
     pub known: Vec<String>,
     /// Words that the library does not have.
@@ -65,7 +65,7 @@ pub struct Held {
 }
 
 /// What to ask about a place: everything there is, and where.
-pub fn question(place: &Place, library: &[LibraryObject]) -> String {
+pub fn question(place: &ReceptacleKind, library: &[LibraryObject]) -> String {
     let mut things: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for object in library {
         things
@@ -92,7 +92,7 @@ pub fn question(place: &Place, library: &[LibraryObject]) -> String {
 
 /// The last list of words of an answer; none where there is no such list, or no word of it is
 /// known.
-pub fn judge(answer: &str, library: &[LibraryObject]) -> Option<Held> {
+pub fn judge(answer: &str, library: &[LibraryObject]) -> Option<CompatibilityAnswer> {
     let answer = answer
         .rsplit_once("</think>")
         .map_or(answer, |(_, said)| said);
@@ -113,7 +113,7 @@ pub fn judge(answer: &str, library: &[LibraryObject]) -> Option<Held> {
         .map(|word| word.trim().to_lowercase())
         .collect();
     let (known, unknown): (Vec<String>, Vec<String>) = words.into_iter().partition(is_known);
-    (!known.is_empty()).then_some(Held { known, unknown })
+    (!known.is_empty()).then_some(CompatibilityAnswer { known, unknown })
 }
 
 impl Compatibility {
@@ -127,9 +127,12 @@ impl Compatibility {
     }
 
     /// The kinds of receptacles in kinds of rooms that scenes have.
-    pub fn places<'a>(&self, scenes: impl IntoIterator<Item = &'a Scene>) -> BTreeSet<Place> {
+    pub fn receptacle_kinds<'a>(
+        &self,
+        scenes: impl IntoIterator<Item = &'a Scene>,
+    ) -> BTreeSet<ReceptacleKind> {
         let of_scene = |scene: &'a Scene| {
-            let place = |one: &Receptacle| Place {
+            let place = |one: &Receptacle| ReceptacleKind {
                 kind: self.kind(&one.category),
                 room: self.room(&one.room),
             };
@@ -139,8 +142,8 @@ impl Compatibility {
     }
 
     /// A table in which these places hold these things, and all others what they held.
-    pub fn with(&self, places: BTreeMap<Place, Vec<String>>) -> Self {
-        let row = |(place, what): (Place, Vec<String>)| Row {
+    pub fn with(&self, places: BTreeMap<ReceptacleKind, Vec<String>>) -> Self {
+        let row = |(place, what): (ReceptacleKind, Vec<String>)| Row {
             receptacles: vec![place.kind],
             rooms: vec![place.room],
             what,

@@ -368,7 +368,7 @@ impl<'a> Draft<'a> {
             .collect();
         let mut objects: Vec<ObjectInstance> = placed
             .iter()
-            .map(|placed| placed.object.standing(&id(placed.site), name, [0.0; 3]))
+            .map(|placed| placed.object.instance_at(&id(placed.site), name, [0.0; 3]))
             .collect();
         let (precise, instruction) = self.instructions(&objects, stream)?;
         if self.speaks_of_others(&precise) || self.speaks_of_others(&instruction) {

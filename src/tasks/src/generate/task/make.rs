@@ -21,7 +21,7 @@ const SPAWN_GAP_M: f64 = 0.02;
 
 /// What to make.
 #[derive(Clone, Copy, Debug)]
-pub struct Options<'a> {
+pub struct GenerateOptions<'a> {
     /// The scenes, in turn.
     pub scenes: &'a [Arc<Scene>],
     /// What can stand in them.
@@ -78,7 +78,7 @@ pub enum MakeError {
 
 /// What came of it.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Made {
+pub struct GenerateReport {
     /// The tasks, by family, scene and type, each with the index of its scene; fewer than asked for
     /// where the scenes do not allow more.
     pub tasks: Vec<(usize, Task)>,
@@ -89,7 +89,10 @@ pub struct Made {
 /// Makes tasks; `on_task` is called from the threads as they come. Task ids are
 /// `<family>/<scene>_<type>_<number>`, the number being that of the draft, so that rejected ones
 /// leave gaps.
-pub fn make(options: &Options<'_>, on_task: impl Fn() + Sync) -> Result<Made, MakeError> {
+pub fn make(
+    options: &GenerateOptions<'_>,
+    on_task: impl Fn() + Sync,
+) -> Result<GenerateReport, MakeError> {
     let mut names: Vec<&str> = options
         .scenes
         .iter()
@@ -107,7 +110,10 @@ pub fn make(options: &Options<'_>, on_task: impl Fn() + Sync) -> Result<Made, Ma
         .install(|| make_here(options, &on_task))
 }
 
-fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made, MakeError> {
+fn make_here(
+    options: &GenerateOptions<'_>,
+    on_task: &(impl Fn() + Sync),
+) -> Result<GenerateReport, MakeError> {
     let grounds: Vec<Ground> = options
         .scenes
         .par_iter()
@@ -166,7 +172,11 @@ fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made
     Ok(gather(options, &sources, cells))
 }
 
-fn gather(options: &Options<'_>, sources: &[Source<'_>], mut cells: Vec<Cell<'_>>) -> Made {
+fn gather(
+    options: &GenerateOptions<'_>,
+    sources: &[Source<'_>],
+    mut cells: Vec<Cell<'_>>,
+) -> GenerateReport {
     let mut statistics = Statistics {
         receptacle_pairs: sources.iter().map(|source| source.triplets.len()).sum(),
         triplets: sources
@@ -195,7 +205,7 @@ fn gather(options: &Options<'_>, sources: &[Source<'_>], mut cells: Vec<Cell<'_>
         }
         tasks.extend(cell.tasks.into_iter().map(|task| (cell.scene, task)));
     }
-    Made { tasks, statistics }
+    GenerateReport { tasks, statistics }
 }
 
 /// The tasks of one family, type and scene: the drafts that pass, in the order of their numbers.
@@ -220,9 +230,9 @@ impl<'a> Cell<'a> {
         (family, task_type): (Family, TaskType),
         scene: usize,
         source: &'a Source<'a>,
-        options: &Options<'_>,
+        options: &GenerateOptions<'_>,
     ) -> Self {
-        let Options { seed, placing, .. } = *options;
+        let GenerateOptions { seed, placing, .. } = *options;
         let sites = &source.ground.sites;
         let scene_id = &source.ground.scene.scene_id;
         let mut stream = Stream::new(
@@ -361,7 +371,7 @@ fn place(
         // The target has the choice.
         here.sort_by_key(|index| task.objects[*index].instance != task.target);
         let arriving = task.objects.iter().filter(|object| {
-            object.receptacle != *id && task.goal.place_of(&object.instance) == Some(id)
+            object.receptacle != *id && task.goal.receptacle_of(&object.instance) == Some(id)
         });
         let sizes: Vec<[f64; 3]> = here
             .iter()

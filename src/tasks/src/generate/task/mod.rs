@@ -23,6 +23,6 @@ mod wording;
 pub use compatibility::Compatibility;
 pub use draft::{Difficulty, TaskType, Unfit};
 pub use ground::{Ground, Side, Site};
-pub use make::{Made, MakeError, Options, Placing, make};
+pub use make::{GenerateOptions, GenerateReport, MakeError, Placing, make};
 pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, can_be_approached, settle, spawn};
 pub use statistics::{Rejection, Statistics};

@@ -43,7 +43,7 @@ impl Distribution {
 
 /// One quantity of the tasks of a family.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Row {
+pub struct DistributionRow {
     /// The family; none: of all.
     pub family: Option<Family>,
     /// The quantity.
@@ -78,7 +78,7 @@ const QUANTITIES: [(&str, Values); 8] = [
 ];
 
 /// The distributions over some tasks, of all and by family.
-pub fn report(tasks: &[Task]) -> Vec<Row> {
+pub fn report(tasks: &[Task]) -> Vec<DistributionRow> {
     let families = [None].into_iter().chain(Family::ALL.map(Some));
     let rows = families.flat_map(|family| {
         let of_family = tasks
@@ -86,7 +86,7 @@ pub fn report(tasks: &[Task]) -> Vec<Row> {
             .filter(move |task| family.is_none_or(|family| task.family == family));
         QUANTITIES.iter().filter_map(move |(quantity, of)| {
             let distribution = Distribution::of(of_family.clone().flat_map(of).collect())?;
-            Some(Row {
+            Some(DistributionRow {
                 family,
                 quantity,
                 distribution,

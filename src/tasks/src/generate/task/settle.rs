@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use reel_sim::{Simulator, Stage, physics::SPAWN_OFFSET_M};
+use reel_sim::{PreparedTask, Simulator, physics::SPAWN_OFFSET_M};
 use reel_world::{ObjectInstance, Profile, Scene, Task};
 use serde::Serialize;
 
@@ -38,7 +38,11 @@ impl Unsettled {
 
 /// Spawns the task's objects 0.1 m above their places and runs 500 steps of 1/240 s.
 pub fn spawn(scene: &Arc<Scene>, task: &Arc<Task>) -> Simulator {
-    Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0)
+    Simulator::new(
+        PreparedTask::new(scene.clone(), task.clone()),
+        Profile::Paper,
+        0,
+    )
 }
 
 /// The final rest positions, in the order of the objects, if every object came to rest on its
@@ -60,7 +64,7 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
             return Err(Unsettled::Fell);
         }
         let place = spawned
-            .place_of(index)
+            .support_of(index)
             .flatten()
             .map(|furniture| &spawned.model().furniture[furniture].id);
         if place == Some(&object.receptacle) {
@@ -94,7 +98,7 @@ pub fn can_be_approached(spawned: &Simulator) -> bool {
             nav.approach(
                 spawned.robot().base,
                 position,
-                spawned.place_of(index).flatten(),
+                spawned.support_of(index).flatten(),
             )
             .is_some()
         })

@@ -63,7 +63,7 @@ pub struct Statistics {
 
 /// How many drafts a filter saw, and how many it let pass.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-pub struct Passed {
+pub struct FilterCounts {
     /// Its name.
     pub filter: &'static str,
     /// How many came to it.
@@ -74,7 +74,7 @@ pub struct Passed {
 
 impl Statistics {
     /// Pass rates, filter by filter.
-    pub fn filters(&self) -> [Passed; 4] {
+    pub fn filters(&self) -> [FilterCounts; 4] {
         let mut seen = self.drafts;
         let stopped = |filter| {
             self.rejected
@@ -85,7 +85,7 @@ impl Statistics {
         };
         std::array::from_fn(|index| {
             let passed = seen - stopped(index);
-            let step = Passed {
+            let step = FilterCounts {
                 filter: Rejection::FILTERS[index],
                 seen,
                 passed,

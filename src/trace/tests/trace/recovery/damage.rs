@@ -34,7 +34,7 @@ fn a_crash_while_finishing_leaves_everything() {
             recovery.source_deleted,
             recovery.lost.len()
         ),
-        (Restored::Written, true, 0)
+        (RecoveryStatus::Written, true, 0)
     );
     sample.assert_is(&Trace::read(&path).unwrap());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -49,7 +49,7 @@ fn a_crash_while_finishing_leaves_everything() {
             recovery.source_deleted,
             recovery.lost.len()
         ),
-        (Restored::Before, true, 0)
+        (RecoveryStatus::Before, true, 0)
     );
     assert_eq!(fs::read(&path).unwrap(), trace);
 
@@ -66,7 +66,7 @@ fn a_crash_while_finishing_leaves_everything() {
     fs::write(&part, &ended).unwrap();
     assert!(matches!(
         recover(&part, None, score),
-        Err(TraceError::InTheWay { .. })
+        Err(TraceError::TargetExists { .. })
     ));
     assert!(part.exists());
 }
@@ -178,7 +178,10 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
         .unwrap();
     bytes[at] ^= 1;
     let (recovery, found) = recovered("task.mcap.part", &bytes);
-    assert_eq!((recovery.restored, recovery.steps), (Restored::Nothing, 0));
+    assert_eq!(
+        (recovery.restored, recovery.steps),
+        (RecoveryStatus::Nothing, 0)
+    );
     assert!(
         found.iter().any(|finding| finding.record == "attachment"),
         "{found:?}"
@@ -192,11 +195,14 @@ fn what_was_recovered_can_be_recovered_again() {
     let source = folder.path().join("x.mcap.part");
     fs::write(&source, &part[..part.len() - 1]).unwrap();
     let first = restore(&source);
-    assert_eq!(restore(&first.trace).restored, Restored::NotNeeded);
+    assert_eq!(restore(&first.trace).restored, RecoveryStatus::NotNeeded);
     let bytes = fs::read(&first.trace).unwrap();
     fs::write(&first.trace, &bytes[..bytes.len() - 1]).unwrap();
     let second = restore(&first.trace);
-    assert_eq!((second.restored, second.lost.len()), (Restored::Written, 0));
+    assert_eq!(
+        (second.restored, second.lost.len()),
+        (RecoveryStatus::Written, 0)
+    );
     let trace = Trace::read(&second.trace).unwrap();
     assert_first_steps(&trace, &sample, 2);
     let sources: Vec<&str> = trace
@@ -252,7 +258,7 @@ fn rewriting_gives_the_bytes_of_the_recording() {
         })
         .unwrap_err();
     assert!(
-        matches!(wrong, TraceError::Picture { step: Some(0), .. }),
+        matches!(wrong, TraceError::Image { step: Some(0), .. }),
         "{wrong}"
     );
     assert!(!at("wrong.mcap").exists());

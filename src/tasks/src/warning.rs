@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 
 /// Something strange in a task.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
-pub struct Oddity {
+pub struct TaskWarning {
     /// The task.
     pub task_id: String,
     /// What kind of strangeness.
-    pub kind: OddityKind,
+    pub kind: TaskWarningKind,
     /// Which things are concerned.
     pub detail: String,
 }
@@ -18,7 +18,7 @@ pub struct Oddity {
 /// The kinds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum OddityKind {
+pub enum TaskWarningKind {
     /// The same asset stands on several receptacles.
     SameAssetInSeveralPlaces,
     /// The file's goal graph holds other objects than its initial one; the goal is derived instead.
@@ -44,34 +44,34 @@ pub enum OddityKind {
     ObjectsAndPlacementsDiffer,
 }
 
-impl OddityKind {
+impl TaskWarningKind {
     /// For people.
     pub fn as_str(self) -> &'static str {
         match self {
-            OddityKind::SameAssetInSeveralPlaces => "same asset in several places",
-            OddityKind::GoalDoesNotConserve => "goal graph does not conserve objects",
-            OddityKind::DestinationAmongSourceDistractors => {
+            TaskWarningKind::SameAssetInSeveralPlaces => "same asset in several places",
+            TaskWarningKind::GoalDoesNotConserve => "goal graph does not conserve objects",
+            TaskWarningKind::DestinationAmongSourceDistractors => {
                 "destination among the source distractors"
             }
-            OddityKind::CategoryAlias => "category alias",
-            OddityKind::ZeroSizeDistractor => "zero-size distractor",
-            OddityKind::ThinObject => "thin object",
-            OddityKind::GraphOmitsReceptacles => "graph omits receptacles",
-            OddityKind::DestinationWithoutGeometry => "destination without geometry",
-            OddityKind::UnplaceableReceptacle => "unplaceable receptacle",
-            OddityKind::InitialGraphDisagrees => "initial graph disagrees",
-            OddityKind::ObjectsAndPlacementsDiffer => "objects and placements differ",
+            TaskWarningKind::CategoryAlias => "category alias",
+            TaskWarningKind::ZeroSizeDistractor => "zero-size distractor",
+            TaskWarningKind::ThinObject => "thin object",
+            TaskWarningKind::GraphOmitsReceptacles => "graph omits receptacles",
+            TaskWarningKind::DestinationWithoutGeometry => "destination without geometry",
+            TaskWarningKind::UnplaceableReceptacle => "unplaceable receptacle",
+            TaskWarningKind::InitialGraphDisagrees => "initial graph disagrees",
+            TaskWarningKind::ObjectsAndPlacementsDiffer => "objects and placements differ",
         }
     }
 }
 
-impl fmt::Display for OddityKind {
+impl fmt::Display for TaskWarningKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
     }
 }
 
-impl fmt::Display for Oddity {
+impl fmt::Display for TaskWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}: {}", self.task_id, self.kind, self.detail)
     }

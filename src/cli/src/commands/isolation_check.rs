@@ -82,7 +82,7 @@ fn compare(reports: &[EpisodeReport], folder: &Path) -> anyhow::Result<Vec<Strin
     for path in reports.iter().filter_map(|report| report.trace.as_ref()) {
         let name = path.file_name().context("a trace has a name")?;
         let (first, second) = (Trace::read(path)?, Trace::read(&folder.join(name))?);
-        if let Some(divergence) = reel_replay::compare(&first, &second) {
+        if let Some(divergence) = reel_replay::first_divergence(&first, &second) {
             leaks.push(format!(
                 "{}: state depends on the conditions it is computed under: {divergence}",
                 path.display()
