@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -81,6 +81,10 @@ service: ## `reel serve` from outside: agents, published texts, leaks, faults, f
 
 real-contract: ## hold every answer, payload, reward and file against what REAL's published code computes (needs Python)
 	tests/real-contract.sh
+
+docs: ## build the guides as a book in out/book (installs mdbook where it is missing)
+	command -v mdbook >/dev/null || cargo install --locked mdbook
+	mdbook build
 
 lint: ## check format and lints
 	cargo fmt --all --check

@@ -10,7 +10,9 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::{Context, NoAnswer, PerceivedItem, Policy, planner::DOOR_WORDS, policy, random};
+use crate::{
+    PerceivedItem, Policy, PolicyContext, ResponderError, planner::DOOR_WORDS, policy, random,
+};
 
 /// Fewest calls before it finishes.
 const LENGTH_MIN: usize = 10;
@@ -21,7 +23,7 @@ const ODD_NUMBER_EVERY: usize = 10;
 
 /// What it can think of doing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Deed {
+enum Candidate {
     Drive,
     WalkAround,
     ShowObjects,
@@ -45,7 +47,7 @@ pub struct Explorer {
     length: u32,
     holding: bool,
     /// The tool of the last call.
-    last: Option<Deed>,
+    last: Option<Candidate>,
     /// Numbers that were on some map.
     old_numbers: BTreeSet<u32>,
     /// Receptacles it saw objects on.
@@ -72,10 +74,10 @@ impl Explorer {
         }
     }
 
-    fn learn(&mut self, context: &Context<'_>) {
+    fn learn(&mut self, context: &PolicyContext<'_>) {
         match self.last {
-            Some(Deed::Pick) if context.observation.error.is_none() => self.holding = true,
-            Some(Deed::Place) if context.observation.error.is_none() => self.holding = false,
+            Some(Candidate::Pick) if context.observation.error.is_none() => self.holding = true,
+            Some(Candidate::Place) if context.observation.error.is_none() => self.holding = false,
             _ => {}
         }
         self.old_numbers
@@ -89,7 +91,7 @@ impl Explorer {
 
     /// Chooses by weights that make episodes in which much happens: what is possible is likely, the
     /// rest is tried too.
-    fn choose_deed(&mut self, context: &Context<'_>) -> Deed {
+    fn choose_deed(&mut self, context: &PolicyContext<'_>) -> Candidate {
         let any = |fits: fn(&PerceivedItem) -> bool| context.perceived.iter().any(fits);
         let objects = any(|thing| !thing.furniture && thing.marker.is_some());
         let unmarked = any(|thing| !thing.furniture && thing.marker.is_none());
@@ -99,21 +101,21 @@ impl Explorer {
         let free = !self.holding;
         let if_else = |condition: bool, yes: usize, no: usize| if condition { yes } else { no };
         let weights = [
-            (Deed::Drive, if_else(self.last.is_none(), 90, 10)),
-            (Deed::WalkAround, if_else(free, 8, 3)),
-            (Deed::ShowObjects, if_else(unmarked && free, 24, 4)),
-            (Deed::ShowReceptacles, if_else(furniture, 3, 14)),
+            (Candidate::Drive, if_else(self.last.is_none(), 90, 10)),
+            (Candidate::WalkAround, if_else(free, 8, 3)),
+            (Candidate::ShowObjects, if_else(unmarked && free, 24, 4)),
+            (Candidate::ShowReceptacles, if_else(furniture, 3, 14)),
             (
-                Deed::Gaze,
+                Candidate::Gaze,
                 if_else(too_far, 40, if_else(objects || furniture, 9, 1)),
             ),
-            (Deed::Pick, if_else(free && objects, 30, 1)),
-            (Deed::Place, if_else(!free && furniture, 30, 1)),
-            (Deed::Open, if_else(door, 16, 1)),
-            (Deed::Close, if_else(door, 10, 1)),
-            (Deed::Ask, 2),
-            (Deed::List, 1),
-            (Deed::Nonsense, 3),
+            (Candidate::Pick, if_else(free && objects, 30, 1)),
+            (Candidate::Place, if_else(!free && furniture, 30, 1)),
+            (Candidate::Open, if_else(door, 16, 1)),
+            (Candidate::Close, if_else(door, 10, 1)),
+            (Candidate::Ask, 2),
+            (Candidate::List, 1),
+            (Candidate::Nonsense, 3),
         ];
         let total = weights.iter().map(|(_, weight)| weight).sum();
         let mut ticket = random::below(&mut self.rng, total);
@@ -126,7 +128,7 @@ impl Explorer {
         unreachable!("the ticket is below the sum of the weights")
     }
 
-    fn call(&mut self, deed: Deed, context: &Context<'_>) -> ToolCall {
+    fn call(&mut self, deed: Candidate, context: &PolicyContext<'_>) -> ToolCall {
         let numbered = |furniture: bool| {
             context
                 .perceived
@@ -134,41 +136,41 @@ impl Explorer {
                 .filter(move |thing| thing.furniture == furniture)
         };
         let tool = match deed {
-            Deed::Drive => return self.drive(context),
-            Deed::WalkAround => Tool::WalkAround,
-            Deed::ShowObjects => Tool::ShowObjectByCategory {
+            Candidate::Drive => return self.drive(context),
+            Candidate::WalkAround => Tool::WalkAround,
+            Candidate::ShowObjects => Tool::ShowObjectByCategory {
                 category: self.category(context),
             },
-            Deed::ShowReceptacles => Tool::ShowReceptacles,
-            Deed::Gaze => Tool::GazeAt {
+            Candidate::ShowReceptacles => Tool::ShowReceptacles,
+            Candidate::Gaze => Tool::GazeAt {
                 marker: self.number(context.perceived.iter().collect()),
             },
-            Deed::Pick => Tool::Pick {
+            Candidate::Pick => Tool::Pick {
                 marker: self.number(numbered(false).collect()),
             },
-            Deed::Place => Tool::Place {
+            Candidate::Place => Tool::Place {
                 marker: self.number(numbered(true).collect()),
             },
-            Deed::Open => Tool::Open {
+            Candidate::Open => Tool::Open {
                 marker: self.door(numbered(true).collect()),
             },
-            Deed::Close => Tool::Close {
+            Candidate::Close => Tool::Close {
                 marker: self.door(numbered(true).collect()),
             },
-            Deed::Ask => return self.question(),
-            Deed::List => {
+            Candidate::Ask => return self.question(),
+            Candidate::List => {
                 return self.one_of([
                     ToolCall::new("list_receptacles", json!({})),
                     ToolCall::new("list_tasks", json!({})),
                 ]);
             }
-            Deed::Nonsense => return self.nonsense(),
+            Candidate::Nonsense => return self.nonsense(),
         };
         tool.to_call()
     }
 
     /// To any receptacle, to one that may have a door, or to one with something on it.
-    fn drive(&mut self, context: &Context<'_>) -> ToolCall {
+    fn drive(&mut self, context: &PolicyContext<'_>) -> ToolCall {
         let all = &context.briefing.receptacles;
         let among: Vec<ReceptacleId> = match random::below(&mut self.rng, 3) {
             0 => all
@@ -192,7 +194,7 @@ impl Explorer {
     }
 
     /// A category in view, one it saw before, or a word of the instruction.
-    fn category(&mut self, context: &Context<'_>) -> String {
+    fn category(&mut self, context: &PolicyContext<'_>) -> String {
         let in_view = context
             .perceived
             .iter()
@@ -289,11 +291,11 @@ impl Policy for Explorer {
         policy::info("explorer", self.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         self.learn(context);
         let call = if context.step >= self.length {
             Tool::Finish.to_call()
@@ -313,21 +315,21 @@ impl Policy for Explorer {
         Ok(StepInput::from_call(call))
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.learn(context);
         self.last = Some(match Tool::parse(&input.call) {
-            Ok(Tool::NavTo { .. }) => Deed::Drive,
-            Ok(Tool::WalkAround) => Deed::WalkAround,
-            Ok(Tool::ShowObjectByCategory { .. }) => Deed::ShowObjects,
-            Ok(Tool::ShowReceptacles) => Deed::ShowReceptacles,
-            Ok(Tool::GazeAt { .. }) => Deed::Gaze,
-            Ok(Tool::Pick { .. }) => Deed::Pick,
-            Ok(Tool::Place { .. }) => Deed::Place,
-            Ok(Tool::Open { .. }) => Deed::Open,
-            Ok(Tool::Close { .. }) => Deed::Close,
-            Ok(Tool::Ask { .. }) => Deed::Ask,
-            Ok(Tool::Finish | Tool::Lifecycle(_)) => Deed::List,
-            Err(_) => Deed::Nonsense,
+            Ok(Tool::NavTo { .. }) => Candidate::Drive,
+            Ok(Tool::WalkAround) => Candidate::WalkAround,
+            Ok(Tool::ShowObjectByCategory { .. }) => Candidate::ShowObjects,
+            Ok(Tool::ShowReceptacles) => Candidate::ShowReceptacles,
+            Ok(Tool::GazeAt { .. }) => Candidate::Gaze,
+            Ok(Tool::Pick { .. }) => Candidate::Pick,
+            Ok(Tool::Place { .. }) => Candidate::Place,
+            Ok(Tool::Open { .. }) => Candidate::Open,
+            Ok(Tool::Close { .. }) => Candidate::Close,
+            Ok(Tool::Ask { .. }) => Candidate::Ask,
+            Ok(Tool::Finish | Tool::Lifecycle(_)) => Candidate::List,
+            Err(_) => Candidate::Nonsense,
         });
     }
 }

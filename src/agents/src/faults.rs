@@ -13,7 +13,7 @@ use reel_world::{
 use serde_json::{Value, json};
 
 use crate::{
-    Context, NoAnswer, Policy,
+    Policy, PolicyContext, ResponderError,
     oracle::{Oracle, OracleOptions},
     policy, random,
 };
@@ -233,11 +233,11 @@ impl Policy for Oscillating {
         policy::info("oscillating", self.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         if self.turns.is_none() && context.truth.is_none_or(|truth| truth.held.is_none()) {
             let input = self.oracle.act(context)?;
             // It does not know when to stop, either.
@@ -251,8 +251,8 @@ impl Policy for Oscillating {
         Ok(StepInput::from_call(Tool::NavTo { receptacle }.to_call()))
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
-        self.oracle.watch(context, input);
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
+        self.oracle.observe(context, input);
     }
 }
 
@@ -282,7 +282,7 @@ impl Gibberish {
         }
     }
 
-    fn nonsense(&mut self, context: &Context<'_>) -> ToolCall {
+    fn nonsense(&mut self, context: &PolicyContext<'_>) -> ToolCall {
         let current = |id: &u32| {
             context
                 .truth
@@ -319,11 +319,11 @@ impl Policy for Gibberish {
         policy::info("gibberish", self.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         if let Some(truth) = context.truth {
             let objects = truth
                 .markers
@@ -347,13 +347,13 @@ impl Policy for Gibberish {
             return Ok(StepInput::from_call(self.nonsense(context)));
         }
         let observation = self.kept.as_ref().unwrap_or(context.observation);
-        self.oracle.act(&Context {
+        self.oracle.act(&PolicyContext {
             observation,
             ..*context
         })
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.old_markers.extend(
             context
                 .perceived
@@ -363,7 +363,7 @@ impl Policy for Gibberish {
         );
         self.kept = None;
         self.talking_nonsense = false;
-        self.oracle.watch(context, input);
+        self.oracle.observe(context, input);
     }
 
     fn gave_up(&self) -> Option<String> {

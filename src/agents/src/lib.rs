@@ -9,13 +9,13 @@ mod faults;
 mod injection;
 mod narration;
 mod oracle;
-mod outside;
 mod perception;
 pub mod plan;
 mod planner;
 mod policy;
 mod random;
 mod record;
+mod responders;
 mod runner;
 mod running;
 mod sink;
@@ -25,15 +25,17 @@ use std::path::PathBuf;
 pub use explorer::Explorer;
 pub use faults::{Gibberish, Oscillating, mistaken_task};
 pub use injection::{
-    Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions,
-    Unfit, admitted, cluttered, paper_mix, sample,
+    Detour, Fault, FaultKind, FaultLabel, Injected, Injection, InjectionError, Label, Primary,
+    SampleOptions, admitted, cluttered, paper_mix, sample,
 };
 pub use oracle::{Oracle, OracleOptions};
-pub use outside::{Matcher, NoAnswer, Responders, User, UserQuestion};
 pub use planner::{GoalHint, Planner};
-pub use policy::{Context, POLICIES, PerceivedItem, Policy, policy};
+pub use policy::{POLICIES, PerceivedItem, Policy, PolicyContext, policy};
 pub use record::{RecordTo, TraceSink};
-pub use runner::{EpisodeReport, Job, Participants, builtin, run_all, run_episode, run_injected};
+pub use responders::{Matcher, ResponderError, Responders, User, UserQuestion};
+pub use runner::{
+    EpisodeJob, EpisodeReport, Participants, builtin, run_all, run_episode, run_injected,
+};
 pub use running::{RunningEpisode, retrace};
 pub use sink::{NoSink, RecordedTrace, Sink, SinkError};
 
@@ -73,7 +75,7 @@ pub enum AgentError {
         /// The task.
         task: String,
         /// Why.
-        source: Unfit,
+        source: InjectionError,
     },
     /// The episode was not begun.
     #[error("task {task}, seed {seed}: not played: {why}")]
@@ -95,7 +97,7 @@ pub enum AgentError {
         /// The step that was not decided.
         step: u32,
         /// Why.
-        source: NoAnswer,
+        source: ResponderError,
     },
     /// The label cannot be written.
     #[error("task {task}, seed {seed}: the label cannot be written to {path}")]

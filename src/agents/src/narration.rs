@@ -16,7 +16,7 @@ pub struct Narration {
 
 impl Narration {
     /// Writes down how the last call went, and says why the next one is made.
-    pub fn tell(
+    pub fn narrate(
         &mut self,
         tool: &Tool,
         schedule: &VecDeque<Intent>,

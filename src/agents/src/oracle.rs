@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use crate::plan::{Intent, Situation, calls, plan, published_plan};
+use crate::plan::{Intent, PlanningState, calls, plan, published_plan};
 use rand_chacha::ChaCha8Rng;
 use reel_episode::{Privileged, user::which};
 use reel_world::{
@@ -16,7 +16,9 @@ use reel_world::{
 };
 use serde_json::Value;
 
-use crate::{Context, NoAnswer, PerceivedItem, Policy, narration::Narration, policy, random};
+use crate::{
+    PerceivedItem, Policy, PolicyContext, ResponderError, narration::Narration, policy, random,
+};
 
 /// Failed calls after which it gives up: a replanned pick and place may each fail twice.
 const FAILURES_MAX: u32 = 5;
@@ -147,7 +149,7 @@ impl Oracle {
     }
 
     /// The next call, without a word.
-    pub(crate) fn next_tool(&mut self, context: &Context<'_>) -> Tool {
+    pub(crate) fn next_tool(&mut self, context: &PolicyContext<'_>) -> Tool {
         let tool = match context.truth {
             Some(truth) => self.decide(context, truth),
             None => Tool::Finish,
@@ -161,7 +163,7 @@ impl Oracle {
         &self.intents
     }
 
-    fn decide(&mut self, context: &Context<'_>, truth: &Privileged<'_>) -> Tool {
+    fn decide(&mut self, context: &PolicyContext<'_>, truth: &Privileged<'_>) -> Tool {
         if !self.started {
             self.started = true;
             self.start(truth);
@@ -235,7 +237,7 @@ impl Oracle {
     fn call_for(
         &mut self,
         intent: &Intent,
-        context: &Context<'_>,
+        context: &PolicyContext<'_>,
         truth: &Privileged<'_>,
     ) -> Option<Tool> {
         match intent {
@@ -316,7 +318,7 @@ impl Oracle {
         &mut self,
         category: &str,
         target: &InstanceId,
-        context: &Context<'_>,
+        context: &PolicyContext<'_>,
         truth: &Privileged<'_>,
     ) -> Option<Tool> {
         match std::mem::replace(&mut self.search, Search::Begin) {
@@ -370,7 +372,7 @@ impl Oracle {
     fn candidates(
         &mut self,
         target: &InstanceId,
-        context: &Context<'_>,
+        context: &PolicyContext<'_>,
         truth: &Privileged<'_>,
     ) -> Vec<InstanceId> {
         let category = |id: &InstanceId| self.task.object(id).map(|object| object.category.clone());
@@ -415,7 +417,7 @@ impl Oracle {
 
     /// Who has seen only one thing has nothing to ask about. Where the plan wants the question, the
     /// answer shall settle it, and so everything has to be seen first.
-    fn has_to_look_first(&self, context: &Context<'_>, truth: &Privileged<'_>) -> bool {
+    fn has_to_look_first(&self, context: &PolicyContext<'_>, truth: &Privileged<'_>) -> bool {
         let there = truth
             .landmark
             .map_or(0, |here| truth.graph.objects_on(here).len());
@@ -423,7 +425,7 @@ impl Oracle {
     }
 
     /// The one question, in words for what was seen; none if it was asked or need not be.
-    fn question(&mut self, context: &Context<'_>) -> Option<Tool> {
+    fn question(&mut self, context: &PolicyContext<'_>) -> Option<Tool> {
         if !self.wants_to_ask() {
             return None;
         }
@@ -482,7 +484,7 @@ impl Oracle {
             return;
         }
         let blind = (!self.habits.minds_doors).then(|| graph_without_doors(truth.graph));
-        let situation = Situation {
+        let situation = PlanningState {
             task: &self.task,
             scene: truth.scene,
             graph: blind.as_ref().unwrap_or(truth.graph),
@@ -522,20 +524,20 @@ impl Policy for Oracle {
         policy::info(self.name, self.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         let tool = self.next_tool(context);
         let output = self
             .narration
-            .tell(&tool, &self.intents, context.observation);
+            .narrate(&tool, &self.intents, context.observation);
         Ok(StepInput::with_policy_output(tool.to_call(), output))
     }
 
     /// It comes in when something was done already, and plans from what it finds.
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.narration.watch(&input.call, context.observation);
         if let Ok(Tool::Ask { question }) = Tool::parse(&input.call) {
             let of_plan = |step: &PlanStep| {
@@ -564,7 +566,7 @@ pub(crate) fn question(seen: &[PerceivedItem], purpose: Option<&str>) -> String 
 }
 
 fn objects_here<'a>(
-    context: &'a Context<'_>,
+    context: &'a PolicyContext<'_>,
     truth: &'a Privileged<'_>,
 ) -> impl Iterator<Item = &'a PerceivedItem> {
     context

@@ -4,13 +4,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::plan::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, View};
+use crate::plan::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView};
 use reel_world::{
     ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{Context, NoAnswer, PerceivedItem, Policy, oracle::question, policy};
+use crate::{PerceivedItem, Policy, PolicyContext, ResponderError, oracle::question, policy};
 
 /// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
@@ -155,7 +155,7 @@ impl Planner {
     }
 
     /// What it knows now: takes in what came of the last call.
-    pub fn belief(&mut self, context: &Context<'_>) -> &Belief {
+    pub fn belief(&mut self, context: &PolicyContext<'_>) -> &Belief {
         let last = self.last.take();
         if let Some(Last {
             tool: Some(Tool::Ask { .. }),
@@ -192,7 +192,7 @@ impl Planner {
     }
 
     /// The call it would make now.
-    pub fn advice(&mut self, context: &Context<'_>) -> Tool {
+    pub fn advice(&mut self, context: &PolicyContext<'_>) -> Tool {
         let next = self.belief(context).next();
         let number = |is_it: &dyn Fn(&PerceivedItem) -> bool| {
             context
@@ -238,7 +238,7 @@ impl Planner {
     }
 
     /// What speaks against a call that somebody else makes now.
-    pub fn objection(&mut self, context: &Context<'_>, call: &ToolCall) -> Option<Objection> {
+    pub fn objection(&mut self, context: &PolicyContext<'_>, call: &ToolCall) -> Option<Objection> {
         let seen = context.perceived;
         let made = match Tool::parse(call).ok()? {
             Tool::NavTo { receptacle } => Move::NavTo(receptacle),
@@ -255,7 +255,7 @@ impl Planner {
         self.belief(context).objection(&made)
     }
 
-    fn at_start(&self, context: &Context<'_>) -> Belief {
+    fn at_start(&self, context: &PolicyContext<'_>) -> Belief {
         let has_door = |category: &str| DOOR_WORDS.iter().any(|word| category.contains(word));
         let doors = context
             .briefing
@@ -266,7 +266,7 @@ impl Planner {
         Belief::new(errands, doors.map(|(id, ..)| id.clone()).collect())
     }
 
-    fn fits(&self, seen: &PerceivedItem, context: &Context<'_>) -> Vec<bool> {
+    fn fits(&self, seen: &PerceivedItem, context: &PolicyContext<'_>) -> Vec<bool> {
         let object = seen.described();
         // What an answer names is meant, whatever one took the instruction to mean.
         let mut named = self
@@ -286,8 +286,8 @@ impl Planner {
         self.hints.iter().map(fits).collect()
     }
 
-    fn view(&self, context: &Context<'_>) -> View {
-        let mut view = View::default();
+    fn view(&self, context: &PolicyContext<'_>) -> PerceivedView {
+        let mut view = PerceivedView::default();
         for seen in context.perceived {
             let place = seen
                 .receptacle_hint
@@ -310,7 +310,7 @@ impl Planner {
         &self,
         tool: &Tool,
         at: Option<ReceptacleId>,
-        context: &Context<'_>,
+        context: &PolicyContext<'_>,
         seen: &[PerceivedItem],
     ) -> Vec<CallEffect> {
         let (thing, place) = (
@@ -368,7 +368,7 @@ impl Planner {
         deed.into_iter().collect()
     }
 
-    fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
+    fn remember(&mut self, tool: Option<Tool>, context: &PolicyContext<'_>, own: bool) {
         self.last = Some(Last {
             tool,
             seen: context.perceived.to_vec(),
@@ -401,18 +401,18 @@ impl Policy for Planner {
         policy::info("planner", self.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         let tool = self.advice(context);
         let call = tool.to_call();
         self.remember(Some(tool), context, true);
         Ok(StepInput::from_call(call))
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.belief(context);
         self.remember(Tool::parse(&input.call).ok(), context, false);
     }

@@ -9,7 +9,7 @@ use reel_world::{
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{AgentError, Explorer, GoalHint, NoAnswer, Oracle, Planner, faults};
+use crate::{AgentError, Explorer, GoalHint, Oracle, Planner, ResponderError, faults};
 
 /// What decides in an episode.
 pub trait Policy {
@@ -17,19 +17,19 @@ pub trait Policy {
     fn info(&self) -> PolicyInfo;
 
     /// Whether it reads the simulator's truth. A policy under evaluation never does.
-    fn wants_truth(&self) -> bool;
+    fn needs_privileged(&self) -> bool;
 
     /// The next call.
     ///
     /// # Errors
     /// When whoever it asks does not answer. The episode ends there, as aborted. What can be told
     /// to it as feedback (an unknown tool, an answer without a call) is no such error.
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer>;
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError>;
 
     /// Is shown a call that somebody else decided where it would have been asked, before what comes
     /// of it: takes in what it would have learnt and remembered had it made this call itself. There
     /// is no truth in the context. Who keeps nothing from call to call has nothing to do.
-    fn watch(&mut self, _context: &Context<'_>, _input: &StepInput) {}
+    fn observe(&mut self, _context: &PolicyContext<'_>, _input: &StepInput) {}
 
     /// Why it gave up on the goal, if it did.
     fn gave_up(&self) -> Option<String> {
@@ -39,7 +39,7 @@ pub trait Policy {
 
 /// What a policy knows when it decides.
 #[derive(Clone, Copy, Debug)]
-pub struct Context<'a> {
+pub struct PolicyContext<'a> {
     /// What it was told at the start.
     pub briefing: &'a Briefing,
     /// What its last call gave.

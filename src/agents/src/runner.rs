@@ -16,8 +16,8 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Injected, Injection, Label, Policy, Responders, outside::broken_rules, policy,
-    record::RecordTo, running::RunningEpisode,
+    AgentError, Injected, Injection, Label, Policy, Responders, policy, record::RecordTo,
+    responders::broken_rules, running::RunningEpisode,
 };
 
 /// How an episode went.
@@ -122,7 +122,7 @@ fn spent(steps: &[StepRecord]) -> (Option<[u64; 2]>, u64) {
 
 /// One episode to play.
 #[derive(Clone, Debug)]
-pub struct Job {
+pub struct EpisodeJob {
     /// What it is a function of. Who decides is filled in by the runner.
     pub config: EpisodeConfig,
     /// Name of the policy, for messages; of a built-in one the name by which it is found.
@@ -145,7 +145,7 @@ pub struct Participants {
 ///
 /// # Errors
 /// When no policy is called so.
-pub fn builtin(job: &Job) -> Result<Participants, AgentError> {
+pub fn builtin(job: &EpisodeJob) -> Result<Participants, AgentError> {
     let policy = policy(
         &job.policy,
         &job.config.task,
@@ -221,9 +221,9 @@ pub fn run_injected(
 /// Results come in the order of the jobs, whatever the order they end in; `on_done` is called from
 /// the worker threads as episodes end. A panic ends only its own episode.
 pub fn run_all(
-    jobs: Vec<Job>,
+    jobs: Vec<EpisodeJob>,
     workers: usize,
-    seat: impl Fn(&Job) -> Result<Participants, AgentError> + Sync,
+    seat: impl Fn(&EpisodeJob) -> Result<Participants, AgentError> + Sync,
     on_done: impl Fn(&EpisodeReport) + Sync,
 ) -> Vec<Result<EpisodeReport, AgentError>> {
     let pool = match rayon::ThreadPoolBuilder::new()
@@ -241,7 +241,7 @@ pub fn run_all(
             return jobs.iter().map(failed).collect();
         }
     };
-    let play = |job: &Job| {
+    let play = |job: &EpisodeJob| {
         let report = contained(job, || {
             let Participants {
                 mut policy,
@@ -262,7 +262,10 @@ pub fn run_all(
 }
 
 /// Turns a panic into an error that says how to see it again.
-fn contained<T>(job: &Job, play: impl FnOnce() -> Result<T, AgentError>) -> Result<T, AgentError> {
+fn contained<T>(
+    job: &EpisodeJob,
+    play: impl FnOnce() -> Result<T, AgentError>,
+) -> Result<T, AgentError> {
     catch_unwind(AssertUnwindSafe(play)).unwrap_or_else(|panic| {
         Err(AgentError::Panicked {
             task: job.config.task.task_id.clone(),
@@ -289,7 +292,7 @@ mod tests {
 
     use super::*;
 
-    fn job() -> Job {
+    fn job() -> EpisodeJob {
         let task = json!({"task_id": "FDP/t_7", "family": "FDP", "scene_id": "flat", "instruction": "", "precise_instruction": "",
             "objects": [], "initial": {}, "goal": {}, "target": "apple", "src": "table_1", "dest": "desk_1"});
         let task: Task = serde_json::from_value(task).unwrap();
@@ -309,7 +312,7 @@ mod tests {
             rollout: None,
             parent: None,
         };
-        Job {
+        EpisodeJob {
             config,
             policy: "oracle".into(),
             record: None,
@@ -330,7 +333,7 @@ mod tests {
 
     #[test]
     fn results_come_in_the_order_of_the_jobs() {
-        let unknown = |index: usize| Job {
+        let unknown = |index: usize| EpisodeJob {
             policy: format!("nobody-{index}"),
             ..job()
         };

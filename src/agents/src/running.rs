@@ -14,8 +14,8 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Context, EpisodeReport, NoAnswer, PerceivedItem, Policy, Responders, UserQuestion,
-    perception,
+    AgentError, EpisodeReport, PerceivedItem, Policy, PolicyContext, ResponderError, Responders,
+    UserQuestion, perception,
     record::{RecordTo, TraceSink},
     sink::{NoSink, Sink, SinkError},
 };
@@ -25,7 +25,7 @@ pub struct RunningEpisode {
     episode: Episode,
     sink: Box<dyn Sink>,
     path: PathBuf,
-    known: Known,
+    known: AgentView,
     outside: Responders,
 }
 
@@ -44,7 +44,7 @@ impl RunningEpisode {
         let (mut sink, path) = open(&episode, record)?;
         sink.start(&start, Some(&frame))
             .map_err(|source| unwritten(episode.header(), &path, source))?;
-        let known = Known::at_start(episode.task(), episode.scene(), &start, Some(frame));
+        let known = AgentView::at_start(episode.task(), episode.scene(), &start, Some(frame));
         Ok(Self {
             episode,
             sink,
@@ -85,12 +85,12 @@ impl RunningEpisode {
         // Pictures are not among what is known again: built-in policies have what they would see in
         // them from `perception`.
         let (mut known, mut graph) = (
-            Known::at_start(episode.task(), episode.scene(), start, None),
+            AgentView::at_start(episode.task(), episode.scene(), start, None),
             start.graphs.physics.clone(),
         );
         for step in episode.steps() {
             if let Some(witness) = witness.as_deref_mut() {
-                witness.watch(&known.context(), &step.input);
+                witness.observe(&known.context(), &step.input);
             }
             sink.input(step.step, &step.input).map_err(fail)?;
             sink.step(step, frame(Some(step.step)).as_ref())
@@ -122,7 +122,7 @@ impl RunningEpisode {
         witness: Option<&mut dyn Policy>,
     ) -> Result<(), AgentError> {
         if let Some(witness) = witness {
-            witness.watch(&self.known.context(), &input);
+            witness.observe(&self.known.context(), &input);
         }
         self.step(input)
     }
@@ -135,8 +135,8 @@ impl RunningEpisode {
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
         while self.episode.ended().is_none() && self.known.calls < HORIZON {
             let input = {
-                let truth = policy.wants_truth().then(|| self.episode.privileged());
-                policy.act(&Context {
+                let truth = policy.needs_privileged().then(|| self.episode.privileged());
+                policy.act(&PolicyContext {
                     truth: truth.as_ref(),
                     ..self.known.context()
                 })
@@ -181,7 +181,7 @@ impl RunningEpisode {
     }
 
     /// Adds what comes from outside, where nobody brought it along.
-    fn asked_outside(&mut self, mut input: StepInput) -> Result<StepInput, NoAnswer> {
+    fn asked_outside(&mut self, mut input: StepInput) -> Result<StepInput, ResponderError> {
         let Self {
             episode, outside, ..
         } = self;
@@ -222,7 +222,7 @@ impl RunningEpisode {
         Ok(input)
     }
 
-    fn unanswered(&self, source: NoAnswer) -> AgentError {
+    fn unanswered(&self, source: ResponderError) -> AgentError {
         let header = self.episode.header();
         AgentError::NoAnswer {
             task: header.task_id.clone(),
@@ -271,10 +271,10 @@ pub fn retrace(
     scene: &Scene,
     start: &StartRecord,
     steps: &[StepRecord],
-    mut show: impl FnMut(&Context<'_>, Option<&StepRecord>),
+    mut show: impl FnMut(&PolicyContext<'_>, Option<&StepRecord>),
 ) {
     let (mut known, mut graph) = (
-        Known::at_start(task, scene, start, None),
+        AgentView::at_start(task, scene, start, None),
         start.graphs.physics.clone(),
     );
     for step in steps {
@@ -286,14 +286,14 @@ pub fn retrace(
 }
 
 /// What an agent knows at a moment of an episode.
-struct Known {
+struct AgentView {
     briefing: Briefing,
     observation: Observation,
     seen: Vec<PerceivedItem>,
     calls: u32,
 }
 
-impl Known {
+impl AgentView {
     fn at_start(task: &Task, scene: &Scene, start: &StartRecord, frame: Option<Frame>) -> Self {
         Self {
             briefing: Briefing::new(task, scene),
@@ -308,8 +308,8 @@ impl Known {
         }
     }
 
-    fn context(&self) -> Context<'_> {
-        Context {
+    fn context(&self) -> PolicyContext<'_> {
+        PolicyContext {
             briefing: &self.briefing,
             observation: &self.observation,
             perceived: &self.seen,

@@ -1,11 +1,11 @@
 //! The History of a note beside the validator of Histories. Never judges by itself.
 
-use reel_history::{Checker, Setting, StepFacts, Verdict};
+use reel_history::{Checker, ClaimVerdict, EpisodeFacts, StepFacts};
 
 /// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the deeds before
 /// its decision.
 pub fn history_check(
-    setting: Setting,
+    setting: EpisodeFacts,
     deeds: Vec<StepFacts>,
 ) -> impl Fn(usize, &str) -> Option<String> {
     move |index, history| {
@@ -19,7 +19,7 @@ pub fn history_check(
             .check(history)
             .into_iter()
             .find_map(|claim| match claim.verdict {
-                Verdict::Contradicted { why, .. } => {
+                ClaimVerdict::Contradicted { why, .. } => {
                     let said = history.get(claim.span).unwrap_or_default();
                     Some(format!(
                         "its history says what is not so: \"{said}\": {why}"

@@ -7,7 +7,7 @@ use crate::{
     english,
     memory::{Memory, description},
     step::{Call, MarkedItem, ObservedObject, Step},
-    voice::Voice,
+    voice::PhraseChooser,
     wordings::history as say,
 };
 
@@ -15,7 +15,7 @@ use crate::{
 const LISTED_MAX: usize = 10;
 
 /// What a deed adds to the History; `memory` is from before it.
-pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String {
+pub(crate) fn step_facts(memory: &Memory<'_>, step: &Step<'_>, voice: PhraseChooser) -> String {
     let call = step.call();
     let at_step = memory.step;
     let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, at_step, gaps);

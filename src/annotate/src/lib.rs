@@ -23,9 +23,9 @@ mod wordings;
 
 pub use check::history_check;
 pub use error::AnnotateError;
-pub use model::{AnnotatedEpisode, BATCH, Check, ModelAnnotator, prompt_version};
+pub use model::{AnnotatedEpisode, BATCH, HistoryCheck, ModelAnnotator, prompt_version};
 pub use privileged::PrivilegedFacts;
-pub use rules::{Note, annotate, episode_seed, version};
+pub use rules::{Annotation, annotate, episode_seed, version};
 pub use sidecar::{Entry, Provenance, notes_path, read_notes, write_notes};
 pub use step::{MarkedItem, ObservedObject, Step};
-pub use task::{PublicReceptacle, PublicTask, Role};
+pub use task::{PublicReceptacle, PublicTask, ReceptacleRole};

@@ -251,13 +251,13 @@ impl<'a> Memory<'a> {
 }
 
 /// A thing by its looks: `large beige oval bread`, or by its category.
-pub(crate) fn looks(thing: &ObservedObject<'_>) -> String {
+pub(crate) fn appearance(thing: &ObservedObject<'_>) -> String {
     english::noun(thing.caption.unwrap_or(thing.category))
 }
 
 /// Its looks, with the category where they do not say it.
 pub(crate) fn description(thing: &ObservedObject<'_>) -> String {
-    let looks = looks(thing);
+    let looks = appearance(thing);
     if language::quotes(&looks, thing.category) {
         looks
     } else {

@@ -5,12 +5,12 @@ use crate::{
     history::marked_in_words,
     memory::Memory,
     step::{Call, MarkedItem},
-    voice::Voice,
+    voice::PhraseChooser,
     wordings::plan as say,
 };
 
 /// What is left, this decision included. Its words are chosen once an episode.
-pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> String {
+pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser) -> String {
     let items = items(memory, call, voice);
     match voice.words(say::STYLE, 0, &[]).as_str() {
         "numbers" => items
@@ -25,7 +25,7 @@ pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Str
 }
 
 /// What is done now.
-pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> String {
+pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser) -> String {
     let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, memory.step, gaps);
     let it = || match memory.marked(call) {
         Some(MarkedItem::Receptacle(id)) => id.to_owned(),
@@ -68,7 +68,7 @@ pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Stri
     }
 }
 
-fn items(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Vec<String> {
+fn items(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser) -> Vec<String> {
     let task = memory.task;
     let item = |wording, gaps: &[(&str, &str)]| voice.words(wording, 0, gaps);
     let finish = || item(say::PLAN_FINISH, &[]);

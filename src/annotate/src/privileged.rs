@@ -4,7 +4,7 @@
 use reel_world::{Task, language};
 use serde_json::{Value, json};
 
-use crate::{Note, Step, step::MarkedItem};
+use crate::{Annotation, Step, step::MarkedItem};
 
 /// The truth about a task, for the annotator's eyes only.
 #[derive(Clone, PartialEq, Debug)]
@@ -60,7 +60,7 @@ impl PrivilegedFacts {
 
     /// What is wrong with a note that is written before a decision: it names an id of an object, a
     /// position, or what nobody has seen or said before it.
-    pub fn leak(&self, note: &Note, before: &[Step<'_>]) -> Option<String> {
+    pub fn leak(&self, note: &Annotation, before: &[Step<'_>]) -> Option<String> {
         let text = [
             &note.reasoning,
             &note.history,

@@ -6,10 +6,10 @@ use reel_world::{ErrorCode, language};
 use crate::{
     english,
     history::{last_sentence, why},
-    memory::{Memory, description, looks},
+    memory::{Memory, appearance, description},
     step::{Call, MarkedItem, ObservedObject},
-    task::{PublicReceptacle, Role},
-    voice::{Voice, Wording},
+    task::{PublicReceptacle, ReceptacleRole},
+    voice::{PhraseChooser, PhraseVariants},
     wordings::reasoning as say,
 };
 
@@ -17,7 +17,7 @@ use crate::{
 const COMPARED_MAX: usize = 5;
 
 /// The reasoning of a decision.
-pub(crate) fn reasoning(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> String {
+pub(crate) fn reasoning(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser) -> String {
     let reasoner = Reasoner {
         memory,
         call,
@@ -55,11 +55,11 @@ pub(crate) fn reasoning(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> St
 struct Reasoner<'m> {
     memory: &'m Memory<'m>,
     call: Call<'m>,
-    voice: Voice,
+    voice: PhraseChooser,
 }
 
 impl Reasoner<'_> {
-    fn tell(&self, wording: Wording, gaps: &[(&str, &str)]) -> String {
+    fn tell(&self, wording: PhraseVariants, gaps: &[(&str, &str)]) -> String {
         self.voice.say(wording, self.memory.step, gaps)
     }
 
@@ -67,8 +67,8 @@ impl Reasoner<'_> {
     /// twice.
     fn object_beside(&self, thing: &ObservedObject<'_>) -> &str {
         let object = &self.memory.task.object;
-        let said_already = language::quotes(object, &looks(thing))
-            || language::quotes(&looks(thing), object.trim_start_matches("the "));
+        let said_already = language::quotes(object, &appearance(thing))
+            || language::quotes(&appearance(thing), object.trim_start_matches("the "));
         if said_already {
             "what the task asks for"
         } else {
@@ -155,7 +155,7 @@ impl Reasoner<'_> {
     }
 
     /// Why this of all receptacles.
-    fn choice(&self, role: &Role, place: &PublicReceptacle) -> String {
+    fn choice(&self, role: &ReceptacleRole, place: &PublicReceptacle) -> String {
         let (memory, id) = (self.memory, place.id.as_str());
         let gap = [("place", id)];
         let seen_before = memory.visited.contains(&id);
@@ -179,7 +179,7 @@ impl Reasoner<'_> {
         }
     }
 
-    fn first_choice(&self, role: &Role, place: &PublicReceptacle) -> String {
+    fn first_choice(&self, role: &ReceptacleRole, place: &PublicReceptacle) -> String {
         let id = place.id.as_str();
         let kind = place.kind();
         let (place_gap, kind_gap) = (("place", id), ("kind", kind.as_str()));

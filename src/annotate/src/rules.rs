@@ -9,7 +9,7 @@ use crate::{
     plan, reasoning,
     step::Step,
     task::PublicTask,
-    voice::Voice,
+    voice::PhraseChooser,
     wordings::{self, history::NOTHING_YET},
 };
 
@@ -18,7 +18,7 @@ const RULES: u32 = 1;
 
 /// What an agent says along with a decision (SPEC section 4).
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
-pub struct Note {
+pub struct Annotation {
     /// `c_t`: why the call is made.
     pub reasoning: String,
     /// `sigma_t`: what was done and learned before it.
@@ -33,8 +33,8 @@ pub struct Note {
 /// receptacles, the decisions before it with what they came to, and its own call; never from what
 /// its call came to or from what comes later. Equal arguments give equal notes; give every episode
 /// a `seed` of its own ([`episode_seed`]).
-pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
-    let voice = Voice { seed };
+pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Annotation> {
+    let voice = PhraseChooser { seed };
     let mut memory = Memory::new(task);
     let mut deeds: Vec<String> = Vec::with_capacity(steps.len());
     let mut notes = Vec::with_capacity(steps.len());
@@ -45,13 +45,15 @@ pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
         } else {
             deeds.join(" ")
         };
-        notes.push(Note {
+        notes.push(Annotation {
             reasoning: english::one_line(&reasoning::reasoning(&memory, call, voice)),
             history,
             schedule: english::one_line(&plan::schedule(&memory, call, voice)),
             subtask: english::one_line(&plan::subtask(&memory, call, voice)),
         });
-        deeds.push(english::one_line(&history::deed(&memory, step, voice)));
+        deeds.push(english::one_line(&history::step_facts(
+            &memory, step, voice,
+        )));
         memory.learn(step);
     }
     notes

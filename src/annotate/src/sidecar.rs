@@ -11,7 +11,7 @@ use std::{
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
-use crate::{AnnotateError, Note};
+use crate::{AnnotateError, Annotation};
 
 /// The first line.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
@@ -34,14 +34,14 @@ pub struct Provenance {
 pub struct Entry {
     /// The note.
     #[serde(flatten)]
-    pub note: Note,
+    pub note: Annotation,
     /// Why the rules wrote it in a model's place, if they did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fallback: Option<String>,
 }
 
-impl From<Note> for Entry {
-    fn from(note: Note) -> Self {
+impl From<Annotation> for Entry {
+    fn from(note: Annotation) -> Self {
         Entry {
             note,
             fallback: None,
@@ -151,10 +151,10 @@ mod tests {
     }
 
     fn entry(word: &str) -> Entry {
-        Note {
+        Annotation {
             reasoning: format!("{word}\n\"é\""),
             history: word.to_owned(),
-            ..Note::default()
+            ..Annotation::default()
         }
         .into()
     }

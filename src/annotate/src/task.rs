@@ -22,16 +22,16 @@ pub struct PublicTask {
     /// How many things shall be moved.
     pub moves: usize,
     /// Where it is.
-    pub source: Role,
+    pub source: ReceptacleRole,
     /// Where it shall go.
-    pub destination: Role,
+    pub destination: ReceptacleRole,
     /// Every receptacle.
     pub receptacles: Vec<PublicReceptacle>,
 }
 
 /// A part that a receptacle plays in the task.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Role {
+pub struct ReceptacleRole {
     /// In words of the instruction: `the white cabinet with black handles`.
     pub phrase: String,
     /// Receptacles of the kind that the phrase names; empty where it names none.
@@ -87,13 +87,13 @@ impl PublicTask {
             object_short: named(category.or(purpose)).unwrap_or_else(|| "the object".to_owned()),
             purpose: purpose.map(str::to_owned),
             moves: moved.max(1),
-            source: Role::of(
+            source: ReceptacleRole::of(
                 &task.src,
                 &places,
                 &task.instruction,
                 "the place where it is",
             ),
-            destination: Role::of(
+            destination: ReceptacleRole::of(
                 &task.dest,
                 &places,
                 &task.instruction,
@@ -120,7 +120,7 @@ impl PublicReceptacle {
     }
 }
 
-impl Role {
+impl ReceptacleRole {
     fn of(
         id: &ReceptacleId,
         places: &[PublicReceptacle],
@@ -128,7 +128,7 @@ impl Role {
         unnamed: &str,
     ) -> Self {
         let Some(place) = places.iter().find(|place| place.id == id.as_str()) else {
-            return Role {
+            return ReceptacleRole {
                 phrase: unnamed.to_owned(),
                 alike: Vec::new(),
             };
@@ -142,7 +142,7 @@ impl Role {
             .filter(|name| language::quotes(instruction, name))
             .max_by_key(|name| name.len());
         let Some(phrase) = phrase else {
-            return Role {
+            return ReceptacleRole {
                 phrase: unnamed.to_owned(),
                 alike: Vec::new(),
             };
@@ -152,7 +152,7 @@ impl Role {
             .iter()
             .filter(|other| said && other.category == place.category)
             .map(|other| other.id.clone());
-        Role {
+        ReceptacleRole {
             phrase: english::definite(&english::noun(phrase)),
             alike: alike.collect(),
         }

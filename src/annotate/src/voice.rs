@@ -9,7 +9,7 @@ use crate::english;
 
 /// Ways to say one thing. Gaps stand in braces.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wording {
+pub(crate) struct PhraseVariants {
     /// Its name, which is the purpose of its stream.
     pub name: &'static str,
     /// Every way; all have the same gaps.
@@ -29,19 +29,19 @@ pub(crate) use wordings;
 
 /// Who chooses.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Voice {
+pub(crate) struct PhraseChooser {
     /// Of the episode.
     pub seed: u64,
 }
 
-impl Voice {
+impl PhraseChooser {
     /// One of the ways, its gaps filled, as a sentence.
-    pub fn say(self, wording: Wording, step: usize, gaps: &[(&str, &str)]) -> String {
+    pub fn say(self, wording: PhraseVariants, step: usize, gaps: &[(&str, &str)]) -> String {
         english::sentence(&self.words(wording, step, gaps))
     }
 
     /// The same as part of a sentence.
-    pub fn words(self, wording: Wording, step: usize, gaps: &[(&str, &str)]) -> String {
+    pub fn words(self, wording: PhraseVariants, step: usize, gaps: &[(&str, &str)]) -> String {
         let key = Digest::of(format!("{}/{}/{step}", self.seed, wording.name).as_bytes());
         // The bias of the remainder is below 2^-60 for a handful of forms.
         let index = ChaCha8Rng::from_seed(key.0).next_u64() % wording.forms.len() as u64;
@@ -83,13 +83,13 @@ mod tests {
 
     #[test]
     fn every_way_is_chosen_and_the_choice_repeats() {
-        let wording = Wording {
+        let wording = PhraseVariants {
             name: "TEST",
             forms: &["a", "b", "c", "d", "e", "f"],
         };
         let said = |seed| {
             (0..200)
-                .map(|step| Voice { seed }.words(wording, step, &[]))
+                .map(|step| PhraseChooser { seed }.words(wording, step, &[]))
                 .collect::<Vec<_>>()
         };
         assert_eq!(said(1), said(1));

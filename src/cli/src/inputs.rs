@@ -12,7 +12,7 @@ use anyhow::{Context, bail};
 use reel_replay::SnapshotCache;
 #[cfg(feature = "analytics")]
 use reel_tables::buckets::Buckets;
-use reel_tasks::assets::Folder;
+use reel_tasks::assets::AssetFolder;
 use reel_tasks::{ObjectOrder, SceneSource};
 use reel_trace::{Trace, is_remote, list_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
@@ -231,9 +231,9 @@ impl Assets {
     }
 
     /// The meshes, none where no folder is named.
-    pub fn open(&self) -> anyhow::Result<Option<Folder>> {
+    pub fn open(&self) -> anyhow::Result<Option<AssetFolder>> {
         let open = |path: &PathBuf| {
-            Folder::open(path)
+            AssetFolder::open(path)
                 .with_context(|| format!("cannot list the assets in {}", path.display()))
         };
         self.folder.as_ref().map(open).transpose()

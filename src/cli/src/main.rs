@@ -2,16 +2,16 @@
 //! and complaints to stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3
 //! done, but with data loss.
 
+#[cfg(feature = "service")]
+mod agent_arguments;
 mod camera;
+mod cluster_arguments;
 mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
-mod elsewhere;
 mod inputs;
 #[cfg(feature = "service")]
 mod model;
-#[cfg(feature = "service")]
-mod players;
 mod progress;
 #[cfg(feature = "service")]
 mod prompt;

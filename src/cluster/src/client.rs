@@ -13,7 +13,7 @@ use datafusion::{
     prelude::{SessionConfig, SessionContext},
 };
 use futures_util::{StreamExt as _, stream};
-use reel_query::{Engine, TraceAccess, every_function};
+use reel_query::{EngineFactory, TraceAccess, every_function};
 use url::Url;
 
 use crate::{
@@ -123,7 +123,7 @@ impl Cluster {
     }
 
     /// The engine of sessions that let the cluster answer: `Session::elsewhere`.
-    pub fn engine(&self) -> Box<Engine> {
+    pub fn engine(&self) -> Box<EngineFactory> {
         let url = self.url.clone();
         Box::new(move |state: SessionState| engine::engine(state, &url))
     }
@@ -212,7 +212,7 @@ impl Cluster {
         work: &str,
         options: &str,
         groups: &[(usize, &[PathBuf])],
-    ) -> datafusion::error::Result<work::Answers> {
+    ) -> datafusion::error::Result<work::GroupResults> {
         let config = SessionConfig::new_with_ballista();
         let state = every_function(config, files::environment()?, TraceAccess::Nothing);
         let mut state = engine::engine(state, &self.url)?;

@@ -96,7 +96,7 @@ impl QueryPlanner for Planner {
             .create_physical_plan(&sent(plan)?, session)
             .await?;
         Ok(match planned.downcast_ref::<OnCluster>() {
-            Some(_) => Arc::new(Watched {
+            Some(_) => Arc::new(CancelOnDrop {
                 planned,
                 url: self.url.clone(),
             }),
@@ -144,18 +144,18 @@ fn sent(plan: &LogicalPlan) -> Result<LogicalPlan> {
 
 /// A plan on the cluster whose job ends with the last who waits for it.
 #[derive(Debug)]
-struct Watched {
+struct CancelOnDrop {
     planned: Arc<dyn ExecutionPlan>,
     url: String,
 }
 
-impl DisplayAs for Watched {
+impl DisplayAs for CancelOnDrop {
     fn fmt_as(&self, form: DisplayFormatType, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.planned.fmt_as(form, f)
     }
 }
 
-impl ExecutionPlan for Watched {
+impl ExecutionPlan for CancelOnDrop {
     fn name(&self) -> &str {
         self.planned.name()
     }
@@ -188,7 +188,7 @@ impl ExecutionPlan for Watched {
         context: Arc<TaskContext>,
     ) -> Result<SendableRecordBatchStream> {
         let answer = self.planned.execute(partition, context)?;
-        Ok(Box::pin(Answer {
+        Ok(Box::pin(ResultStream {
             answer,
             planned: self.planned.clone(),
             url: self.url.clone(),
@@ -198,14 +198,14 @@ impl ExecutionPlan for Watched {
 }
 
 /// What comes of a plan, until somebody has had enough.
-struct Answer {
+struct ResultStream {
     answer: SendableRecordBatchStream,
     planned: Arc<dyn ExecutionPlan>,
     url: String,
     ended: bool,
 }
 
-impl Stream for Answer {
+impl Stream for ResultStream {
     type Item = Result<RecordBatch>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
@@ -220,13 +220,13 @@ impl Stream for Answer {
     }
 }
 
-impl RecordBatchStream for Answer {
+impl RecordBatchStream for ResultStream {
     fn schema(&self) -> SchemaRef {
         self.answer.schema()
     }
 }
 
-impl Drop for Answer {
+impl Drop for ResultStream {
     fn drop(&mut self) {
         let job = self
             .planned

@@ -17,15 +17,15 @@ use url::Url;
 /// What plans run in.
 pub(crate) fn environment() -> Result<Arc<RuntimeEnv>> {
     RuntimeEnvBuilder::new()
-        .with_object_store_registry(Arc::new(Places::default()))
+        .with_object_store_registry(Arc::new(PlanLocations::default()))
         .build_arc()
 }
 
 /// Every place that a plan may name.
 #[derive(Debug, Default)]
-struct Places(BucketHandles);
+struct PlanLocations(BucketHandles);
 
-impl ObjectStoreRegistry for Places {
+impl ObjectStoreRegistry for PlanLocations {
     /// Nobody brings stores along: each machine reaches them by itself.
     fn register_store(&self, _: &Url, _: Arc<dyn ObjectStore>) -> Option<Arc<dyn ObjectStore>> {
         None

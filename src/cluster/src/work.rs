@@ -50,11 +50,11 @@ impl std::fmt::Debug for TraceJob {
 }
 
 /// Answers by group; the reason where an executor refused.
-pub(crate) type Answers = Vec<(usize, std::result::Result<Vec<u8>, String>)>;
+pub(crate) type GroupResults = Vec<(usize, std::result::Result<Vec<u8>, String>)>;
 
 /// What is done with some traces.
 #[derive(Serialize, Deserialize)]
-struct Parcel<'a> {
+struct TraceBatch<'a> {
     /// Of the program that asks.
     build: Cow<'a, str>,
     work: Cow<'a, str>,
@@ -109,7 +109,7 @@ impl Worker {
     }
 
     fn answer(&self, parcel: &str) -> Result<Vec<u8>, String> {
-        let parcel: Parcel<'_> =
+        let parcel: TraceBatch<'_> =
             serde_json::from_str(parcel).map_err(|error| format!("this is no work: {error}"))?;
         if parcel.build != self.build {
             let (theirs, ours) = (&parcel.build, &self.build);
@@ -162,7 +162,7 @@ pub(crate) fn plan(
 ) -> Result<LogicalPlan> {
     let function = state.udf(NAME)?;
     let one = |(number, traces): &(usize, &[PathBuf])| {
-        let parcel = serde_json::to_string(&Parcel {
+        let parcel = serde_json::to_string(&TraceBatch {
             build: build.into(),
             work: work.into(),
             options: options.into(),
@@ -192,7 +192,7 @@ pub(crate) fn plan(
 }
 
 /// What a plan gave.
-pub(crate) fn answers(batches: &[RecordBatch]) -> Result<Answers> {
+pub(crate) fn answers(batches: &[RecordBatch]) -> Result<GroupResults> {
     let mut answers = Vec::new();
     for batch in batches {
         let (numbers, bytes) = (

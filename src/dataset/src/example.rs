@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, LazyLock, OnceLock},
 };
 
-use reel_prompt::{self as prompt, DecisionAnswer, HistoryLines, Outcome, SingleTurn};
+use reel_prompt::{self as prompt, CallOutcome, DecisionAnswer, HistoryLines, SingleTurn};
 use reel_world::NameSet;
 use serde::Serialize;
 
@@ -60,12 +60,12 @@ pub struct ExampleOptions {
 
 /// A text that many examples share: its JSON escapes are made once, if at all.
 #[derive(Debug)]
-pub struct Text {
+pub struct SharedText {
     raw: String,
     escaped: OnceLock<Vec<u8>>,
 }
 
-impl Text {
+impl SharedText {
     /// Holds it.
     pub fn new(raw: impl Into<String>) -> Self {
         Self {
@@ -92,12 +92,12 @@ impl Text {
 #[derive(Clone, Debug)]
 pub enum Turn {
     /// How to behave.
-    System(Arc<Text>),
+    System(Arc<SharedText>),
     /// What the agent is told, and its images. A `<image>` in the text stands for the first of
     /// them.
     User {
         /// The beginning, which is the same for the whole episode.
-        setting: Arc<Text>,
+        setting: Arc<SharedText>,
         /// The rest, of this decision.
         situation: String,
         /// What it sees.
@@ -184,7 +184,7 @@ pub struct Example {
     pub turns: Vec<Turn>,
     /// The tools as a JSON list of `{type: function, function: {name, description, parameters}}`,
     /// where they are not in the user's turn.
-    pub tools: Option<Arc<Text>>,
+    pub tools: Option<Arc<SharedText>>,
     /// What the decision was worth, in rows for reinforcement learning.
     pub rollout: Option<Rollout>,
 }
@@ -306,7 +306,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         .collect();
     let checks = Checks::of(episode, &arguments, &outcomes);
     let about = Arc::new(about(episode));
-    let example = |index: usize, turns: Vec<Turn>, tools: Option<Arc<Text>>| {
+    let example = |index: usize, turns: Vec<Turn>, tools: Option<Arc<SharedText>>| {
         let step = &episode.steps[index];
         let id = format!("{}/{}", episode.episode_id, step.call);
         let (about, tool, rollout) = (Arc::clone(&about), step.tool.clone(), step.rollout.clone());
@@ -364,7 +364,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
                 .map_or(0, |next| next.images.len());
             turn.update(
                 &answer,
-                &Outcome {
+                &CallOutcome {
                     tool: &step.call_name,
                     text: &outcomes[index],
                     images,
@@ -437,15 +437,15 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
     made
 }
 
-static SYSTEM_MULTI_TURN: LazyLock<Arc<Text>> =
-    LazyLock::new(|| Arc::new(Text::new(prompt::SYSTEM_MULTI_TURN.trim_end())));
+static SYSTEM_MULTI_TURN: LazyLock<Arc<SharedText>> =
+    LazyLock::new(|| Arc::new(SharedText::new(prompt::SYSTEM_MULTI_TURN.trim_end())));
 
 /// The tools as native tool calling names them.
-fn tools(names: NameSet) -> Arc<Text> {
-    static PAPER: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::Paper));
-    static REAL_REPO: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::RealRepo));
-    fn native(names: NameSet) -> Arc<Text> {
-        Arc::new(Text::new(prompt::functions(names).to_string()))
+fn tools(names: NameSet) -> Arc<SharedText> {
+    static PAPER: LazyLock<Arc<SharedText>> = LazyLock::new(|| native(NameSet::Paper));
+    static REAL_REPO: LazyLock<Arc<SharedText>> = LazyLock::new(|| native(NameSet::RealRepo));
+    fn native(names: NameSet) -> Arc<SharedText> {
+        Arc::new(SharedText::new(prompt::functions(names).to_string()))
     }
     Arc::clone(match names {
         NameSet::Paper => &PAPER,

@@ -6,7 +6,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
 
 use crate::{
-    DatasetError, Example, ImageId, ImageStore, StoredImage, Style, Text, Turn,
+    DatasetError, Example, ImageId, ImageStore, SharedText, StoredImage, Style, Turn,
     example::{IMAGE_TAG, call_json, tags_in},
     json,
 };
@@ -101,10 +101,10 @@ impl Format {
     /// Why an example cannot be written in this format, if so: trainers that learn every answer of
     /// a conversation must not be given one of which only a part shall be learned.
     pub fn refuses(self, example: &Example) -> Option<&'static str> {
-        match (self, Learned::of(example)) {
+        match (self, LossMask::of(example)) {
             (Format::Parquet, _) => Some("its rows are not text"),
-            (_, Learned::All) | (Format::MsSwift | Format::OpenAi, _) => None,
-            (Format::LlamaFactory | Format::Trl, Learned::Last)
+            (_, LossMask::All) | (Format::MsSwift | Format::OpenAi, _) => None,
+            (Format::LlamaFactory | Format::Trl, LossMask::Last)
                 if example.style == Style::MultiTurnPrefix =>
             {
                 None
@@ -112,7 +112,7 @@ impl Format {
             (Format::QwenVl, _) => Some(
                 "its trainer learns every turn of the model, and this example is not to be learned wholly",
             ),
-            (_, Learned::Last | Learned::Some) => Some(
+            (_, LossMask::Last | LossMask::Some) => Some(
                 "its trainer learns every turn of the model or the last, and in this example some of them",
             ),
         }
@@ -153,13 +153,13 @@ impl Format {
 
 /// Which of the model's turns are learned.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Learned {
+enum LossMask {
     All,
     Last,
     Some,
 }
 
-impl Learned {
+impl LossMask {
     fn of(example: &Example) -> Self {
         let learned = example.turns.iter().filter_map(|turn| match turn {
             Turn::Answer(_) => Some(true),
@@ -168,9 +168,9 @@ impl Learned {
         });
         let learned: Vec<bool> = learned.collect();
         match learned.iter().filter(|learn| **learn).count() {
-            count if count == learned.len() => Learned::All,
-            1 if learned.last() == Some(&true) => Learned::Last,
-            _ => Learned::Some,
+            count if count == learned.len() => LossMask::All,
+            1 if learned.last() == Some(&true) => LossMask::Last,
+            _ => LossMask::Some,
         }
     }
 }
@@ -439,7 +439,7 @@ impl Row<'_> {
 
     fn open_ai(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
-        let masked = Learned::of(example) != Learned::All;
+        let masked = LossMask::of(example) != LossMask::All;
         self.put("{\"messages\":[");
         for (index, turn) in example.turns.iter().enumerate() {
             if index > 0 {
@@ -551,13 +551,13 @@ impl Row<'_> {
     }
 
     /// The text of a user's turn, with a tag for each image that it has none for yet.
-    fn user_text(&mut self, setting: &Text, situation: &str, images: usize) {
+    fn user_text(&mut self, setting: &SharedText, situation: &str, images: usize) {
         self.user_parts_text(setting, situation);
         self.tags(images.saturating_sub(tags_in(setting.as_str()) + tags_in(situation)));
     }
 
     /// The text of a user's turn whose images are parts of their own.
-    fn user_parts_text(&mut self, setting: &Text, situation: &str) {
+    fn user_parts_text(&mut self, setting: &SharedText, situation: &str) {
         self.out.extend_from_slice(setting.escaped());
         self.escape(situation);
     }

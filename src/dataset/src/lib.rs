@@ -5,32 +5,35 @@
 //! what a dataset says of itself. Never reads a trace or a table: it is given episodes as plain
 //! text and pictures as pixels.
 
+mod briefing;
 mod card;
 mod dataset;
 mod episode;
 mod error;
 mod example;
 mod format;
+mod image;
 mod json;
 pub mod lint;
 mod manifest;
-mod picture;
 mod privileged;
 mod refusal;
 mod rollout;
 mod shard;
 mod split;
 mod tokens;
-mod told;
 
+pub use briefing::{PublicReceptacle, TaskBriefing};
 pub use card::{CARD, DATASET_INFO, card, dataset_info, write_card};
 pub use dataset::{DatasetWriter, Description, PreparedRow, WriterOptions};
 pub use episode::{Episode, ImageId, Source, Step};
 pub use error::DatasetError;
-pub use example::{EpisodeInfo, Example, ExampleOptions, Examples, Style, Text, Turn, examples};
+pub use example::{
+    EpisodeInfo, Example, ExampleOptions, Examples, SharedText, Style, Turn, examples,
+};
 pub use format::Format;
+pub use image::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage};
 pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, files};
-pub use picture::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage};
 pub use privileged::{Leak, LeakKind, PrivilegedFacts, find_leak, strip};
 pub use refusal::{RefusalReason, RefusedDecision};
 pub use rollout::{Rollout, TASK_LIST, task_list};
@@ -40,4 +43,3 @@ pub use tokens::{
     BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, TOKENS_PER_TURN, TokenCount, TokenCounter,
     TokenReport, Tokenizer, TokenizerFile, image_tokens,
 };
-pub use told::{Receptacle, TaskBriefing};

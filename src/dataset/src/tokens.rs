@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 use reel_world::Digest;
 use serde::Serialize;
 
-use crate::{DatasetError, Example, StoredImage, Text, Turn, example::call_json};
+use crate::{DatasetError, Example, SharedText, StoredImage, Turn, example::call_json};
 
 /// The context of training, in tokens.
 pub const CONTEXT_TOKENS: u32 = 8_192;
@@ -122,7 +122,7 @@ impl TokenCount {
 pub struct TokenCounter<'t> {
     tokenizer: &'t dyn Tokenizer,
     image_side: u32,
-    shared: Vec<(Arc<Text>, u32)>,
+    shared: Vec<(Arc<SharedText>, u32)>,
 }
 
 /// System message, setting and tools of one episode.
@@ -173,7 +173,7 @@ impl<'t> TokenCounter<'t> {
         TokenCount { text, image }
     }
 
-    fn shared(&mut self, text: &Arc<Text>) -> u32 {
+    fn shared(&mut self, text: &Arc<SharedText>) -> u32 {
         if let Some((_, count)) = self
             .shared
             .iter()

@@ -577,10 +577,10 @@ pub fn prepare_task(
         ));
     }
     let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
-    Err(EpisodeError::OtherScene {
+    Err(EpisodeError::SceneMismatch {
         task: task.task_id.clone(),
-        wanted,
-        given,
+        expected: wanted,
+        found: given,
     })
 }
 

@@ -79,13 +79,13 @@ pub struct StepOutput {
 pub enum EpisodeError {
     /// The task plays in another scene.
     #[error("task {task} plays in scene {wanted}, not in {given}")]
-    OtherScene {
+    SceneMismatch {
         /// The task.
         task: String,
         /// Its scene.
-        wanted: String,
+        expected: String,
         /// The scene given.
-        given: String,
+        found: String,
     },
     /// The snapshot is of another moment or episode.
     #[error("the snapshot has the state {found}, but after {steps} steps the state was {expected}")]

@@ -4,15 +4,15 @@
 use std::{borrow::Cow, path::Path};
 
 use reel_annotate::{
-    AnnotateError, MarkedItem, Note, ObservedObject, Step as Decision, notes_path, read_notes,
+    AnnotateError, Annotation, MarkedItem, ObservedObject, Step as Decision, notes_path, read_notes,
 };
 use reel_dataset::{Rollout, Step};
-use reel_history::{Checker, Setting, StepFacts, mend};
+use reel_history::{Checker, EpisodeFacts, StepFacts, mend};
 use reel_trace::Trace;
 use reel_world::{Digest, ErrorCode, TokenLogprobs};
 use serde::Deserialize;
 
-use crate::{AnnotationSource, HistoryRepairs, known::KnownTask, rollouts::Worth};
+use crate::{AnnotationSource, HistoryRepairs, rollouts::GroupReturn, task_index::TaskEntry};
 
 /// Columns of `episodes` that a [`Row`] is made of, in words of a kind.
 pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static str> {
@@ -68,7 +68,7 @@ const ANNOTATOR_COLUMNS: &[&str] = &[
 
 /// An episode as the store has it.
 #[derive(Deserialize)]
-pub(crate) struct Row<'a> {
+pub(crate) struct EpisodeRow<'a> {
     pub episode_id: &'a str,
     pub task_id: &'a str,
     pub task_digest: &'a str,
@@ -135,10 +135,10 @@ struct VisibleRow<'a> {
     object: &'a str,
 }
 
-impl Row<'_> {
+impl EpisodeRow<'_> {
     /// Whether a model spoke for itself. What built-in policies note of themselves are no words of
     /// a model.
-    pub fn has_words(&self) -> bool {
+    pub fn has_policy_text(&self) -> bool {
         self.steps.iter().any(|step| step.raw.is_some())
     }
 
@@ -149,9 +149,9 @@ impl Row<'_> {
     pub fn notes(
         &self,
         words: AnnotationSource,
-        known: &KnownTask,
+        known: &TaskEntry,
         seed: u64,
-    ) -> Result<(Vec<Note>, String), AnnotateError> {
+    ) -> Result<(Vec<Annotation>, String), AnnotateError> {
         match words {
             AnnotationSource::Recorded => Ok((self.recorded(), self.policy.to_owned())),
             AnnotationSource::Notes => {
@@ -183,7 +183,7 @@ impl Row<'_> {
     }
 
     /// What a decision was worth.
-    pub fn rollout(&self, worth: &Worth, call: u32) -> Option<Rollout> {
+    pub fn rollout(&self, worth: &GroupReturn, call: u32) -> Option<Rollout> {
         let (index, step) = self
             .steps
             .iter()
@@ -224,12 +224,12 @@ impl Row<'_> {
     }
 
     /// The policy's own words.
-    fn recorded(&self) -> Vec<Note> {
+    fn recorded(&self) -> Vec<Annotation> {
         let words = |step: &StepRow<'_>| {
             let plan = step.plan.unwrap_or_default();
             let (schedule, subtask) = plan.split_once(SUBTASK).unwrap_or((plan, ""));
             let part = |text: &str| text.trim().trim_start_matches(SCHEDULE).trim().to_owned();
-            Note {
+            Annotation {
                 reasoning: step.reasoning.unwrap_or_default().to_owned(),
                 history: step.history.unwrap_or_default().to_owned(),
                 schedule: part(schedule),
@@ -260,7 +260,7 @@ impl<'a> StepRow<'a> {
         TokenLogprobs::new(self.tokens.clone()?, by_policy).ok()
     }
 
-    fn decision(&'a self, known: &'a KnownTask) -> Decision<'a> {
+    fn decision(&'a self, known: &'a TaskEntry) -> Decision<'a> {
         let thing = |instance: &str| known.object(instance).map(ObservedObject::of);
         let marked = |marker: &MarkerRow<'a>| match marker.kind {
             "object" => thing(marker.id).map(MarkedItem::Object),
@@ -294,8 +294,8 @@ impl<'a> StepRow<'a> {
 }
 
 /// Takes out of each History what the record refutes.
-pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> HistoryRepairs {
-    let mut checker = Checker::new(Setting::of(
+pub(crate) fn repair_histories(notes: &mut [Annotation], trace: &Trace) -> HistoryRepairs {
+    let mut checker = Checker::new(EpisodeFacts::of(
         &trace.task,
         &trace.scene,
         &trace.start.graphs.physics,

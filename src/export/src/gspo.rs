@@ -17,8 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     AnnotationSource, ExportError, RolloutOptions, Selection,
-    rollouts::{self, Worth},
-    select::{self, LeftOut, count},
+    rollouts::{self, GroupReturn},
+    select::{self, SkipCounts, count},
 };
 
 /// What one sequence is: its ratio is normalised by its tokens.
@@ -139,10 +139,10 @@ pub struct GspoReport {
 /// Fails if the store cannot be read, a policy scored an episode in part, no episode has
 /// log-probabilities of the policies, or a return, ratio or KL is no number.
 pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportError> {
-    let mut left_out = LeftOut::default();
+    let mut left_out = SkipCounts::default();
     let mut rollouts = grouped(store, options, &mut left_out)?;
     store.read(Table::Episodes, COLUMNS, |batch| {
-        for row in reel_tables::rows_from::<Row>(&batch)? {
+        for row in reel_tables::rows_from::<SequenceRow>(&batch)? {
             if let Some(rollout) = rollouts.get_mut(&row.episode_id) {
                 rollout.decisions = row.steps;
             }
@@ -211,7 +211,7 @@ const COLUMNS: &[&str] = &[
 ];
 
 #[derive(Deserialize)]
-struct Row {
+struct SequenceRow {
     episode_id: String,
     steps: Vec<StepRow>,
 }
@@ -232,7 +232,7 @@ struct PolicyLogprobs {
 
 /// An episode that is in a group.
 struct Rollout {
-    worth: Worth,
+    worth: GroupReturn,
     decisions: Vec<StepRow>,
 }
 
@@ -249,7 +249,7 @@ struct Tokens {
 fn grouped(
     store: &Store,
     options: &GspoOptions,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Result<BTreeMap<String, Rollout>, ExportError> {
     let every = Selection {
         episodes: options.episodes.clone(),
@@ -266,7 +266,7 @@ fn grouped(
         store,
         &every,
         AnnotationSource::Recorded,
-        &mut LeftOut::default(),
+        &mut SkipCounts::default(),
     )?;
     rollouts::group(&mut chosen, &options.rollouts, options.seed, left_out)?;
     let rollout = |candidate: select::Candidate| {
@@ -287,7 +287,7 @@ fn tokens(
     episode_id: &str,
     decisions: Vec<StepRow>,
     options: &GspoOptions,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Result<Option<Vec<Tokens>>, ExportError> {
     let horizon = options.rollouts.returns.horizon;
     let (recorded, silent): (Vec<StepRow>, Vec<StepRow>) = decisions
@@ -362,7 +362,7 @@ fn joined(decisions: Vec<Tokens>) -> Tokens {
 }
 
 fn sequence(
-    worth: &Worth,
+    worth: &GroupReturn,
     episode_id: &str,
     step: Option<u32>,
     tokens: &Tokens,
@@ -407,7 +407,7 @@ fn report(
     sequences: Vec<Sequence>,
     sums: &Sums,
     options: &GspoOptions,
-    left_out: LeftOut,
+    left_out: SkipCounts,
 ) -> Result<GspoReport, ExportError> {
     let of = |sequences: &[&Sequence]| -> Result<Objective, ExportError> {
         let column = |value: &dyn Fn(&Sequence) -> f64| {

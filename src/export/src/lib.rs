@@ -8,11 +8,11 @@
 
 mod episode;
 mod gspo;
-mod known;
 mod parquet;
 mod rollouts;
 mod rows;
 mod select;
+mod task_index;
 mod verify;
 
 use std::{

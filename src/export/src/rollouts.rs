@@ -8,7 +8,7 @@ use reel_reward::{Estimator, PAPER_EPS, Preset, Returns, RewardError};
 use reel_tables::{Store, StoreError};
 use serde::{Serialize, Serializer};
 
-use crate::select::{Candidate, LeftOut, count, draw};
+use crate::select::{Candidate, SkipCounts, count, draw};
 
 /// How episodes are grouped.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -51,7 +51,7 @@ impl Default for RolloutOptions {
 
 /// What an episode was worth in its group.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Worth {
+pub(crate) struct GroupReturn {
     pub group: Arc<str>,
     pub group_size: u32,
     pub rollout: u32,
@@ -67,7 +67,7 @@ pub(crate) fn rescore(
     found: &mut [Candidate],
     store: &Store,
     preset: &Preset,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Result<(), StoreError> {
     let mut wanted: BTreeMap<String, &mut Candidate> = found
         .iter_mut()
@@ -105,7 +105,7 @@ pub(crate) fn group(
     found: &mut Vec<Candidate>,
     how: &RolloutOptions,
     seed: u64,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Result<(), RewardError> {
     let mut groups: BTreeMap<String, Vec<(usize, f64)>> = BTreeMap::new();
     let (mut endless, mut late) = (0, 0);
@@ -160,7 +160,7 @@ pub(crate) fn group(
             let (group, rollout, episode_return) =
                 (Arc::clone(group), rollout as u32, *episode_return);
             let rewards = Arc::clone(&found[*index].rewards);
-            found[*index].worth = Some(Worth {
+            found[*index].worth = Some(GroupReturn {
                 group,
                 group_size,
                 rollout,
@@ -239,7 +239,7 @@ mod tests {
             episode("lonely", "cup", 1, Some(1.0)),
             episode("endless", "mug", 3, None),
         ];
-        let mut left_out = LeftOut::default();
+        let mut left_out = SkipCounts::default();
         let how = RolloutOptions {
             advantage: Estimator::Paper { eps: 0.0 },
             ..RolloutOptions::default()
@@ -267,7 +267,7 @@ mod tests {
         };
         let grouped = |returns: Returns, advantage: Estimator| {
             let (mut found, mut left_out) =
-                (vec![long("a", 0.0), long("b", 1.0)], LeftOut::default());
+                (vec![long("a", 0.0), long("b", 1.0)], SkipCounts::default());
             let how = RolloutOptions {
                 returns,
                 advantage,
@@ -299,7 +299,7 @@ mod tests {
             (0..count).map(|seed| episode(&format!("e{seed}"), "mug", seed, Some(seed as f64)))
         };
         let grouped = |how: RolloutOptions, mut found: Vec<Candidate>| {
-            let mut left_out = LeftOut::default();
+            let mut left_out = SkipCounts::default();
             group(&mut found, &how, 7, &mut left_out).unwrap();
             (found.len(), left_out.values().sum::<u64>())
         };

@@ -28,20 +28,20 @@ use serde::{Deserialize, Serialize};
 use crate::{
     AnnotationSource, ExportError, ExportOptions, ExportReport, HistoryRepairs, Progress,
     RefusedEpisode,
-    episode::{Row, columns, mend_histories},
-    known::Known,
+    episode::{EpisodeRow, columns, repair_histories},
     parquet,
     select::Candidate,
+    task_index::TaskIndex,
 };
 
 /// Episodes whose rows are in memory at a time.
 const EPISODES_AT_A_TIME: usize = 256;
 
 /// A chosen episode and the part that it goes into.
-type Place<'c> = (&'c Candidate, Split);
+type SplitAssignment<'c> = (&'c Candidate, Split);
 
 /// The rows of one episode.
-struct Made {
+struct EpisodeRows {
     examples: Vec<Example>,
     prepared: Vec<PreparedRow>,
     refused: Vec<RefusedEpisode>,
@@ -53,11 +53,11 @@ pub(crate) fn write(
     store: &Store,
     out: &Path,
     options: &ExportOptions,
-    places: &HashMap<&str, Place<'_>>,
+    places: &HashMap<&str, SplitAssignment<'_>>,
     progress: Progress<'_>,
     report: &mut ExportReport,
 ) -> Result<Manifest, ExportError> {
-    let known_pictures = KnownPictures::open(out, options)?;
+    let known_pictures = ImageIndex::open(out, options)?;
     let mut writer = match &options.tokenizer {
         Some(path) => {
             DatasetWriter::with_tokenizer(out, options.writer, Box::new(TokenizerFile::open(path)?))
@@ -65,7 +65,7 @@ pub(crate) fn write(
         None => DatasetWriter::new(out, options.writer),
     };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
-    let mut known = Known::new(store, Arc::clone(&options.prompt))?;
+    let mut known = TaskIndex::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
     store.read(
@@ -75,30 +75,30 @@ pub(crate) fn write(
             if failed.is_some() {
                 return Ok(());
             }
-            let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
-            let wanted: Vec<(&Row<'_>, Place<'_>)> = rows
+            let rows: Vec<EpisodeRow<'_>> = reel_tables::rows_from(&batch)?;
+            let wanted: Vec<(&EpisodeRow<'_>, SplitAssignment<'_>)> = rows
                 .iter()
                 .filter_map(|row| Some((row, *places.get(row.episode_id)?)))
                 .collect();
             let mut write_rows = || -> Result<(), ExportError> {
                 for portion in wanted.chunks(EPISODES_AT_A_TIME) {
                     known.learn(portion.iter().map(|(row, _)| *row))?;
-                    let maker = Maker {
+                    let maker = RowBuilder {
                         options,
                         writer: &writer,
                         pictures: &known_pictures,
                         known: &known,
                         table_version: store.version(),
                     };
-                    let make = |(row, place): &(&Row<'_>, Place<'_>)| {
+                    let make = |(row, place): &(&EpisodeRow<'_>, SplitAssignment<'_>)| {
                         let made = maker.make(row, *place);
                         progress(1);
                         made
                     };
-                    let made: Vec<Result<Made, ExportError>> =
+                    let made: Vec<Result<EpisodeRows, ExportError>> =
                         portion.par_iter().map(make).collect();
                     for ((_, (candidate, split)), made) in portion.iter().zip(made) {
-                        let Made {
+                        let EpisodeRows {
                             examples,
                             prepared,
                             refused,
@@ -174,24 +174,28 @@ pub(crate) fn write(
 }
 
 /// Makes the rows of episodes.
-struct Maker<'m> {
+struct RowBuilder<'m> {
     options: &'m ExportOptions,
     writer: &'m DatasetWriter,
-    pictures: &'m KnownPictures,
-    known: &'m Known,
+    pictures: &'m ImageIndex,
+    known: &'m TaskIndex,
     table_version: u64,
 }
 
-impl Maker<'_> {
-    fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>) -> Result<Made, ExportError> {
+impl RowBuilder<'_> {
+    fn make(
+        &self,
+        row: &EpisodeRow<'_>,
+        (candidate, split): SplitAssignment<'_>,
+    ) -> Result<EpisodeRows, ExportError> {
         let (options, known) = (self.options, self.known.task_of(row));
-        let mut made = Made {
+        let mut made = EpisodeRows {
             examples: Vec::new(),
             prepared: Vec::new(),
             refused: Vec::new(),
             history: HistoryRepairs::default(),
         };
-        let words = options.words.of(|| row.has_words());
+        let words = options.words.of(|| row.has_policy_text());
         // what a policy is rewarded for is what it said
         let mends =
             words == AnnotationSource::Recorded && options.rollouts.is_none() && row.contradicts();
@@ -215,7 +219,7 @@ impl Maker<'_> {
             }
         };
         if let Some(trace) = trace.as_ref().filter(|_| mends) {
-            made.history = mend_histories(&mut notes, trace);
+            made.history = repair_histories(&mut notes, trace);
         }
         let mut steps = row.decisions();
         for (step, note) in steps.iter_mut().zip(notes) {
@@ -239,7 +243,7 @@ impl Maker<'_> {
             let shows = |(index, step): (usize, &Step)| {
                 options.style != Style::SingleTurn || (step.learn && index > 0)
             };
-            let moments: Vec<Option<Moment>> = steps
+            let moments: Vec<Option<FrameIndex>> = steps
                 .iter()
                 .enumerate()
                 .map(|at| shows(at).then(|| moment_before(trace, at.1.call)))
@@ -290,7 +294,7 @@ impl Maker<'_> {
         Ok(made)
     }
 
-    fn source(&self, row: &Row<'_>, candidate: &Candidate, annotator: String) -> Source {
+    fn source(&self, row: &EpisodeRow<'_>, candidate: &Candidate, annotator: String) -> Source {
         let verified = candidate.verified;
         let preset = self
             .options
@@ -323,10 +327,10 @@ impl Maker<'_> {
 }
 
 /// When a picture was taken: after a call; none: before the first.
-type Moment = Option<u32>;
+type FrameIndex = Option<u32>;
 
 /// The latest moment before a call at which the agent got a picture.
-fn moment_before(trace: &Trace, call: u32) -> Moment {
+fn moment_before(trace: &Trace, call: u32) -> FrameIndex {
     let pictured = |record: &&StepRecord| record.step < call && record.digests.frame.is_some();
     trace
         .steps
@@ -338,17 +342,17 @@ fn moment_before(trace: &Trace, call: u32) -> Moment {
 
 /// Which pictures are in the folder already, in a file beside them that is there as long as the
 /// dataset is not whole.
-struct KnownPictures {
+struct ImageIndex {
     path: PathBuf,
-    known: HashMap<(String, Moment), (ImageId, StoredImage)>,
+    known: HashMap<(String, FrameIndex), (ImageId, StoredImage)>,
     file: Mutex<File>,
 }
 
 /// A line of that file.
 #[derive(Serialize, Deserialize)]
-struct Line {
+struct ImageIndexLine {
     trace: String,
-    moment: Moment,
+    moment: FrameIndex,
     image: ImageId,
     picture: StoredImage,
 }
@@ -356,7 +360,7 @@ struct Line {
 /// Name of that file.
 const KNOWN_PICTURES: &str = ".export.jsonl";
 
-impl KnownPictures {
+impl ImageIndex {
     /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset,
     /// is taken up.
     fn open(out: &Path, options: &ExportOptions) -> Result<Self, ExportError> {
@@ -386,7 +390,7 @@ impl KnownPictures {
             .is_some_and(|first| first == how);
         // the last line may be torn
         for line in lines.map_while(Result::ok).filter(|_| same) {
-            if let Ok(Line {
+            if let Ok(ImageIndexLine {
                 trace,
                 moment,
                 image,
@@ -400,7 +404,7 @@ impl KnownPictures {
             let mut file = File::create(&path)?;
             writeln!(file, "{how}")?;
             for ((trace, moment), (image, picture)) in &known {
-                let line = Line {
+                let line = ImageIndexLine {
                     trace: trace.clone(),
                     moment: *moment,
                     image: *image,
@@ -426,14 +430,14 @@ impl KnownPictures {
         &self,
         trace: &Trace,
         digest: &str,
-        moments: &BTreeSet<Moment>,
+        moments: &BTreeSet<FrameIndex>,
         pictures: &ImageStore,
-    ) -> Result<Result<BTreeMap<Moment, ImageId>, String>, ExportError> {
+    ) -> Result<Result<BTreeMap<FrameIndex, ImageId>, String>, ExportError> {
         let mut shown = BTreeMap::new();
         let mut missing = BTreeSet::new();
         for moment in moments {
             match self.known.get(&(digest.to_owned(), *moment)) {
-                Some((image, picture)) if pictures.take_over(*image, picture) => {
+                Some((image, picture)) if pictures.reuse(*image, picture) => {
                     shown.insert(*moment, *image);
                 }
                 _ => {
@@ -448,7 +452,7 @@ impl KnownPictures {
         for (moment, rgb) in frames {
             let image = Digest::of(&rgb);
             let picture = pictures.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
-            let line = Line {
+            let line = ImageIndexLine {
                 trace: digest.to_owned(),
                 moment,
                 image,

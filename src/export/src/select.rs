@@ -11,7 +11,7 @@ use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::{AnnotationSource, RefusedEpisode, rollouts::Worth};
+use crate::{AnnotationSource, RefusedEpisode, rollouts::GroupReturn};
 
 /// Which episodes and decisions are wanted.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -85,7 +85,7 @@ pub(crate) struct Candidate {
     /// What each step pays: as recorded, or under the preset of the export.
     pub rewards: Arc<[f64]>,
     /// What it was worth in its group, once that is known.
-    pub worth: Option<Worth>,
+    pub worth: Option<GroupReturn>,
 }
 
 impl Candidate {
@@ -131,10 +131,10 @@ pub(crate) struct Decision {
 }
 
 /// How many episodes and decisions were left out, by the reason.
-pub(crate) type LeftOut = BTreeMap<&'static str, u64>;
+pub(crate) type SkipCounts = BTreeMap<&'static str, u64>;
 
 #[derive(Deserialize)]
-struct Row<'a> {
+struct CandidateRow<'a> {
     episode_id: &'a str,
     trace: &'a str,
     trace_digest: &'a str,
@@ -189,7 +189,7 @@ pub(crate) fn candidates(
     store: &Store,
     wanted: &Selection,
     words: AnnotationSource,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Result<Vec<Candidate>, StoreError> {
     let classes = if wanted.failed {
         classes(store)?
@@ -198,7 +198,7 @@ pub(crate) fn candidates(
     };
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
-        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
+        let rows: Vec<CandidateRow<'_>> = reel_tables::rows_from(&batch)?;
         for row in rows {
             match unwanted(&row, wanted) {
                 Some(reason) => *left_out.entry(reason).or_default() += 1,
@@ -216,7 +216,7 @@ pub(crate) fn candidates(
     Ok(found)
 }
 
-fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
+fn unwanted(row: &CandidateRow<'_>, wanted: &Selection) -> Option<&'static str> {
     if wanted
         .episodes
         .as_ref()
@@ -235,11 +235,11 @@ fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
 }
 
 fn candidate(
-    row: &Row<'_>,
+    row: &CandidateRow<'_>,
     wanted: &Selection,
     words: AnnotationSource,
     class: Option<&Class>,
-    left_out: &mut LeftOut,
+    left_out: &mut SkipCounts,
 ) -> Option<Candidate> {
     let recorded =
         words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == AnnotationSource::Recorded;
@@ -346,7 +346,7 @@ fn classes(store: &Store) -> Result<HashMap<String, Class>, StoreError> {
 
 /// At most so many episodes a task; those that are kept are drawn by the seed and stay in their
 /// order.
-pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut LeftOut) {
+pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut SkipCounts) {
     let Some(most) = wanted.per_task_max else {
         return;
     };
@@ -376,7 +376,7 @@ pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out
 }
 
 /// Cuts the decisions of families and tools to the median of the families' and tools' sizes.
-pub(crate) fn balance(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut LeftOut) {
+pub(crate) fn balance(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut SkipCounts) {
     if wanted.balance_families {
         let cut = cut_to_median(found, wanted.seed, |candidate, _| candidate.family as u8);
         count(left_out, "decisions beyond the median family's", cut);
@@ -438,7 +438,7 @@ pub(crate) fn draw(seed: u64, episode_id: &str, call: Option<u32>) -> u64 {
     u64::from_le_bytes(digest.0[..8].try_into().expect("eight bytes"))
 }
 
-pub(crate) fn count(left_out: &mut LeftOut, reason: &'static str, number: usize) {
+pub(crate) fn count(left_out: &mut SkipCounts, reason: &'static str, number: usize) {
     if number > 0 {
         *left_out.entry(reason).or_default() += number as u64;
     }

@@ -52,7 +52,7 @@ pub(crate) fn verify(
             .iter()
             .filter_map(|(_, verdict)| verdict.clone())
             .collect();
-        store.keep_verdicts(&new)?;
+        store.append_verdicts(&new)?;
         verified.extend(looked.into_iter().map(|(verified, _)| verified));
     }
     Ok(verified)

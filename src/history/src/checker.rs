@@ -4,14 +4,14 @@
 use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
-    Setting, StepFacts,
-    claim::{Claim, ClaimKind, Verdict},
+    EpisodeFacts, StepFacts,
+    claim::{Claim, ClaimKind, ClaimVerdict},
     clause::{Arg, Mood, Predicate, predicates},
     facts::Facts,
     grammar::{Act, Link},
     judge::{Judge, Ruling, kind_of, slots},
     lex::sentences,
-    names::{Fit, Names},
+    names::{MatchQuality, Names},
 };
 
 /// Sentences that are remembered.
@@ -28,7 +28,7 @@ pub struct Checker {
 }
 
 /// A predicate in its text.
-struct Told<'p> {
+struct ReportedPredicate<'p> {
     predicate: &'p Predicate,
     /// Where its sentence begins, in bytes.
     offset: usize,
@@ -40,7 +40,7 @@ struct Told<'p> {
 
 impl Checker {
     /// Before the first decision.
-    pub fn new(setting: Setting) -> Self {
+    pub fn new(setting: EpisodeFacts) -> Self {
         let names = Names::new(setting);
         Self {
             facts: Facts::new(&names),
@@ -51,7 +51,7 @@ impl Checker {
 
     /// Before the first decision of another episode. What was learned of names and sentences stays
     /// where they mean the same.
-    pub fn begin(&mut self, setting: Setting) {
+    pub fn begin(&mut self, setting: EpisodeFacts) {
         if *self.setting() == setting {
             self.facts = Facts::new(&self.names);
         } else {
@@ -60,7 +60,7 @@ impl Checker {
     }
 
     /// What was there.
-    pub fn setting(&self) -> &Setting {
+    pub fn setting(&self) -> &EpisodeFacts {
         self.names.setting()
     }
 
@@ -77,9 +77,9 @@ impl Checker {
             .iter()
             .map(|range| self.sentence(&history[range.clone()]))
             .collect();
-        let mut told: Vec<Told> = Vec::new();
+        let mut told: Vec<ReportedPredicate> = Vec::new();
         for (sentence, (range, predicates)) in ranges.iter().zip(&read).enumerate() {
-            let new = |predicate| Told {
+            let new = |predicate| ReportedPredicate {
                 predicate,
                 offset: range.start,
                 sentence,
@@ -114,7 +114,7 @@ impl Checker {
     }
 }
 
-fn claims(told: &Told) -> impl Iterator<Item = Claim> {
+fn claims(told: &ReportedPredicate) -> impl Iterator<Item = Claim> {
     let shift = |range: &std::ops::Range<usize>| range.start + told.offset..range.end + told.offset;
     told.rulings.iter().map(move |ruling| Claim {
         span: shift(&told.predicate.span),
@@ -129,7 +129,7 @@ fn claims(told: &Told) -> impl Iterator<Item = Claim> {
 }
 
 /// Judges what is said to have been done, and finds the deed that each claim most likely speaks of.
-fn deeds(judge: &Judge, told: &mut [Told]) {
+fn deeds(judge: &Judge, told: &mut [ReportedPredicate]) {
     let mut cursor = 0;
     for index in 0..told.len() {
         let predicate = told[index].predicate;
@@ -137,7 +137,7 @@ fn deeds(judge: &Judge, told: &mut [Told]) {
             continue;
         }
         let (place, thing) = unnamed(told, index);
-        let rulings = judge.deed(predicate, cursor, judge.facts.now(), place, thing);
+        let rulings = judge.step_facts(predicate, cursor, judge.facts.now(), place, thing);
         let deed = rulings
             .iter()
             .filter_map(|ruling| ruling.matches.first().copied())
@@ -155,7 +155,7 @@ fn denies(predicate: &Predicate) -> bool {
 }
 
 /// The place and the thing that stand in the clause before, for `found nothing` and `found one`.
-fn unnamed<'p>(told: &[Told<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p Arg>) {
+fn unnamed<'p>(told: &[ReportedPredicate<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p Arg>) {
     let before = told[..index]
         .iter()
         .rev()
@@ -173,7 +173,7 @@ fn unnamed<'p>(told: &[Told<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p 
     let found = slots(look);
     let thing = found
         .iter()
-        .find_map(|slots| slots.thing)
+        .find_map(|slots| slots.object)
         .filter(|_| look.act == Act::Search);
     (
         found
@@ -186,7 +186,7 @@ fn unnamed<'p>(told: &[Told<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p 
 
 /// Judges what is said not to have been done or seen. What the text itself tells later does not
 /// refute it.
-fn denials(judge: &Judge, told: &mut [Told]) {
+fn denials(judge: &Judge, told: &mut [ReportedPredicate]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
         if predicate.is_state() || !denies(predicate) {
@@ -200,13 +200,13 @@ fn denials(judge: &Judge, told: &mut [Told]) {
             .min()
             .unwrap_or(judge.facts.now());
         let (place, thing) = unnamed(told, index);
-        told[index].rulings = judge.deed(predicate, 0, until, place, thing);
+        told[index].rulings = judge.step_facts(predicate, 0, until, place, thing);
     }
 }
 
 /// Judges how things stand: between the deeds told before and after, and now where nothing is told
 /// after.
-fn states(judge: &Judge, told: &mut [Told]) {
+fn states(judge: &Judge, told: &mut [ReportedPredicate]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
         if predicate.is_state() {
@@ -216,7 +216,7 @@ fn states(judge: &Judge, told: &mut [Told]) {
 }
 
 /// The moments at which a state may be meant.
-fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
+fn window(told: &[ReportedPredicate], index: usize, now: usize) -> Vec<usize> {
     let before = told[..index]
         .iter()
         .rev()
@@ -242,7 +242,7 @@ fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
 }
 
 /// Judges what is said to have come before what.
-fn orders(facts: &Facts, told: &mut [Told]) {
+fn orders(facts: &Facts, told: &mut [ReportedPredicate]) {
     for index in 0..told.len() {
         let Some(link) = told[index].predicate.link else {
             continue;
@@ -280,7 +280,7 @@ fn orders(facts: &Facts, told: &mut [Told]) {
         let Some((first, second)) = pair else {
             continue;
         };
-        let all = |told: &Told| {
+        let all = |told: &ReportedPredicate| {
             told.rulings
                 .iter()
                 .flat_map(|ruling| ruling.matches.clone())
@@ -303,7 +303,7 @@ fn orders(facts: &Facts, told: &mut [Told]) {
 }
 
 /// The deed told last in the sentences before, for a sentence that opens with `then`.
-fn told_before(told: &[Told], index: usize) -> Option<usize> {
+fn told_before(told: &[ReportedPredicate], index: usize) -> Option<usize> {
     let opens = index
         .checked_sub(1)
         .is_none_or(|before| told[before].sentence != told[index].sentence);
@@ -315,18 +315,18 @@ fn told_before(told: &[Told], index: usize) -> Option<usize> {
 }
 
 /// Whether a claim speaks of a deed that was found.
-fn eventful(told: &Told) -> bool {
+fn eventful(told: &ReportedPredicate) -> bool {
     !told.predicate.negated
         && !told.predicate.is_state()
         && told.deed.is_some()
         && told
             .rulings
             .iter()
-            .all(|ruling| !matches!(ruling.verdict, Verdict::Contradicted { .. }))
+            .all(|ruling| !matches!(ruling.verdict, ClaimVerdict::Contradicted { .. }))
 }
 
 /// Judges what is said to have been done last.
-fn last_action(judge: &Judge, told: &mut [Told]) {
+fn last_action(judge: &Judge, told: &mut [ReportedPredicate]) {
     let Some(fact) = judge.facts.all.last() else {
         return;
     };
@@ -346,8 +346,8 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
         {
             continue;
         }
-        let step = Some(fact.deed.step);
-        let last = format!("the last call was {}", fact.deed.tool);
+        let step = Some(fact.step_facts.step);
+        let last = format!("the last call was {}", fact.step_facts.tool);
         told[index].rulings = vec![if predicate.act == Act::Fail {
             let failed = predicate.mood == Mood::Failed;
             let why = !predicate.reasons.is_empty()
@@ -367,10 +367,10 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
                 .iter()
                 .map(|slots| judge.fit(predicate, mood, slots, fact))
                 .max()
-                .unwrap_or(Fit::Maybe);
+                .unwrap_or(MatchQuality::Maybe);
             match fits {
-                Fit::Yes => Ruling::supported(ClaimKind::Last, step),
-                Fit::No
+                MatchQuality::Yes => Ruling::supported(ClaimKind::Last, step),
+                MatchQuality::No
                     if kind_of(predicate.act) != ClaimKind::Outcome
                         && predicate.act != Act::See =>
                 {

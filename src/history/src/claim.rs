@@ -10,7 +10,7 @@ pub struct Claim {
     /// What it is about.
     pub kind: ClaimKind,
     /// Whether it holds.
-    pub verdict: Verdict,
+    pub verdict: ClaimVerdict,
     /// What to write instead, by place in the text, where the record determines it; empty
     /// otherwise.
     pub fix: Vec<(Range<usize>, String)>,
@@ -19,13 +19,13 @@ pub struct Claim {
 impl Claim {
     /// Whether the record refutes it.
     pub fn is_false(&self) -> bool {
-        matches!(self.verdict, Verdict::Contradicted { .. })
+        matches!(self.verdict, ClaimVerdict::Contradicted { .. })
     }
 }
 
 /// What the record says to a claim.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// It holds.
     Supported {
         /// The decision that shows it; none for what holds all along.

@@ -11,13 +11,13 @@ use crate::{MarkerFacts, StepFacts, grammar::Act, names::Names};
 /// One deed.
 #[derive(Clone, Debug)]
 pub(crate) struct Fact {
-    pub(crate) deed: StepFacts,
+    pub(crate) step_facts: StepFacts,
     /// What kind of deed the tool is; none for no tool.
     pub(crate) act: Option<Act>,
     /// The receptacle it acted on, or would have.
     pub(crate) place: Option<usize>,
     /// The object it acted on, or would have.
-    pub(crate) thing: Option<usize>,
+    pub(crate) object: Option<usize>,
     /// The marker number it was given.
     pub(crate) marker: Option<u32>,
     /// Where the robot stood afterwards: the landmark, and the receptacle of what it looks at
@@ -36,11 +36,11 @@ pub(crate) struct Fact {
 
 impl Fact {
     pub(crate) fn ok(&self) -> bool {
-        self.deed.error.is_none()
+        self.step_facts.error.is_none()
     }
 
     pub(crate) fn error(&self) -> &str {
-        self.deed.error.as_deref().unwrap_or("")
+        self.step_facts.error.as_deref().unwrap_or("")
     }
 
     /// Whether it came to something: looking in vain is looking too.
@@ -68,7 +68,7 @@ pub(crate) struct Facts {
 impl Facts {
     pub(crate) fn new(names: &Names) -> Self {
         let setting = names.setting();
-        let place = |id: &Option<String>| id.as_deref().and_then(|id| names.place(id));
+        let place = |id: &Option<String>| id.as_deref().and_then(|id| names.receptacle(id));
         Self {
             all: Vec::new(),
             whereabouts: setting
@@ -93,7 +93,7 @@ impl Facts {
 
     /// The step of a deed.
     pub(crate) fn step(&self, index: usize) -> Option<u32> {
-        self.all.get(index).map(|fact| fact.deed.step)
+        self.all.get(index).map(|fact| fact.step_facts.step)
     }
 
     /// Where an object was at a moment.
@@ -123,8 +123,8 @@ impl Facts {
     pub(crate) fn push(&mut self, names: &Names, deed: StepFacts) {
         let moment = self.all.len() + 1;
         let act = act_of(&deed.tool);
-        let place = |id: &Option<String>| id.as_deref().and_then(|id| names.place(id));
-        let thing = |key: &Option<String>| key.as_deref().and_then(|key| names.thing(key));
+        let place = |id: &Option<String>| id.as_deref().and_then(|id| names.receptacle(id));
+        let thing = |key: &Option<String>| key.as_deref().and_then(|key| names.object(key));
         let takes_marker = matches!(
             act,
             Some(Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close)
@@ -166,7 +166,7 @@ impl Facts {
         let seen: Vec<usize> = deed
             .seen
             .iter()
-            .filter_map(|key| names.thing(key))
+            .filter_map(|key| names.object(key))
             .collect();
         let marked = deed
             .markers
@@ -188,7 +188,7 @@ impl Facts {
         self.all.push(Fact {
             act,
             place: receptacle,
-            thing: if act == Some(Act::Place) {
+            object: if act == Some(Act::Place) {
                 acted_on.or(held_before)
             } else {
                 acted_on
@@ -200,12 +200,12 @@ impl Facts {
             marked_places,
             holding,
             held: thing(&deed.held),
-            deed,
+            step_facts: deed,
         });
     }
 
     fn change(&mut self, names: &Names, change: &GraphEvent, moment: usize) {
-        let place = names.place(change.receptacle().as_str());
+        let place = names.receptacle(change.receptacle().as_str());
         match change {
             GraphEvent::Door { to, .. } => {
                 if let Some(place) = place {
@@ -213,7 +213,7 @@ impl Facts {
                 }
             }
             GraphEvent::Add { object, .. } | GraphEvent::Remove { object, .. } => {
-                let Some(thing) = names.thing(object.as_str()) else {
+                let Some(thing) = names.object(object.as_str()) else {
                     return;
                 };
                 let added = matches!(change, GraphEvent::Add { .. });

@@ -4,19 +4,19 @@
 use std::ops::Range;
 
 use crate::{
-    claim::{ClaimKind, Verdict},
+    claim::{ClaimKind, ClaimVerdict},
     clause::{Arg, Mood, Predicate},
     content::Agreement,
     facts::{Fact, Facts},
     grammar::{Act, Prep},
-    names::{Fit, Names, Referent, looks_like_id},
+    names::{MatchQuality, Names, Referent, looks_like_id},
 };
 
 /// What came of judging one claim. Spans are those of the sentence.
 #[derive(Clone, Debug)]
 pub(crate) struct Ruling {
     pub(crate) kind: ClaimKind,
-    pub(crate) verdict: Verdict,
+    pub(crate) verdict: ClaimVerdict,
     pub(crate) fix: Vec<(Range<usize>, String)>,
     /// Indices of the deeds that it surely speaks of.
     pub(crate) matches: Vec<usize>,
@@ -26,7 +26,7 @@ impl Ruling {
     pub(crate) fn unknown(kind: ClaimKind) -> Self {
         Self {
             kind,
-            verdict: Verdict::Unknown,
+            verdict: ClaimVerdict::Unknown,
             fix: Vec::new(),
             matches: Vec::new(),
         }
@@ -34,14 +34,14 @@ impl Ruling {
 
     pub(crate) fn supported(kind: ClaimKind, step: Option<u32>) -> Self {
         Self {
-            verdict: Verdict::Supported { step },
+            verdict: ClaimVerdict::Supported { step },
             ..Self::unknown(kind)
         }
     }
 
     pub(crate) fn contradicted(kind: ClaimKind, why: impl Into<String>, step: Option<u32>) -> Self {
         Self {
-            verdict: Verdict::Contradicted {
+            verdict: ClaimVerdict::Contradicted {
                 why: why.into(),
                 step,
             },
@@ -58,7 +58,7 @@ impl Ruling {
 /// One reading of a predicate's arguments: one object, one place.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Slots<'p> {
-    pub(crate) thing: Option<&'p Arg>,
+    pub(crate) object: Option<&'p Arg>,
     pub(crate) place: Option<&'p Arg>,
     pub(crate) marker: Option<u32>,
 }
@@ -72,7 +72,7 @@ pub(crate) struct Judge<'a> {
 impl Judge<'_> {
     /// Judges what is claimed to have been done (or not) in deeds up to `until`. `place` and
     /// `thing` are what an unnamed place or object stands for.
-    pub(crate) fn deed(
+    pub(crate) fn step_facts(
         &self,
         predicate: &Predicate,
         cursor: usize,
@@ -114,7 +114,7 @@ impl Judge<'_> {
         if let Some(arg) = slots.place.filter(|arg| arg.all) {
             return self.all_places(predicate, arg, kind);
         }
-        let counted = [slots.thing, slots.place]
+        let counted = [slots.object, slots.place]
             .into_iter()
             .flatten()
             .find_map(|arg| arg.count.as_ref());
@@ -122,17 +122,17 @@ impl Judge<'_> {
             return self.counted(predicate, slots, *count, span);
         }
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let graded: Vec<(usize, Fit)> = facts
+        let graded: Vec<(usize, MatchQuality)> = facts
             .iter()
             .enumerate()
             .map(|(index, fact)| (index, self.fit(predicate, predicate.mood, slots, fact)))
             .collect();
         let yes: Vec<usize> = graded
             .iter()
-            .filter(|(_, fit)| *fit == Fit::Yes)
+            .filter(|(_, fit)| *fit == MatchQuality::Yes)
             .map(|(index, _)| *index)
             .collect();
-        let maybe = graded.iter().any(|(_, fit)| *fit == Fit::Maybe);
+        let maybe = graded.iter().any(|(_, fit)| *fit == MatchQuality::Maybe);
         let chosen = yes
             .iter()
             .find(|index| **index >= cursor)
@@ -198,7 +198,7 @@ impl Judge<'_> {
     /// Nothing of the kind was done: what was, and what to write instead.
     fn refute(&self, predicate: &Predicate, slots: &Slots, kind: ClaimKind) -> Ruling {
         let find = |mood: Mood, slots: &Slots| -> Vec<usize> {
-            let fits = |fact: &Fact| self.fit(predicate, mood, slots, fact) == Fit::Yes;
+            let fits = |fact: &Fact| self.fit(predicate, mood, slots, fact) == MatchQuality::Yes;
             self.facts
                 .all
                 .iter()
@@ -252,7 +252,7 @@ impl Judge<'_> {
             places.dedup();
             if let (Some(index), true) = (
                 elsewhere.last(),
-                slots.thing.is_some() || slots.marker.is_some(),
+                slots.object.is_some() || slots.marker.is_some(),
             ) {
                 let names: Vec<&str> = places
                     .iter()
@@ -268,17 +268,17 @@ impl Judge<'_> {
                 .with_fix(fix);
             }
         }
-        if let Some(arg) = slots.thing.filter(|arg| arg.marker.is_none()) {
+        if let Some(arg) = slots.object.filter(|arg| arg.marker.is_none()) {
             let others = find(
                 predicate.mood,
                 &Slots {
-                    thing: None,
+                    object: None,
                     ..*slots
                 },
             );
             let mut things: Vec<usize> = others
                 .iter()
-                .filter_map(|index| self.facts.all[*index].thing)
+                .filter_map(|index| self.facts.all[*index].object)
                 .collect();
             things.sort_unstable();
             things.dedup();
@@ -292,43 +292,53 @@ impl Judge<'_> {
     }
 
     /// How a deed fits a predicate in a mood.
-    pub(crate) fn fit(&self, predicate: &Predicate, mood: Mood, slots: &Slots, fact: &Fact) -> Fit {
+    pub(crate) fn fit(
+        &self,
+        predicate: &Predicate,
+        mood: Mood,
+        slots: &Slots,
+        fact: &Fact,
+    ) -> MatchQuality {
         let outcome = match mood {
             Mood::Done => fact.done(),
             Mood::Failed => !fact.ok(),
             _ => true,
         };
         if !outcome {
-            return Fit::No;
+            return MatchQuality::No;
         }
         let act = self.fit_act(predicate.act, slots, fact);
-        if act == Fit::No {
-            return Fit::No;
+        if act == MatchQuality::No {
+            return MatchQuality::No;
         }
-        let place = slots
-            .place
-            .map_or(Fit::Yes, |arg| self.fit_place(predicate.act, arg, fact));
-        let thing = slots.thing.map_or(Fit::Yes, |arg| {
+        let place = slots.place.map_or(MatchQuality::Yes, |arg| {
+            self.fit_place(predicate.act, arg, fact)
+        });
+        let thing = slots.object.map_or(MatchQuality::Yes, |arg| {
             self.fit_thing(predicate.act, &arg.referent, fact)
         });
         let marker = self.fit_marker(predicate, slots, fact);
         act.min(place).min(thing).min(marker)
     }
 
-    fn fit_marker(&self, predicate: &Predicate, slots: &Slots, fact: &Fact) -> Fit {
+    fn fit_marker(&self, predicate: &Predicate, slots: &Slots, fact: &Fact) -> MatchQuality {
         if slots.marker.is_none() {
-            return Fit::Yes;
+            return MatchQuality::Yes;
         }
         match fact.marker {
-            Some(given) if predicate.all_args().any(|arg| arg.marker == Some(given)) => Fit::Yes,
+            Some(given) if predicate.all_args().any(|arg| arg.marker == Some(given)) => {
+                MatchQuality::Yes
+            }
             // a place that is named says it better than the number, which may be the object's
-            Some(_) if predicate.act == Act::Place && slots.place.is_some() => Fit::Maybe,
-            _ => Fit::No,
+            Some(_) if predicate.act == Act::Place && slots.place.is_some() => MatchQuality::Maybe,
+            _ => MatchQuality::No,
         }
     }
 
-    fn fit_act(&self, act: Act, slots: &Slots, fact: &Fact) -> Fit {
-        let Some(done) = fact.act else { return Fit::No };
+    fn fit_act(&self, act: Act, slots: &Slots, fact: &Fact) -> MatchQuality {
+        let Some(done) = fact.act else {
+            return MatchQuality::No;
+        };
         let yes = match act {
             // the robot drives up to a receptacle that it gazes at, too
             Act::Go => done == Act::Go || done == Act::Gaze,
@@ -338,125 +348,134 @@ impl Judge<'_> {
             }
             Act::Get => matches!(done, Act::Pick | Act::Go),
             Act::Check => true,
-            Act::Explore if done != Act::Explore => return Fit::No,
-            Act::Search if done == Act::Explore || done == Act::Go => return Fit::Maybe,
+            Act::Explore if done != Act::Explore => return MatchQuality::No,
+            Act::Search if done == Act::Explore || done == Act::Go => return MatchQuality::Maybe,
             Act::Mark => done == Act::Mark || done == Act::Search,
             act => done == act,
         };
-        if yes { Fit::Yes } else { Fit::No }
+        if yes {
+            MatchQuality::Yes
+        } else {
+            MatchQuality::No
+        }
     }
 
-    fn fit_place(&self, act: Act, arg: &Arg, fact: &Fact) -> Fit {
+    fn fit_place(&self, act: Act, arg: &Arg, fact: &Fact) -> MatchQuality {
         if arg.marker.is_some() && !matches!(act, Act::Go | Act::Check) {
-            return Fit::Yes;
+            return MatchQuality::Yes;
         }
         if arg.referent.open {
-            return Fit::Maybe;
+            return MatchQuality::Maybe;
         }
         let at = |places: &[usize]| {
             places
                 .iter()
-                .map(|place| arg.referent.fits_place(Some(*place)))
+                .map(|place| arg.referent.fits_receptacle(Some(*place)))
                 .max()
-                .unwrap_or(Fit::No)
+                .unwrap_or(MatchQuality::No)
         };
         let fit = match act {
             Act::Go | Act::Carry if fact.place.is_none() && fact.act == Some(Act::Go) => {
                 let same = fact
-                    .deed
+                    .step_facts
                     .argument
                     .as_deref()
                     .is_some_and(|argument| argument.to_lowercase() == arg.referent.words);
-                return if same { Fit::Yes } else { Fit::No };
+                return if same {
+                    MatchQuality::Yes
+                } else {
+                    MatchQuality::No
+                };
             }
             Act::Go if fact.act == Some(Act::Gaze) => at(&fact.at),
-            _ if arg.referent.any_place => Fit::Yes,
+            _ if arg.referent.any_place => MatchQuality::Yes,
             Act::Mark => at(&fact.at).max(at(&fact.marked_places)),
             Act::Check | Act::Search | Act::Explore => at(&fact.at),
-            _ => arg.referent.fits_place(fact.place),
+            _ => arg.referent.fits_receptacle(fact.place),
         };
         // a room, or a word that is not known
         if looks_like_id(&arg.referent.words) && arg.referent.places.is_empty() {
-            Fit::No
+            MatchQuality::No
         } else {
             fit
         }
     }
 
-    fn fit_thing(&self, act: Act, referent: &Referent, fact: &Fact) -> Fit {
+    fn fit_thing(&self, act: Act, referent: &Referent, fact: &Fact) -> MatchQuality {
         if referent.open {
-            return Fit::Maybe;
+            return MatchQuality::Maybe;
         }
         match act {
             Act::Search if fact.act == Some(Act::Search) => {
-                if referent.any_thing
-                    || self
-                        .names
-                        .same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+                if referent.any_object
+                    || self.names.same(
+                        fact.step_facts.argument.as_deref().unwrap_or(""),
+                        &referent.words,
+                    )
                 {
-                    Fit::Yes
+                    MatchQuality::Yes
                 } else if referent.open || self.names.setting().things.is_empty() {
-                    Fit::Maybe
+                    MatchQuality::Maybe
                 } else {
-                    Fit::No
+                    MatchQuality::No
                 }
             }
             Act::Search => {
                 let spoken_of = self.names.mentions(&referent.words);
                 if spoken_of || referent.open {
-                    Fit::Maybe
+                    MatchQuality::Maybe
                 } else {
-                    Fit::No
+                    MatchQuality::No
                 }
             }
             Act::Mark if fact.act == Some(Act::Mark) => {
-                if referent.is_place() || referent.any_thing {
-                    Fit::Yes
+                if referent.is_receptacle() || referent.any_object {
+                    MatchQuality::Yes
                 } else {
-                    Fit::Maybe
+                    MatchQuality::Maybe
                 }
             }
             Act::Mark => self.fit_thing(Act::Search, referent, fact),
             Act::Carry if fact.act != Some(Act::Place) && fact.act != Some(Act::Pick) => referent
-                .fits_thing(fact.held)
-                .min(if fact.deed.held.is_some() || referent.any_thing {
-                    Fit::Yes
+                .fits_object(fact.held)
+                .min(if fact.step_facts.held.is_some() || referent.any_object {
+                    MatchQuality::Yes
                 } else {
-                    Fit::No
+                    MatchQuality::No
                 }),
             Act::Check | Act::Go if fact.act != Some(Act::Gaze) => {
                 if fact
                     .seen
                     .iter()
-                    .any(|thing| referent.fits_thing(Some(*thing)) > Fit::No)
+                    .any(|thing| referent.fits_object(Some(*thing)) > MatchQuality::No)
                 {
-                    Fit::Maybe
+                    MatchQuality::Maybe
                 } else {
-                    Fit::No
+                    MatchQuality::No
                 }
             }
-            Act::Gaze if referent.is_place() && !referent.is_thing() => {
-                referent.fits_place(fact.place)
+            Act::Gaze if referent.is_receptacle() && !referent.is_object() => {
+                referent.fits_receptacle(fact.place)
             }
-            Act::Gaze if fact.thing.is_none() && fact.place.is_some() => {
-                if referent.any_thing {
-                    Fit::Yes
+            Act::Gaze if fact.object.is_none() && fact.place.is_some() => {
+                if referent.any_object {
+                    MatchQuality::Yes
                 } else {
-                    Fit::No
+                    MatchQuality::No
                 }
             }
-            Act::Pick if fact.thing.is_none() && fact.place.is_some() => {
-                referent.fits_place(fact.place)
+            Act::Pick if fact.object.is_none() && fact.place.is_some() => {
+                referent.fits_receptacle(fact.place)
             }
-            _ if self.names.setting().complete || fact.thing.is_some() || !fact.ok() => {
-                match fact.thing {
-                    None if referent.any_thing => Fit::Yes,
-                    None if fact.ok() => Fit::Maybe,
-                    None => Fit::Maybe,
-                    thing => referent.fits_thing(thing),
+            _ if self.names.setting().complete || fact.object.is_some() || !fact.ok() => {
+                match fact.object {
+                    None if referent.any_object => MatchQuality::Yes,
+                    None if fact.ok() => MatchQuality::Maybe,
+                    None => MatchQuality::Maybe,
+                    thing => referent.fits_object(thing),
                 }
             }
-            _ => Fit::Maybe.max(referent.fits_thing(fact.thing)),
+            _ => MatchQuality::Maybe.max(referent.fits_object(fact.object)),
         }
     }
 
@@ -470,7 +489,8 @@ impl Judge<'_> {
         let kind = kind_of(predicate.act);
         let count = count as usize;
         let until = self.facts.now();
-        let fits = |fact: &&Fact| self.fit(predicate, predicate.mood, slots, fact) > Fit::No;
+        let fits =
+            |fact: &&Fact| self.fit(predicate, predicate.mood, slots, fact) > MatchQuality::No;
         let facts: Vec<&Fact> = self.facts.all[..until].iter().filter(fits).collect();
         let distinct = |values: &mut dyn Iterator<Item = usize>| {
             let mut values: Vec<usize> = values.collect();
@@ -482,13 +502,13 @@ impl Judge<'_> {
             Act::Go | Act::Check => {
                 let (driven, all) = self.facts.visited();
                 let meant = |places: &[usize]| {
-                    let arg = slots.place.or(slots.thing);
+                    let arg = slots.place.or(slots.object);
                     places
                         .iter()
                         .filter(|place| {
                             arg.is_none_or(|arg| {
-                                arg.referent.fits_place(Some(**place)) > Fit::No
-                                    || arg.referent.any_thing
+                                arg.referent.fits_receptacle(Some(**place)) > MatchQuality::No
+                                    || arg.referent.any_object
                             })
                         })
                         .count()
@@ -496,7 +516,10 @@ impl Judge<'_> {
                 (meant(&driven), meant(&all))
             }
             Act::Mark | Act::Search => {
-                let sizes: Vec<usize> = facts.iter().map(|fact| fact.deed.markers.len()).collect();
+                let sizes: Vec<usize> = facts
+                    .iter()
+                    .map(|fact| fact.step_facts.markers.len())
+                    .collect();
                 if sizes.contains(&count) {
                     (count, count)
                 } else {
@@ -504,12 +527,12 @@ impl Judge<'_> {
                 }
             }
             Act::Pick | Act::Place if self.names.setting().complete => {
-                let number = distinct(&mut facts.iter().filter_map(|fact| fact.thing));
+                let number = distinct(&mut facts.iter().filter_map(|fact| fact.object));
                 (number, number)
             }
             _ => return Ruling::unknown(kind),
         };
-        let step = facts.last().map(|fact| fact.deed.step);
+        let step = facts.last().map(|fact| fact.step_facts.step);
         if (least..=most).contains(&count) {
             return Ruling::supported(kind, step);
         }
@@ -548,9 +571,9 @@ impl Judge<'_> {
     fn only_visited(&self, predicate: &Predicate) -> Ruling {
         let (driven, _) = self.facts.visited();
         let named = |place: usize| {
-            predicate
-                .all_args()
-                .any(|arg| arg.count.is_some() || arg.referent.fits_place(Some(place)) > Fit::No)
+            predicate.all_args().any(|arg| {
+                arg.count.is_some() || arg.referent.fits_receptacle(Some(place)) > MatchQuality::No
+            })
         };
         match driven.iter().find(|place| !named(**place)) {
             Some(place) => Ruling::contradicted(
@@ -583,7 +606,7 @@ impl Judge<'_> {
         }
         let questions = || {
             asks.iter()
-                .filter_map(|index| self.facts.all[*index].deed.argument.as_deref())
+                .filter_map(|index| self.facts.all[*index].step_facts.argument.as_deref())
         };
         if predicate.content.quote.is_some()
             && predicate.content.quotes(questions()) == Agreement::Other
@@ -604,12 +627,12 @@ impl Judge<'_> {
         }
         let all = &self.facts.all[..until.min(self.facts.now())];
         let answered: Vec<usize> = (0..all.len())
-            .filter(|index| all[*index].deed.reply.is_some())
+            .filter(|index| all[*index].step_facts.reply.is_some())
             .collect();
         let replies = || {
             answered
                 .iter()
-                .filter_map(|index| all[*index].deed.reply.as_deref())
+                .filter_map(|index| all[*index].step_facts.reply.as_deref())
         };
         let step = answered.last().and_then(|index| self.facts.step(*index));
         let wants = predicate
@@ -662,10 +685,10 @@ impl Judge<'_> {
             .iter()
             .find(|fact| fact.act == Some(Act::Finish));
         match (finish, predicate.negated) {
-            (Some(fact), false) => Ruling::supported(kind, Some(fact.deed.step)),
+            (Some(fact), false) => Ruling::supported(kind, Some(fact.step_facts.step)),
             (None, true) => Ruling::supported(kind, None),
             (Some(fact), true) => {
-                Ruling::contradicted(kind, "the episode was finished", Some(fact.deed.step))
+                Ruling::contradicted(kind, "the episode was finished", Some(fact.step_facts.step))
             }
             (None, false) => Ruling::contradicted(kind, "the episode was not finished", None),
         }
@@ -679,19 +702,19 @@ impl Judge<'_> {
         let tool =
             reel_world::ToolSpec::by_name(name).map_or(name.as_str(), |spec| spec.paper_name);
         let same = |fact: &Fact| {
-            let argument = fact.deed.argument.as_deref().map(str::to_lowercase);
+            let argument = fact.step_facts.argument.as_deref().map(str::to_lowercase);
             let given = said.is_empty() && predicate.content.quote.is_none();
             let place = predicate
                 .args
                 .iter()
-                .find(|arg| arg.prep == Prep::At && arg.referent.is_place());
+                .find(|arg| arg.prep == Prep::At && arg.referent.is_receptacle());
             let there = place.is_none_or(|arg| {
                 fact.at
                     .iter()
-                    .any(|at| arg.referent.fits_place(Some(*at)) > Fit::No)
+                    .any(|at| arg.referent.fits_receptacle(Some(*at)) > MatchQuality::No)
             });
             there
-                && fact.deed.tool == tool
+                && fact.step_facts.tool == tool
                 && argument.is_none_or(|argument| given || predicate.content.holds(&argument))
         };
         let found: Vec<usize> = (0..self.facts.now())
@@ -716,7 +739,7 @@ fn bare(predicate: &Predicate, slots: &Slots) -> bool {
         predicate.act,
         Act::Pick | Act::Place | Act::Get | Act::Carry | Act::Gaze | Act::Check
     );
-    needs && slots.thing.is_none() && slots.place.is_none() && slots.marker.is_none()
+    needs && slots.object.is_none() && slots.place.is_none() && slots.marker.is_none()
 }
 
 /// The claim that an act makes.
@@ -753,15 +776,16 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         .find_map(|arg| arg.marker);
     let (mut things, mut places): (Vec<&Arg>, Vec<&Arg>) = (Vec::new(), Vec::new());
     let for_follows = predicate.args.iter().any(|arg| arg.prep == Prep::For);
-    let said =
-        |arg: &&Arg| !arg.user && !arg.hand && (arg.marker.is_none() || arg.referent.is_place());
+    let said = |arg: &&Arg| {
+        !arg.user && !arg.hand && (arg.marker.is_none() || arg.referent.is_receptacle())
+    };
     let objects = predicate
         .subjects
         .iter()
         .map(|arg| (arg, true))
         .chain(predicate.args.iter().map(|arg| (arg, false)));
     for (arg, before) in objects.filter(|(arg, _)| said(arg)) {
-        let place_like = arg.referent.is_place() || !arg.referent.is_thing();
+        let place_like = arg.referent.is_receptacle() || !arg.referent.is_object();
         match (predicate.act, arg.prep) {
             _ if before && !predicate.passive && !arg.door => {}
             (
@@ -770,7 +794,9 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
             ) if place_like => places.push(arg),
             (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To) => things.push(arg),
             (Act::Open | Act::Close, Prep::Direct | Prep::Of | Prep::At) => places.push(arg),
-            (Act::Search, Prep::Direct) if for_follows || place_like && arg.referent.is_place() => {
+            (Act::Search, Prep::Direct)
+                if for_follows || place_like && arg.referent.is_receptacle() =>
+            {
                 places.push(arg)
             }
             (Act::Search, Prep::For | Prep::Direct) => things.push(arg),
@@ -792,7 +818,7 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         (_, 0) => things
             .into_iter()
             .map(|thing| Slots {
-                thing: Some(thing),
+                object: Some(thing),
                 place: None,
                 marker,
             })
@@ -800,7 +826,7 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         (1.., 1) => things
             .into_iter()
             .map(|thing| Slots {
-                thing: Some(thing),
+                object: Some(thing),
                 place: Some(places[0]),
                 marker,
             })
@@ -808,7 +834,7 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         _ => places
             .into_iter()
             .map(|place| Slots {
-                thing: things.first().copied(),
+                object: things.first().copied(),
                 place: Some(place),
                 marker,
             })

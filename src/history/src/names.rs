@@ -9,14 +9,14 @@ use std::{
 use reel_world::language;
 
 use crate::{
-    Setting,
+    EpisodeFacts,
     content::lemmas,
     grammar::{ANYTHING, ANYWHERE},
 };
 
 /// How well one thing fits a phrase, or one deed a claim.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) enum Fit {
+pub(crate) enum MatchQuality {
     No,
     Maybe,
     Yes,
@@ -30,13 +30,13 @@ pub(crate) struct Referent {
     /// Of those it may mean.
     pub(crate) maybe_places: Vec<usize>,
     /// Indices of the objects it surely means; any of them.
-    pub(crate) things: Vec<usize>,
+    pub(crate) objects: Vec<usize>,
     /// Of those it may mean.
-    pub(crate) maybe_things: Vec<usize>,
+    pub(crate) maybe_objects: Vec<usize>,
     /// Any receptacle: `the receptacle`.
     pub(crate) any_place: bool,
     /// Any object: `the object`, `it`.
-    pub(crate) any_thing: bool,
+    pub(crate) any_object: bool,
     /// Nothing is known of the words: it may mean anything.
     pub(crate) open: bool,
     /// The words, for comparison with queries.
@@ -47,52 +47,52 @@ impl Referent {
     /// `it`
     pub(crate) fn anything() -> Self {
         Self {
-            any_thing: true,
+            any_object: true,
             any_place: true,
             ..Self::default()
         }
     }
 
     /// How a receptacle fits.
-    pub(crate) fn fits_place(&self, place: Option<usize>) -> Fit {
+    pub(crate) fn fits_receptacle(&self, place: Option<usize>) -> MatchQuality {
         match place {
-            _ if self.any_place => Fit::Yes,
-            None => Fit::Maybe,
-            Some(place) if self.places.contains(&place) => Fit::Yes,
-            Some(place) if self.open || self.maybe_places.contains(&place) => Fit::Maybe,
-            Some(_) => Fit::No,
+            _ if self.any_place => MatchQuality::Yes,
+            None => MatchQuality::Maybe,
+            Some(place) if self.places.contains(&place) => MatchQuality::Yes,
+            Some(place) if self.open || self.maybe_places.contains(&place) => MatchQuality::Maybe,
+            Some(_) => MatchQuality::No,
         }
     }
 
     /// How an object fits.
-    pub(crate) fn fits_thing(&self, thing: Option<usize>) -> Fit {
+    pub(crate) fn fits_object(&self, thing: Option<usize>) -> MatchQuality {
         match thing {
-            _ if self.any_thing => Fit::Yes,
-            None => Fit::Maybe,
-            Some(thing) if self.things.contains(&thing) => Fit::Yes,
-            Some(thing) if self.open || self.maybe_things.contains(&thing) => Fit::Maybe,
-            Some(_) => Fit::No,
+            _ if self.any_object => MatchQuality::Yes,
+            None => MatchQuality::Maybe,
+            Some(thing) if self.objects.contains(&thing) => MatchQuality::Yes,
+            Some(thing) if self.open || self.maybe_objects.contains(&thing) => MatchQuality::Maybe,
+            Some(_) => MatchQuality::No,
         }
     }
 
     /// Whether it speaks of receptacles, as far as the words tell.
-    pub(crate) fn is_place(&self) -> bool {
+    pub(crate) fn is_receptacle(&self) -> bool {
         !self.places.is_empty()
             || !self.maybe_places.is_empty()
-            || self.any_place && !self.any_thing
+            || self.any_place && !self.any_object
             || self.names_place()
     }
 
     /// Whether it speaks of objects, as far as the words tell.
-    pub(crate) fn is_thing(&self) -> bool {
-        !self.things.is_empty()
-            || !self.maybe_things.is_empty()
-            || self.any_thing
-            || !self.is_place() && !self.open && !self.words.is_empty()
+    pub(crate) fn is_object(&self) -> bool {
+        !self.objects.is_empty()
+            || !self.maybe_objects.is_empty()
+            || self.any_object
+            || !self.is_receptacle() && !self.open && !self.words.is_empty()
     }
 
     fn is_open(&self) -> bool {
-        self.open || self.any_thing || self.any_place
+        self.open || self.any_object || self.any_place
     }
 
     /// A receptacle that the scene does not have: `wardrobe_7`.
@@ -117,7 +117,7 @@ struct Caption {
 
 /// The names of an episode, and the phrases that were looked up already.
 pub(crate) struct Names {
-    setting: Setting,
+    setting: EpisodeFacts,
     ids: BTreeMap<String, usize>,
     /// By first word.
     captions: BTreeMap<String, Vec<Caption>>,
@@ -142,7 +142,7 @@ const REMEMBERED: usize = 4096;
 const LONGEST_PHRASE: usize = 12;
 
 impl Names {
-    pub(crate) fn new(setting: Setting) -> Self {
+    pub(crate) fn new(setting: EpisodeFacts) -> Self {
         let ids = setting
             .places
             .iter()
@@ -195,12 +195,12 @@ impl Names {
         }
     }
 
-    pub(crate) fn setting(&self) -> &Setting {
+    pub(crate) fn setting(&self) -> &EpisodeFacts {
         &self.setting
     }
 
     /// The receptacle of an id.
-    pub(crate) fn place(&self, id: &str) -> Option<usize> {
+    pub(crate) fn receptacle(&self, id: &str) -> Option<usize> {
         self.ids
             .get(id)
             .copied()
@@ -208,7 +208,7 @@ impl Names {
     }
 
     /// The object of a key.
-    pub(crate) fn thing(&self, key: &str) -> Option<usize> {
+    pub(crate) fn object(&self, key: &str) -> Option<usize> {
         self.setting
             .things
             .iter()
@@ -255,7 +255,7 @@ impl Names {
             length,
             Referent {
                 places,
-                things,
+                objects: things,
                 words: words[..length].join(" "),
                 ..Referent::default()
             },
@@ -287,7 +287,7 @@ impl Names {
         let head = language::lemma(last);
         if ANYTHING.contains(&head.as_str()) || ANYTHING.contains(last) {
             return Referent {
-                any_thing: true,
+                any_object: true,
                 any_place: *last == "one",
                 ..Referent::default()
             };
@@ -377,19 +377,19 @@ impl Names {
     /// Of what goes by a name, what the words before it leave.
     fn narrowed(&self, hits: &[usize], adjectives: &[&str]) -> Referent {
         let grade = |index: &usize| (*index, self.description(*index).fits(adjectives));
-        let graded: Vec<(usize, Fit)> = hits.iter().map(grade).collect();
-        let pick = |wanted: Fit| {
+        let graded: Vec<(usize, MatchQuality)> = hits.iter().map(grade).collect();
+        let pick = |wanted: MatchQuality| {
             graded
                 .iter()
                 .filter(move |(_, fit)| *fit == wanted)
                 .map(|(index, _)| *index)
         };
-        let sure: Vec<usize> = pick(Fit::Yes).collect();
+        let sure: Vec<usize> = pick(MatchQuality::Yes).collect();
         // only where another one fits better, a description rules out
         let maybe: Vec<usize> = if sure.is_empty() {
             hits.to_vec()
         } else {
-            pick(Fit::Maybe).collect()
+            pick(MatchQuality::Maybe).collect()
         };
         let first_thing = self.setting.places.len();
         let split = |indices: Vec<usize>| {
@@ -406,9 +406,9 @@ impl Names {
         let ((places, things), (maybe_places, maybe_things)) = (split(sure), split(maybe));
         Referent {
             places,
-            things,
+            objects: things,
             maybe_places,
-            maybe_things,
+            maybe_objects: maybe_things,
             ..Referent::default()
         }
     }
@@ -443,7 +443,7 @@ impl Names {
     /// Whether a word names one thing rather than another: an object, a receptacle, a colour.
     pub(crate) fn is_specific(&self, word: &str) -> bool {
         let referent = self.phrase(&[word]);
-        !referent.things.is_empty()
+        !referent.objects.is_empty()
             || !referent.places.is_empty()
             || !referent.is_open()
             || looks_like_id(word)
@@ -471,7 +471,7 @@ impl Description {
     }
 
     /// How adjectives fit: an attribute of a kind that is described otherwise does not.
-    fn fits(&self, adjectives: &[&str]) -> Fit {
+    fn fits(&self, adjectives: &[&str]) -> MatchQuality {
         let said = language::attribute_words(&adjectives.join(" "));
         let against = said.iter().any(|(kind, words)| {
             self.attributes
@@ -479,14 +479,14 @@ impl Description {
                 .is_some_and(|own| !words.iter().any(|word| own.contains(word)))
         });
         if against {
-            return Fit::No;
+            return MatchQuality::No;
         }
         let held =
             |word: &&str| self.words.contains(*word) || self.words.contains(&language::lemma(word));
         if adjectives.iter().all(held) {
-            Fit::Yes
+            MatchQuality::Yes
         } else {
-            Fit::Maybe
+            MatchQuality::Maybe
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::{
     facts::Fact,
     grammar::{Act, Prep},
     judge::{Judge, Ruling, Slots, slots},
-    names::{Fit, Referent},
+    names::{MatchQuality, Referent},
 };
 
 impl Judge<'_> {
@@ -24,17 +24,17 @@ impl Judge<'_> {
         all.iter()
             .map(|slots| {
                 let vague = slots
-                    .thing
-                    .is_none_or(|arg| arg.pronoun || arg.referent.any_thing);
+                    .object
+                    .is_none_or(|arg| arg.pronoun || arg.referent.any_object);
                 let meant = if vague {
-                    thing.or(slots.thing)
+                    thing.or(slots.object)
                 } else {
-                    slots.thing
+                    slots.object
                 };
                 self.sight(
                     predicate,
                     &Slots {
-                        thing: slots.thing,
+                        object: slots.object,
                         place: slots.place.or(place),
                         ..*slots
                     },
@@ -55,27 +55,28 @@ impl Judge<'_> {
         let kind = ClaimKind::Sight;
         let anything = Referent::anything();
         let referent = meant.map_or(&anything, |arg| &arg.referent);
-        let said = slots.thing;
+        let said = slots.object;
         if said.is_some_and(|arg| arg.other)
-            || referent.is_place() && !referent.is_thing()
+            || referent.is_receptacle() && !referent.is_object()
             || said.is_none() && !predicate.passive
         {
             return Ruling::unknown(kind);
         }
-        let seen_by =
-            |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
+        let seen_by = |index: usize, fact: &Fact| -> MatchQuality {
+            self.seen(index, fact, referent, slots.place)
+        };
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let seen: Vec<(usize, Fit)> = facts
+        let seen: Vec<(usize, MatchQuality)> = facts
             .iter()
             .enumerate()
             .map(|(index, fact)| (index, seen_by(index, fact)))
             .collect();
         let yes: Vec<usize> = seen
             .iter()
-            .filter(|(_, fit)| *fit == Fit::Yes)
+            .filter(|(_, fit)| *fit == MatchQuality::Yes)
             .map(|(index, _)| *index)
             .collect();
-        let maybe = seen.iter().any(|(_, fit)| *fit == Fit::Maybe);
+        let maybe = seen.iter().any(|(_, fit)| *fit == MatchQuality::Maybe);
         let step = yes.first().and_then(|index| self.facts.step(*index));
         if predicate.negated || said.is_some_and(|arg| arg.no) {
             return self.not_seen(referent, slots.place, facts, &yes, maybe);
@@ -95,19 +96,29 @@ impl Judge<'_> {
     }
 
     /// Whether a deed showed what a phrase means, there.
-    fn seen(&self, index: usize, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
+    fn seen(
+        &self,
+        index: usize,
+        fact: &Fact,
+        referent: &Referent,
+        place: Option<&Arg>,
+    ) -> MatchQuality {
         let there = |thing: usize| {
-            let Some(arg) = place else { return Fit::Yes };
+            let Some(arg) = place else {
+                return MatchQuality::Yes;
+            };
             let located = self
                 .facts
                 .place_of(thing, index + 1)
                 .or_else(|| self.facts.place_of(thing, index));
-            located.map_or(Fit::Maybe, |place| arg.referent.fits_place(Some(place)))
+            located.map_or(MatchQuality::Maybe, |place| {
+                arg.referent.fits_receptacle(Some(place))
+            })
         };
         let all = fact.seen.iter().chain(&fact.marked);
-        all.map(|thing| referent.fits_thing(Some(*thing)).min(there(*thing)))
+        all.map(|thing| referent.fits_object(Some(*thing)).min(there(*thing)))
             .max()
-            .unwrap_or(Fit::No)
+            .unwrap_or(MatchQuality::No)
     }
 
     fn not_seen(
@@ -123,7 +134,7 @@ impl Judge<'_> {
             place.is_none_or(|arg| {
                 fact.at
                     .iter()
-                    .any(|at| arg.referent.fits_place(Some(*at)) > Fit::No)
+                    .any(|at| arg.referent.fits_receptacle(Some(*at)) > MatchQuality::No)
             })
         };
         let in_vain = facts
@@ -132,16 +143,17 @@ impl Judge<'_> {
             .filter(|fact| fact.found_nothing())
             .find(|fact| {
                 fact.act == Some(Act::Explore)
-                    || referent.any_thing
-                    || self
-                        .names
-                        .same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+                    || referent.any_object
+                    || self.names.same(
+                        fact.step_facts.argument.as_deref().unwrap_or(""),
+                        &referent.words,
+                    )
             });
         if let Some(fact) = in_vain {
-            return Ruling::supported(kind, Some(fact.deed.step));
+            return Ruling::supported(kind, Some(fact.step_facts.step));
         }
         // without a place, `nothing` may be about any look
-        if referent.any_thing && place.is_none()
+        if referent.any_object && place.is_none()
             || maybe
             || referent.open
             || !self.names.setting().complete
@@ -168,11 +180,11 @@ impl Judge<'_> {
         for (index, fact) in facts.iter().enumerate() {
             let fits = |thing: &&usize| {
                 let there = place.is_none_or(|arg| {
-                    self.facts
-                        .place_of(**thing, index + 1)
-                        .is_none_or(|place| arg.referent.fits_place(Some(place)) > Fit::No)
+                    self.facts.place_of(**thing, index + 1).is_none_or(|place| {
+                        arg.referent.fits_receptacle(Some(place)) > MatchQuality::No
+                    })
                 });
-                there && referent.fits_thing(Some(**thing)) > Fit::No
+                there && referent.fits_object(Some(**thing)) > MatchQuality::No
             };
             let counts = [
                 fact.seen.iter().filter(fits).count(),
@@ -181,7 +193,7 @@ impl Judge<'_> {
             if counts.contains(&count) && (count > 0 || fact.found_nothing()) {
                 return Ruling {
                     matches: vec![index],
-                    ..Ruling::supported(kind, Some(fact.deed.step))
+                    ..Ruling::supported(kind, Some(fact.step_facts.step))
                 };
             }
             if matches!(fact.act, Some(Act::Search | Act::Explore)) && counts[1] > 0 {
@@ -195,7 +207,7 @@ impl Judge<'_> {
             .iter()
             .flat_map(|fact| fact.seen.iter().chain(&fact.marked))
             .copied()
-            .filter(|thing| referent.fits_thing(Some(*thing)) > Fit::No)
+            .filter(|thing| referent.fits_object(Some(*thing)) > MatchQuality::No)
             .collect();
         if !self.names.setting().complete || referent.open || all.len() == count {
             return Ruling::unknown(kind);
@@ -223,7 +235,7 @@ impl Judge<'_> {
         let at = predicate
             .args
             .iter()
-            .find(|arg| arg.prep == Prep::At && (arg.hand || arg.referent.is_place()));
+            .find(|arg| arg.prep == Prep::At && (arg.hand || arg.referent.is_receptacle()));
         let negated = predicate.negated;
         match predicate.act {
             Act::Be => match (predicate.state, subject) {
@@ -235,9 +247,9 @@ impl Judge<'_> {
                     .places_of(predicate)
                     .map(|place| self.located(None, place, !negated, moments))
                     .collect(),
-                (Some(State::Visible), Some(thing)) if thing.referent.is_thing() => {
+                (Some(State::Visible), Some(thing)) if thing.referent.is_object() => {
                     let as_sight = Slots {
-                        thing: Some(thing),
+                        object: Some(thing),
                         place: None,
                         marker: None,
                     };
@@ -284,7 +296,7 @@ impl Judge<'_> {
                 _ => Vec::new(),
             },
             Act::Hold | Act::Have | Act::Contain => match subject.filter(|arg| !arg.hand) {
-                Some(place) if place.referent.is_place() => match direct {
+                Some(place) if place.referent.is_receptacle() => match direct {
                     Some(thing) if !thing.door => {
                         vec![self.located(Some(thing), place, negated, moments)]
                     }
@@ -295,7 +307,7 @@ impl Judge<'_> {
                 None => match direct {
                     Some(thing)
                         if thing.door
-                            || thing.referent.is_place() && !thing.referent.is_thing()
+                            || thing.referent.is_receptacle() && !thing.referent.is_object()
                             || thing.marker.is_some() =>
                     {
                         Vec::new()
@@ -305,7 +317,7 @@ impl Judge<'_> {
                 },
             },
             Act::Leave => match (subject.filter(|_| predicate.passive).or(direct), at) {
-                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => {
+                (Some(thing), Some(place)) if thing.referent.is_object() && !place.hand => {
                     vec![self.located(Some(thing), place, negated, moments)]
                 }
                 _ => Vec::new(),
@@ -318,7 +330,7 @@ impl Judge<'_> {
         predicate
             .subjects
             .iter()
-            .filter(|arg| arg.referent.is_place() && !arg.pronoun && !arg.referent.any_place)
+            .filter(|arg| arg.referent.is_receptacle() && !arg.pronoun && !arg.referent.any_place)
     }
 
     fn doors(&self, predicate: &Predicate, moments: &[usize]) -> Vec<Ruling> {
@@ -371,20 +383,20 @@ impl Judge<'_> {
     ) -> Ruling {
         let kind = ClaimKind::Hold;
         let fits = |moment: &usize| match (self.facts.held(*moment), thing) {
-            _ if !self.facts.holds(*moment) => Fit::No,
-            (_, None) => Fit::Yes,
-            (held, Some(arg)) => arg.referent.fits_thing(held),
+            _ if !self.facts.holds(*moment) => MatchQuality::No,
+            (_, None) => MatchQuality::Yes,
+            (held, Some(arg)) => arg.referent.fits_object(held),
         };
-        let fits: Vec<Fit> = moments.iter().map(fits).collect();
+        let fits: Vec<MatchQuality> = moments.iter().map(fits).collect();
         let step = moments
             .last()
             .and_then(|moment| moment.checked_sub(1))
             .and_then(|index| self.facts.step(index));
         let held = moments.last().and_then(|moment| self.facts.held(*moment));
         match negated {
-            false if fits.contains(&Fit::Yes) => Ruling::supported(kind, step),
-            true if fits.contains(&Fit::No) => Ruling::supported(kind, step),
-            _ if fits.contains(&Fit::Maybe) => Ruling::unknown(kind),
+            false if fits.contains(&MatchQuality::Yes) => Ruling::supported(kind, step),
+            true if fits.contains(&MatchQuality::No) => Ruling::supported(kind, step),
+            _ if fits.contains(&MatchQuality::Maybe) => Ruling::unknown(kind),
             false => {
                 let fix = held.zip(shown).map(|(held, arg)| {
                     (arg.span.clone(), format!("the {}", self.names.call(held)))
@@ -408,7 +420,7 @@ impl Judge<'_> {
     ) -> Ruling {
         let kind = ClaimKind::Location;
         let anything = Referent {
-            any_thing: true,
+            any_object: true,
             ..Referent::default()
         };
         let referent = thing.map_or(&anything, |arg| &arg.referent);
@@ -416,37 +428,40 @@ impl Judge<'_> {
         let vague = thing.is_some_and(|arg| arg.pronoun || arg.other || arg.door)
             || place.pronoun
             || place.referent.any_place;
-        if vague || !referent.is_thing() || !self.names.setting().complete {
+        if vague || !referent.is_object() || !self.names.setting().complete {
             return Ruling::unknown(kind);
         }
         let there = |thing: usize, moment: usize| match self.facts.place_of(thing, moment) {
-            None => Fit::No,
-            at => place.referent.fits_place(at),
+            None => MatchQuality::No,
+            at => place.referent.fits_receptacle(at),
         };
         let things = 0..self.names.setting().things.len();
         let fit = |moment: usize| {
             things
                 .clone()
-                .map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment)))
+                .map(|thing| referent.fits_object(Some(thing)).min(there(thing, moment)))
                 .max()
-                .unwrap_or(Fit::No)
+                .unwrap_or(MatchQuality::No)
         };
         let number = |moment: usize| {
             things
                 .clone()
                 .filter(|thing| {
-                    referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No
+                    referent
+                        .fits_object(Some(*thing))
+                        .min(there(*thing, moment))
+                        > MatchQuality::No
                 })
                 .count()
         };
-        let fits: Vec<Fit> = moments.iter().map(|moment| fit(*moment)).collect();
+        let fits: Vec<MatchQuality> = moments.iter().map(|moment| fit(*moment)).collect();
         if let (Some((count, _)), false) = (thing.and_then(|arg| arg.count.as_ref()), negated) {
             let numbers: Vec<usize> = moments.iter().map(|moment| number(*moment)).collect();
             return match numbers.contains(&(*count as usize)) {
                 true => Ruling::supported(kind, None),
                 false
                     if (*count as usize) > numbers.iter().copied().max().unwrap_or(0)
-                        && !referent.any_thing =>
+                        && !referent.any_object =>
                 {
                     Ruling::contradicted(
                         kind,
@@ -461,7 +476,7 @@ impl Judge<'_> {
             let here = |fact: &Fact| {
                 fact.at
                     .iter()
-                    .any(|at| place.referent.fits_place(Some(*at)) > Fit::No)
+                    .any(|at| place.referent.fits_receptacle(Some(*at)) > MatchQuality::No)
             };
             self.facts
                 .all
@@ -469,9 +484,11 @@ impl Judge<'_> {
                 .any(|fact| fact.found_nothing() && here(fact))
         };
         match negated {
-            false if fits.contains(&Fit::Yes) => Ruling::supported(kind, None),
-            true if fits.contains(&Fit::No) || told_empty() => Ruling::supported(kind, None),
-            _ if fits.contains(&Fit::Maybe) || referent.open => Ruling::unknown(kind),
+            false if fits.contains(&MatchQuality::Yes) => Ruling::supported(kind, None),
+            true if fits.contains(&MatchQuality::No) || told_empty() => {
+                Ruling::supported(kind, None)
+            }
+            _ if fits.contains(&MatchQuality::Maybe) || referent.open => Ruling::unknown(kind),
             false => Ruling::contradicted(kind, "it is not there", None),
             true => Ruling::contradicted(kind, "it is there", None),
         }
@@ -484,19 +501,19 @@ impl Judge<'_> {
             let fact = moment
                 .checked_sub(1)
                 .and_then(|index| self.facts.all.get(index));
-            fact.map_or(Fit::No, |fact| {
+            fact.map_or(MatchQuality::No, |fact| {
                 fact.at
                     .iter()
-                    .map(|at| place.referent.fits_place(Some(*at)))
+                    .map(|at| place.referent.fits_receptacle(Some(*at)))
                     .max()
-                    .unwrap_or(Fit::Maybe)
+                    .unwrap_or(MatchQuality::Maybe)
             })
         };
-        let fits: Vec<Fit> = moments.iter().map(at).collect();
+        let fits: Vec<MatchQuality> = moments.iter().map(at).collect();
         match negated {
-            false if fits.contains(&Fit::Yes) => Ruling::supported(kind, None),
-            true if fits.contains(&Fit::No) => Ruling::supported(kind, None),
-            _ if fits.contains(&Fit::Maybe) => Ruling::unknown(kind),
+            false if fits.contains(&MatchQuality::Yes) => Ruling::supported(kind, None),
+            true if fits.contains(&MatchQuality::No) => Ruling::supported(kind, None),
+            _ if fits.contains(&MatchQuality::Maybe) => Ruling::unknown(kind),
             false => Ruling::contradicted(kind, "the robot is elsewhere", None),
             true => Ruling::contradicted(kind, "the robot is there", None),
         }
@@ -507,24 +524,24 @@ impl Judge<'_> {
         let kind = ClaimKind::Marker;
         let fit = |fact: &Fact| {
             let mark = fact
-                .deed
+                .step_facts
                 .markers
                 .iter()
                 .find(|mark| Some(mark.number) == marker.marker)?;
             let place = mark
                 .receptacle
                 .as_deref()
-                .map(|id| what.referent.fits_place(self.names.place(id)));
+                .map(|id| what.referent.fits_receptacle(self.names.receptacle(id)));
             let thing = mark
                 .object
                 .as_deref()
-                .map(|key| what.referent.fits_thing(self.names.thing(key)));
+                .map(|key| what.referent.fits_object(self.names.object(key)));
             place.or(thing)
         };
-        let fits: Vec<Fit> = self.facts.all.iter().filter_map(fit).collect();
-        if fits.contains(&Fit::Yes) {
+        let fits: Vec<MatchQuality> = self.facts.all.iter().filter_map(fit).collect();
+        if fits.contains(&MatchQuality::Yes) {
             Ruling::supported(kind, None)
-        } else if fits.contains(&Fit::Maybe)
+        } else if fits.contains(&MatchQuality::Maybe)
             || what.referent.open
             || what.pronoun
             || !self.names.setting().complete

@@ -9,11 +9,11 @@ use reel_world::{
 use serde_json::{Map, Value};
 
 use crate::{
-    ImportError, ImportOptions, Loss, graph,
+    ImportError, ImportLoss, ImportOptions, graph,
     layout::{After, Files, StepFiles},
-    observe::{self, CallObservation, State, same_graph_for_both},
+    observe::{self, CallObservation, ObservedState, same_graph_for_both},
     outcome, response,
-    task::{self, Seen, Setting, Told, text},
+    task::{self, ObservedWorld, TaskSetup, TaskSource, text},
 };
 
 /// Longest latency that is believed.
@@ -28,7 +28,7 @@ pub(crate) struct Built {
     /// With their pictures.
     pub steps: Vec<(StepRecord, Option<Frame>)>,
     pub end: EndRecord,
-    pub losses: Vec<Loss>,
+    pub losses: Vec<ImportLoss>,
     pub notes: Vec<String>,
 }
 
@@ -104,13 +104,13 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
     let read = std::mem::take(&mut files.steps);
     let (seen, states) = look(&mut files, &read);
     let folders = [files.folder_name(1), files.folder_name(2)];
-    let mut told = Told {
+    let mut told = TaskSource {
         meta: &files.meta,
         folders,
         path: &files.folder,
         notes: Vec::new(),
     };
-    let Setting {
+    let TaskSetup {
         task,
         scene,
         settings,
@@ -124,13 +124,13 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
         graphs: same_graph_for_both(&initial),
         ..StartRecord::default()
     };
-    let mut before = State {
+    let mut before = ObservedState {
         graph: Some(initial),
-        ..State::default()
+        ..ObservedState::default()
     };
     let (mut records, mut frames) = (Vec::new(), Vec::new());
     for (step, (read, state)) in (0..).zip(read.into_iter().zip(states)) {
-        let state = State {
+        let state = ObservedState {
             graph: state.graph.or_else(|| before.graph.clone()),
             ..state
         };
@@ -197,14 +197,14 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
 }
 
 /// Follows the states of the world through all steps, and gathers what they show of it.
-fn look(files: &mut Files, steps: &[StepFiles]) -> (Seen, Vec<State>) {
-    let mut seen = Seen::default();
+fn look(files: &mut Files, steps: &[StepFiles]) -> (ObservedWorld, Vec<ObservedState>) {
+    let mut seen = ObservedWorld::default();
     let mut known: Option<WorldGraph> =
         files.meta.get("initial_world_graph").and_then(graph::parse);
     seen.first = known.clone();
-    let mut states: Vec<State> = Vec::new();
+    let mut states: Vec<ObservedState> = Vec::new();
     for (number, step) in steps.iter().enumerate() {
-        let mut state = State {
+        let mut state = ObservedState {
             graph: None,
             ..states.last().cloned().unwrap_or_default()
         };
@@ -283,8 +283,8 @@ fn told_categories(text: &str, markers: &[(u32, String)]) -> Vec<(AssetId, Strin
 fn record(
     step: u32,
     read: StepFiles,
-    before: &State,
-    after: &State,
+    before: &ObservedState,
+    after: &ObservedState,
     files: &mut Files,
 ) -> (StepRecord, Option<Frame>) {
     let name = text(&read.call, "tool_name").unwrap_or_default();
@@ -309,7 +309,7 @@ fn record(
         user_reply: reply.clone(),
         ..StepInput::from_call(call)
     };
-    let frame = read.picture.as_ref().map(Frame::digests);
+    let frame = read.image.as_ref().map(Frame::digests);
     (
         observe::record(
             step,
@@ -322,7 +322,7 @@ fn record(
             before,
             after,
         ),
-        read.picture,
+        read.image,
     )
 }
 

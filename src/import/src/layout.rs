@@ -12,7 +12,7 @@ use std::{
 use reel_world::Frame;
 use serde_json::{Map, Value};
 
-use crate::{ImportError, Loss, eval_client::DEBUG_TEXT, picture, response::Raw};
+use crate::{ImportError, ImportLoss, eval_client::DEBUG_TEXT, image, response::Raw};
 
 /// Deepest folder under the one given; the published layout has `<scene>/<task>/<model>`.
 const FOLDERS_MAX: usize = 8;
@@ -38,7 +38,7 @@ pub(crate) struct Files {
     pub steps: Vec<StepFiles>,
     /// What follows them.
     pub after: After,
-    pub losses: Vec<Loss>,
+    pub losses: Vec<ImportLoss>,
     pub notes: Vec<String>,
 }
 
@@ -66,7 +66,7 @@ pub(crate) struct StepFiles {
     pub text: Option<String>,
     /// `debug_info.json`; empty where it is missing.
     pub debug_info: Map<String, Value>,
-    pub picture: Option<Frame>,
+    pub image: Option<Frame>,
     /// Whether the tool failed after the call was written down.
     pub failed: bool,
 }
@@ -145,7 +145,7 @@ impl Files {
     }
 
     pub(crate) fn lose(&mut self, file: PathBuf, what: String) {
-        self.losses.push(Loss { file, what });
+        self.losses.push(ImportLoss { file, what });
     }
 
     /// A file about the whole episode.
@@ -224,7 +224,7 @@ impl Files {
             time: time.unwrap_or_default(),
             text,
             debug_info,
-            picture,
+            image: picture,
             failed,
         }))
     }
@@ -273,7 +273,7 @@ impl Files {
             ));
         }
         let read =
-            bytes(path).and_then(|bytes| bytes.map(|bytes| picture::decode(&bytes)).transpose());
+            bytes(path).and_then(|bytes| bytes.map(|bytes| image::decode(&bytes)).transpose());
         read.unwrap_or_else(|error| {
             self.lose((*path).clone(), format!("{error}; the step has no picture"));
             None

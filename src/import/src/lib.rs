@@ -30,11 +30,11 @@ mod episode;
 mod error;
 pub mod eval_client;
 mod graph;
+mod image;
 mod layout;
 mod mapping;
 mod observe;
 mod outcome;
-mod picture;
 mod response;
 pub mod robot;
 mod task;
@@ -52,9 +52,9 @@ use serde_json::{Map, Value};
 pub use error::ImportError;
 pub use layout::cut_debug_info;
 pub use mapping::{Entries, MappingError, MappingFile, Tools};
-pub use observe::{CallObservation, State, header, record, same_graph_for_both};
+pub use observe::{CallObservation, ObservedState, header, record, same_graph_for_both};
 pub use outcome::{outcome, reply};
-pub use task::{Setting, unknown_task};
+pub use task::{TaskSetup, unknown_task};
 
 /// What is known besides the files of an episode.
 #[derive(Clone, Copy, Debug)]
@@ -88,21 +88,21 @@ pub struct ImportedEpisode {
     /// SR under the default preset.
     pub success: bool,
     /// What was there and could not be read.
-    pub losses: Vec<Loss>,
+    pub losses: Vec<ImportLoss>,
     /// What the files leave open, and how it was decided.
     pub notes: Vec<String>,
 }
 
 /// Something of an episode that could not be read.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-pub struct Loss {
+pub struct ImportLoss {
     /// The file or folder.
     pub file: PathBuf,
     /// What is wrong with it, and what that cost.
     pub what: String,
 }
 
-impl std::fmt::Display for Loss {
+impl std::fmt::Display for ImportLoss {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}: {}", self.file.display(), self.what)
     }
@@ -165,9 +165,9 @@ pub fn import(
 #[derive(Clone, PartialEq, Debug)]
 pub struct StartedEpisode {
     /// What is played.
-    pub setting: Setting,
+    pub setting: TaskSetup,
     /// Before the first call.
-    pub state: State,
+    pub state: ObservedState,
     /// What was left open, and how it was decided.
     pub notes: Vec<String>,
 }
@@ -183,20 +183,20 @@ pub fn started_episode(
     options: &ImportOptions<'_>,
 ) -> Result<StartedEpisode, ImportError> {
     let told_graph = payload.get("initial_world_graph").and_then(graph::parse);
-    let mut state = State {
+    let mut state = ObservedState {
         graph: told_graph.clone(),
-        ..State::default()
+        ..ObservedState::default()
     }
     .after(debug_info);
-    let mut seen = task::Seen {
+    let mut seen = task::ObservedWorld {
         first: told_graph,
-        ..task::Seen::default()
+        ..task::ObservedWorld::default()
     };
     for graph in seen.first.clone().iter().chain(&state.graph) {
         seen.take_in(graph);
     }
     let path = Path::new("the payload of finish");
-    let mut told = task::Told {
+    let mut told = task::TaskSource {
         meta: payload,
         folders: [None, None],
         path,

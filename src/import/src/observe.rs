@@ -18,7 +18,7 @@ use crate::graph;
 
 /// What is known of the world after a step.
 #[derive(Clone, PartialEq, Debug, Default)]
-pub struct State {
+pub struct ObservedState {
     /// Where everything is; none where nothing shows it.
     pub graph: Option<WorldGraph>,
     /// What the gripper holds.
@@ -70,10 +70,10 @@ pub struct CallObservation {
     pub frame: Option<FrameDigests>,
 }
 
-impl State {
+impl ObservedState {
     /// The state after a result with this debug payload. A graph that it does not show is as
     /// before.
-    pub fn after(&self, debug_info: &Map<String, Value>) -> State {
+    pub fn after(&self, debug_info: &Map<String, Value>) -> ObservedState {
         let mut state = self.clone();
         state.update(debug_info);
         state.graph = graph::of_debug_info(debug_info, self.graph.as_ref()).or(state.graph);
@@ -143,7 +143,12 @@ impl State {
 
 /// The record of a step, without its rewards and its link of the chain. `before` and `after` know
 /// their graphs, where anything shows them.
-pub fn record(step: u32, shown: CallObservation, before: &State, after: &State) -> StepRecord {
+pub fn record(
+    step: u32,
+    shown: CallObservation,
+    before: &ObservedState,
+    after: &ObservedState,
+) -> StepRecord {
     let CallObservation {
         input,
         outcome,
@@ -199,8 +204,8 @@ pub fn record(step: u32, shown: CallObservation, before: &State, after: &State) 
 fn acted_on(
     tool: Option<&Tool>,
     outcome: &Outcome,
-    before: &State,
-    after: &State,
+    before: &ObservedState,
+    after: &ObservedState,
 ) -> (Option<InstanceId>, Option<ReceptacleId>) {
     let Some(tool) = tool.filter(|_| outcome.is_ok()) else {
         return (None, None);

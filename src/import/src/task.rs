@@ -47,7 +47,7 @@ const OF_TASK: &[&str] = &[
 
 /// What the steps of an episode say of its world.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Seen {
+pub(crate) struct ObservedWorld {
     /// The first graph of a step, with what was held put back.
     pub first: Option<WorldGraph>,
     /// Every receptacle of every graph, with whether it has a door.
@@ -58,7 +58,7 @@ pub(crate) struct Seen {
     pub categories: BTreeMap<AssetId, String>,
 }
 
-impl Seen {
+impl ObservedWorld {
     /// Takes in what a graph shows.
     pub(crate) fn take_in(&mut self, graph: &WorldGraph) {
         for (receptacle, content) in &graph.receptacles {
@@ -73,7 +73,7 @@ impl Seen {
 }
 
 /// Where a task is told, and what was decided about it.
-pub(crate) struct Told<'a> {
+pub(crate) struct TaskSource<'a> {
     /// `task_meta.json`, or the payload of a `finish`.
     pub meta: &'a Map<String, Value>,
     /// Names of the folders of the task and of the scene, where files tell it.
@@ -85,7 +85,7 @@ pub(crate) struct Told<'a> {
 
 /// The task of an episode and its scene.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Setting {
+pub struct TaskSetup {
     /// The task.
     pub task: Task,
     /// Its scene.
@@ -99,10 +99,10 @@ pub struct Setting {
 /// # Errors
 /// When the files do not say what shall go where.
 pub(crate) fn setting(
-    told: &mut Told<'_>,
-    seen: &Seen,
+    told: &mut TaskSource<'_>,
+    seen: &ObservedWorld,
     options: &ImportOptions<'_>,
-) -> Result<Setting, ImportError> {
+) -> Result<TaskSetup, ImportError> {
     let meta = told.meta;
     let names = Names::of(told);
     let settings = settings(meta);
@@ -120,7 +120,7 @@ pub(crate) fn setting(
         let scene = known(&task.scene_id)
             .unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
         compare_start(told, seen, &task);
-        return Ok(Setting {
+        return Ok(TaskSetup {
             task,
             scene,
             settings,
@@ -137,7 +137,7 @@ pub(crate) fn setting(
     let task = from_meta(told, names, scene_id, seen)?;
     let scene =
         known_scene.unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
-    Ok(Setting {
+    Ok(TaskSetup {
         task,
         scene,
         settings,
@@ -145,7 +145,7 @@ pub(crate) fn setting(
 }
 
 /// Of an episode that does not say what shall go where.
-pub(crate) fn unknown(told: &Told<'_>, initial: WorldGraph) -> Setting {
+pub(crate) fn unknown(told: &TaskSource<'_>, initial: WorldGraph) -> TaskSetup {
     let meta = told.meta;
     let names = Names::of(told);
     let scene_id = text(meta, "scene_id").unwrap_or_else(|| UNKNOWN.to_owned());
@@ -156,7 +156,7 @@ pub(crate) fn unknown(told: &Told<'_>, initial: WorldGraph) -> Setting {
         initial,
     );
     setting.task.family = names.family.unwrap_or(setting.task.family);
-    Setting {
+    TaskSetup {
         settings: settings(meta),
         ..setting
     }
@@ -180,7 +180,7 @@ pub fn unknown_task(
     instruction: String,
     scene_id: String,
     initial: WorldGraph,
-) -> Setting {
+) -> TaskSetup {
     let place = ReceptacleId::from(UNKNOWN);
     let target = ObjectInstance {
         instance: UNKNOWN.into(),
@@ -227,7 +227,7 @@ pub fn unknown_task(
         receptacles: Vec::new(),
         extra: BTreeMap::new(),
     };
-    Setting {
+    TaskSetup {
         task,
         scene,
         settings: BTreeMap::new(),
@@ -243,7 +243,7 @@ struct Names {
 }
 
 impl Names {
-    fn of(told: &Told<'_>) -> Self {
+    fn of(told: &TaskSource<'_>) -> Self {
         let meta = told.meta;
         let folder = told.folders[0].clone();
         let of_id = |id: &str| id.split(['/', '_']).next().and_then(Family::parse);
@@ -277,10 +277,10 @@ impl Names {
 }
 
 fn from_meta(
-    told: &mut Told<'_>,
+    told: &mut TaskSource<'_>,
     names: Names,
     scene_id: String,
-    seen: &Seen,
+    seen: &ObservedWorld,
 ) -> Result<Task, ImportError> {
     let (meta, path) = (told.meta, told.path);
     let missing = |what: &str| ImportError::Task {
@@ -373,7 +373,7 @@ fn from_meta(
 /// Every object of the start, and those that turned up later.
 fn objects(
     initial: &WorldGraph,
-    seen: &Seen,
+    seen: &ObservedWorld,
     target: &InstanceId,
     category: Option<String>,
 ) -> Vec<ObjectInstance> {
@@ -429,7 +429,7 @@ fn plan(meta: &Map<String, Value>) -> Vec<PlanStep> {
 }
 
 /// Says where the first graph is not as the task file has it.
-fn compare_start(told: &mut Told<'_>, seen: &Seen, task: &Task) {
+fn compare_start(told: &mut TaskSource<'_>, seen: &ObservedWorld, task: &Task) {
     let Some(first) = &seen.first else { return };
     let differences = first.difference(&task.initial);
     if !differences.is_empty() {
@@ -450,7 +450,7 @@ fn compare_start(told: &mut Told<'_>, seen: &Seen, task: &Task) {
 fn named_scene(
     scene_id: &str,
     meta: &Map<String, Value>,
-    seen: &Seen,
+    seen: &ObservedWorld,
     initial: &WorldGraph,
 ) -> Scene {
     let mut rooms: BTreeMap<ReceptacleId, String> = BTreeMap::new();

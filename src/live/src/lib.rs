@@ -6,15 +6,15 @@
 //! before it is answered.
 
 mod error;
-mod household;
 mod pool;
 mod restore;
+mod session;
 mod setup;
 
 pub use error::LiveError;
-pub use household::{
+pub use pool::{Limits, SessionEntry, SessionPool};
+pub use restore::restore;
+pub use session::{
     CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
 };
-pub use pool::{Entry, Limits, Pool};
-pub use restore::restore;
 pub use setup::{Lease, PreparedTaskCache, Setup, check_name};

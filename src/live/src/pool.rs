@@ -31,11 +31,11 @@ pub struct Limits {
     /// How long after its last call a household is closed.
     pub close_after: Duration,
     /// How long a call waits for a worker before it is refused.
-    pub patience: Duration,
+    pub worker_timeout: Duration,
 }
 
 /// Many households.
-pub struct Pool {
+pub struct SessionPool {
     setup: Arc<Setup>,
     limits: Limits,
     households: Mutex<BTreeMap<String, Arc<Slot>>>,
@@ -47,18 +47,18 @@ struct Slot {
     name: String,
     lease: Option<Lease>,
     household: Arc<AsyncMutex<Session>>,
-    seen: Mutex<Seen>,
+    seen: Mutex<SessionInfo>,
 }
 
 /// What is known of a household without asking it.
-struct Seen {
+struct SessionInfo {
     state: SessionStatus,
     used: Instant,
 }
 
 /// A household, as people see it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct Entry {
+pub struct SessionEntry {
     /// Its name.
     pub session: String,
     /// How it stands.
@@ -70,7 +70,7 @@ pub struct Entry {
     pub group_id: Option<String>,
 }
 
-impl Pool {
+impl SessionPool {
     /// An empty pool.
     pub fn new(setup: Setup, limits: Limits) -> Self {
         Self {
@@ -126,7 +126,7 @@ impl Pool {
             return Err(LiveError::Full(self.limits.sessions));
         }
         let household = Session::new(name, self.setup.clone(), lease.clone());
-        let seen = Mutex::new(Seen {
+        let seen = Mutex::new(SessionInfo {
             state: household.state(),
             used: Instant::now(),
         });
@@ -145,7 +145,7 @@ impl Pool {
     ///
     /// # Errors
     /// When there is no such household, or no worker had time for it; nothing was done then.
-    pub async fn with<T: Send + 'static>(
+    pub async fn with_session<T: Send + 'static>(
         self: &Arc<Self>,
         name: &str,
         work: impl FnOnce(&mut Session) -> T + Send + 'static,
@@ -158,7 +158,7 @@ impl Pool {
             .get(name)
             .cloned()
             .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
-        let patience = self.limits.patience;
+        let patience = self.limits.worker_timeout;
         let waited = async {
             let household = slot.household.clone().lock_owned().await;
             let worker = self
@@ -175,7 +175,7 @@ impl Pool {
         let pool = self.clone();
         let done = tokio::task::spawn_blocking(move || {
             let _worker = worker;
-            let mut used = Used { household, slot };
+            let mut used = SessionGuard { household, slot };
             let value = work(&mut used.household);
             drop(used);
             pool.make_room();
@@ -217,7 +217,7 @@ impl Pool {
                     .expect("the pool never closes its workers"),
             )
         };
-        let patience = self.limits.patience;
+        let patience = self.limits.worker_timeout;
         let (household, worker) = tokio::time::timeout(patience, waited)
             .await
             .map_err(|_| LiveError::Busy(patience.as_secs()))?;
@@ -234,7 +234,7 @@ impl Pool {
     /// When there is none of that name, or its trace cannot be written.
     pub async fn close(self: &Arc<Self>, name: &str) -> Result<SessionStatus, LiveError> {
         let left = self
-            .with(name, |household| {
+            .with_session(name, |household| {
                 let left = household.abort();
                 left.map(|()| household.state())
             })
@@ -276,9 +276,10 @@ impl Pool {
         let count = slots.len();
         for slot in slots {
             let household = slot.household.clone().lock_owned().await;
-            let left =
-                tokio::task::spawn_blocking(move || Used { household, slot }.household.abort())
-                    .await;
+            let left = tokio::task::spawn_blocking(move || {
+                SessionGuard { household, slot }.household.abort()
+            })
+            .await;
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
                     ?left,
@@ -290,7 +291,7 @@ impl Pool {
     }
 
     /// Every household, by name.
-    pub fn entries(&self) -> Vec<Entry> {
+    pub fn entries(&self) -> Vec<SessionEntry> {
         self.lock().values().map(|slot| slot.entry()).collect()
     }
 
@@ -298,7 +299,7 @@ impl Pool {
     ///
     /// # Errors
     /// When there is none of that name.
-    pub fn entry(&self, name: &str) -> Result<Entry, LiveError> {
+    pub fn entry(&self, name: &str) -> Result<SessionEntry, LiveError> {
         self.lock()
             .get(name)
             .map(|slot| slot.entry())
@@ -340,13 +341,13 @@ impl Pool {
 }
 
 impl Slot {
-    fn seen(&self) -> MutexGuard<'_, Seen> {
+    fn seen(&self) -> MutexGuard<'_, SessionInfo> {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn entry(&self) -> Entry {
+    fn entry(&self) -> SessionEntry {
         let seen = self.seen();
-        Entry {
+        SessionEntry {
             session: self.name.clone(),
             state: seen.state.clone(),
             idle_s: seen.used.elapsed().as_secs(),
@@ -356,14 +357,14 @@ impl Slot {
 }
 
 /// A household in use: what is known of it is renewed when that ends, by a panic too.
-struct Used {
+struct SessionGuard {
     household: OwnedMutexGuard<Session>,
     slot: Arc<Slot>,
 }
 
-impl Drop for Used {
+impl Drop for SessionGuard {
     fn drop(&mut self) {
-        *self.slot.seen() = Seen {
+        *self.slot.seen() = SessionInfo {
             state: self.household.state(),
             used: Instant::now(),
         };

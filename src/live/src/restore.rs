@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use reel_reward::{Preset, metrics, rewards};
-use reel_trace::{Recovery, Scoring, Trace, TraceError, recover};
+use reel_trace::{Recovery, RestoreScorer, Trace, TraceError, recover};
 use reel_world::record::{Graphs, Metrics, RewardTerm, StepRecord};
 
 /// [`reel_trace::recover`] with the rewards and metrics of the episode so far.
@@ -21,7 +21,7 @@ fn preset(trace: &Trace) -> Preset {
     Preset::parse(&trace.header.reward_preset).unwrap_or_default()
 }
 
-impl Scoring for ByPreset {
+impl RestoreScorer for ByPreset {
     fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
         metrics(
             &preset(trace),

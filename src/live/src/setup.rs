@@ -59,7 +59,7 @@ pub struct Lease {
 }
 
 /// What tells an episode of a household from all others.
-pub(crate) struct Place<'a> {
+pub(crate) struct EpisodeKey<'a> {
     pub session: &'a str,
     /// How many episodes were begun there before.
     pub number: u32,
@@ -131,7 +131,12 @@ impl Setup {
         self.meshes.meshes(&mut task.assets())
     }
 
-    pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {
+    pub(crate) fn config(
+        &self,
+        task: &Arc<Task>,
+        place: &EpisodeKey<'_>,
+        before: u32,
+    ) -> EpisodeConfig {
         // Which session it was is part of the inputs: two agents that play the same task do not
         // play the same episode.
         let mut parameters = vec![
@@ -169,7 +174,7 @@ impl Setup {
 
     /// Where the episode is recorded, under a name that no trace and no recording has; and how many
     /// of its name there were before, of an earlier session that was called the same.
-    pub(crate) fn path(&self, task: &Task, place: &Place<'_>) -> (PathBuf, u32) {
+    pub(crate) fn path(&self, task: &Task, place: &EpisodeKey<'_>) -> (PathBuf, u32) {
         let task = task.task_id.replace(
             |c: char| !c.is_ascii_alphanumeric() && !"-_.".contains(c),
             "_",

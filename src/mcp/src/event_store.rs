@@ -37,15 +37,15 @@ use tokio::sync::Notify;
 
 const UNTAKEN_FOR: Duration = Duration::from_secs(600);
 const TAKEN_FOR: Duration = Duration::from_secs(30);
-const OF_STREAM: Kept = Kept {
+const OF_STREAM: EventStoreUsage = EventStoreUsage {
     events: 8,
     bytes: 2 << 20,
 };
-const OF_SESSION: Kept = Kept {
+const OF_SESSION: EventStoreUsage = EventStoreUsage {
     events: 32,
     bytes: 2 << 20,
 };
-const OF_ALL: Kept = Kept {
+const OF_ALL: EventStoreUsage = EventStoreUsage {
     events: 1 << 14,
     bytes: 64 << 20,
 };
@@ -56,12 +56,12 @@ const STANDALONE: u64 = 0;
 
 /// How much is kept.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Kept {
+pub(crate) struct EventStoreUsage {
     pub events: usize,
     pub bytes: usize,
 }
 
-impl Kept {
+impl EventStoreUsage {
     fn fits(self, bound: Self) -> bool {
         self.events <= bound.events && self.bytes <= bound.bytes
     }
@@ -98,7 +98,7 @@ impl Events {
     }
 
     #[cfg(test)]
-    pub fn kept(&self) -> Kept {
+    pub fn usage(&self) -> EventStoreUsage {
         self.lock().kept
     }
 
@@ -248,7 +248,7 @@ struct Logs {
     sessions: HashMap<u64, Log>,
     opened: u64,
     stored: u64,
-    kept: Kept,
+    kept: EventStoreUsage,
 }
 
 #[derive(Default)]
@@ -296,8 +296,8 @@ impl Event {
 }
 
 impl Stream {
-    fn kept(&self) -> Kept {
-        let mut kept = Kept::default();
+    fn kept(&self) -> EventStoreUsage {
+        let mut kept = EventStoreUsage::default();
         self.events.iter().for_each(|event| kept.add(event));
         kept
     }
@@ -309,8 +309,8 @@ impl Stream {
 }
 
 impl Log {
-    fn kept(&self) -> Kept {
-        let mut kept = Kept::default();
+    fn kept(&self) -> EventStoreUsage {
+        let mut kept = EventStoreUsage::default();
         self.streams
             .values()
             .flat_map(|stream| &stream.events)
@@ -453,7 +453,7 @@ impl Logs {
         let log = self.sessions.get_mut(&session).expect("an open session");
         let stream = log.streams.get_mut(&number).expect("a stream with events");
         let event = stream.events.pop_front().expect("a stream with events");
-        self.kept.remove(Kept {
+        self.kept.remove(EventStoreUsage {
             events: 1,
             bytes: event.bytes,
         });
@@ -503,7 +503,7 @@ impl Logs {
                 .is_some_and(|event| such(stream, event))
             {
                 let event = stream.events.pop_front().expect("there is a first one");
-                self.kept.remove(Kept {
+                self.kept.remove(EventStoreUsage {
                     events: 1,
                     bytes: event.bytes,
                 });
@@ -575,7 +575,7 @@ mod tests {
 
     /// That the counts are those of what is there.
     fn check(logs: &Logs) {
-        let mut kept = Kept::default();
+        let mut kept = EventStoreUsage::default();
         for log in logs.sessions.values() {
             assert!(
                 log.kept().fits(OF_SESSION) && log.streams.len() <= STREAMS,
@@ -624,7 +624,7 @@ mod tests {
         let (session, other) = (logs.open(), logs.open());
         let primed = logs.store(session, "a", None, now);
         assert_eq!(primed.to_string(), "1/1");
-        assert_eq!(logs.kept, Kept::default());
+        assert_eq!(logs.kept, EventStoreUsage::default());
         logs.store(session, "a", of(false, 9), now);
         let answer = logs.store(session, "a", of(true, 9), now);
         assert_eq!(after(&logs, session, "1/1"), ["2/1", "3/1"]);
@@ -648,7 +648,7 @@ mod tests {
         logs.begin_request(session);
         assert!(matches!(logs.next(session, primed), Next::End));
         assert!(matches!(logs.next(session, second), Next::Wait));
-        assert_eq!(logs.kept, Kept::default());
+        assert_eq!(logs.kept, EventStoreUsage::default());
         logs.close(session);
         logs.store(session, "b", of(true, 9), now);
         assert!(matches!(logs.next(session, second), Next::End));
@@ -691,7 +691,7 @@ mod tests {
         logs.expire(begun + UNTAKEN_FOR);
         assert_eq!(
             (logs.kept, logs.sessions[&session].streams.len()),
-            (Kept::default(), 1)
+            (EventStoreUsage::default(), 1)
         );
         check(&logs);
         // The standalone stream goes on where it was.
@@ -764,7 +764,10 @@ mod tests {
                 .all(|session| holds(session) == 0)
         );
         sessions.iter().for_each(|session| logs.close(*session));
-        assert_eq!((logs.kept, logs.sessions.len()), (Kept::default(), 0));
+        assert_eq!(
+            (logs.kept, logs.sessions.len()),
+            (EventStoreUsage::default(), 0)
+        );
     }
 
     #[tokio::test]
@@ -806,7 +809,7 @@ mod tests {
         for id in ["0", "2/1", "1/9", "x"] {
             assert!(session.replay_events_after(id).await.is_err(), "{id}");
         }
-        assert_eq!(events.kept(), Kept::default());
+        assert_eq!(events.usage(), EventStoreUsage::default());
     }
 
     #[test]

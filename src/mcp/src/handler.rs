@@ -6,7 +6,7 @@ use std::{
 };
 
 use axum::http::request::Parts;
-use reel_live::{LiveError, Pool, Session, StartedEpisode};
+use reel_live::{LiveError, Session, SessionPool, StartedEpisode};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
     record::{StepInput, UserReply, UserSource},
@@ -26,8 +26,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::{runtime::Handle, sync::oneshot};
 
-use crate::{Questions, Worker, catalogue, speech};
-use speech::Said;
+use crate::{Questions, Worker, catalogue, response};
+use response::Response;
 
 /// Who answers `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -74,15 +74,15 @@ impl Default for ToolServerOptions {
 /// One connection of an agent.
 #[derive(Clone)]
 pub struct ToolServer {
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
     questions: Arc<Questions>,
     options: Arc<ToolServerOptions>,
-    home: Home,
+    home: SessionOwner,
 }
 
 /// Whose household it is.
 #[derive(Clone)]
-enum Home {
+enum SessionOwner {
     /// That of the connection, closed with it.
     Own(Arc<Own>),
     /// A worker's, which outlives connections.
@@ -91,7 +91,7 @@ enum Home {
 
 struct Own {
     name: String,
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
 }
 
 impl Drop for Own {
@@ -130,12 +130,12 @@ const ANSWER: &str = "answer";
 impl ToolServer {
     /// A server for one connection, with a household of its own.
     pub fn new(
-        pool: Arc<Pool>,
+        pool: Arc<SessionPool>,
         questions: Arc<Questions>,
         options: Arc<ToolServerOptions>,
         name: String,
     ) -> Self {
-        let home = Home::Own(Arc::new(Own {
+        let home = SessionOwner::Own(Arc::new(Own {
             name,
             pool: pool.clone(),
         }));
@@ -149,7 +149,7 @@ impl ToolServer {
 
     /// A server for one connection of a worker, whose household outlives it.
     pub fn of_worker(
-        pool: Arc<Pool>,
+        pool: Arc<SessionPool>,
         questions: Arc<Questions>,
         options: Arc<ToolServerOptions>,
         worker: Worker,
@@ -158,7 +158,7 @@ impl ToolServer {
             pool,
             questions,
             options,
-            home: Home::Worker(worker),
+            home: SessionOwner::Worker(worker),
         }
     }
 
@@ -169,8 +169,8 @@ impl ToolServer {
     /// Whose world a request is for, where its path says so.
     fn worker<'a>(&'a self, context: &'a RequestContext<RoleServer>) -> Option<&'a Worker> {
         match &self.home {
-            Home::Worker(worker) => Some(worker),
-            Home::Own(_) => context
+            SessionOwner::Worker(worker) => Some(worker),
+            SessionOwner::Own(_) => context
                 .extensions
                 .get::<Parts>()
                 .and_then(|parts| parts.extensions.get::<Worker>()),
@@ -181,7 +181,7 @@ impl ToolServer {
     fn session(&self, context: &RequestContext<RoleServer>) -> Result<String, ErrorData> {
         match (self.worker(context), &self.home) {
             (Some(worker), _) => Ok(worker.session_name()),
-            (None, Home::Own(own)) if !stateless(context) => Ok(own.name.clone()),
+            (None, SessionOwner::Own(own)) if !stateless(context) => Ok(own.name.clone()),
             _ => {
                 let text = "protocol 2026-07-28 has no sessions, so nothing here says which world is yours: use /w/<name>/mcp \
                             with a name of your own";
@@ -205,16 +205,16 @@ impl ToolServer {
             .map_or("unknown", |tool| tool.paper_name());
         let said = self.request(session, call, reply, context).await;
         let outcome = match &said {
-            Ok(Said::Made(made)) if !made.step.outcome.is_ok() => "error",
+            Ok(Response::CallMade(made)) if !made.step.outcome.is_ok() => "error",
             Ok(_) => "ok",
             Err(_) => "refused",
         };
         let result = match said {
-            Ok(said) => speech::say(profile, &said),
+            Ok(said) => response::say(profile, &said),
             Err(error) => {
                 // Not in its own words: they may hold the policy's.
                 tracing::info!(session, known, "refused");
-                speech::refuse(profile, &tool, &error)
+                response::refuse(profile, &tool, &error)
             }
         };
         if let Some(watch) = &self.options.watch {
@@ -230,7 +230,7 @@ impl ToolServer {
         call: ToolCall,
         reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
-    ) -> Result<Said, LiveError> {
+    ) -> Result<Response, LiveError> {
         let setup = self.pool.setup().clone();
         let tool = self.profile().tool(&call);
         let published = self.profile().is_published();
@@ -239,10 +239,10 @@ impl ToolServer {
                 if (!published || !self.runs(session))
                     && let Some(scene) = setup.scenes.only() =>
             {
-                return Ok(Said::Receptacles(scene.clone()));
+                return Ok(Response::Receptacles(scene.clone()));
             }
             Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => {
-                return Ok(Said::Tasks(speech::ids(&setup.tasks)));
+                return Ok(Response::Tasks(response::ids(&setup.tasks)));
             }
             _ => {}
         }
@@ -255,21 +255,23 @@ impl ToolServer {
             household.set_policy(&policy);
             let said_begun = |begun: StartedEpisode| {
                 let scene = setup.scene(&begun.task).clone();
-                Said::Begun(Box::new(begun), scene)
+                Response::EpisodeStarted(Box::new(begun), scene)
             };
             match tool {
                 Ok(Tool::Lifecycle(Lifecycle::ListReceptacles))
-                    if !published || !household.plays() =>
+                    if !published || !household.is_running() =>
                 {
-                    Ok(Said::Receptacles(
+                    Ok(Response::Receptacles(
                         household.scene().cloned().ok_or(LiveError::NoEpisode)?,
                     ))
                 }
                 Ok(Tool::Finish) => {
-                    if household.plays() {
+                    if household.is_running() {
                         household.call(StepInput::from_call(call))?;
                     }
-                    Ok(household.begin_next()?.map_or(Said::Completed, said_begun))
+                    Ok(household
+                        .begin_next()?
+                        .map_or(Response::Completed, said_begun))
                 }
                 Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => {
                     household.begin(&task_id).map(said_begun)
@@ -279,11 +281,11 @@ impl ToolServer {
                         user_reply: reply,
                         ..StepInput::from_call(call)
                     })?;
-                    Ok(Said::Made(Box::new(made)))
+                    Ok(Response::CallMade(Box::new(made)))
                 }
             }
         };
-        let mut done = Box::pin(self.pool.with(session, work));
+        let mut done = Box::pin(self.pool.with_session(session, work));
         let Some(token) = context.meta.get_progress_token() else {
             return done.await?;
         };

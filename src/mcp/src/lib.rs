@@ -10,9 +10,9 @@ mod guard;
 mod handler;
 mod legacy_sse;
 mod questions;
+mod response;
 mod router;
 mod sessions;
-mod speech;
 
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};

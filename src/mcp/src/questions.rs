@@ -53,7 +53,7 @@ impl Questions {
     }
 
     /// Every question that waits.
-    pub fn open(&self) -> Vec<Question> {
+    pub fn pending(&self) -> Vec<Question> {
         let question = |(session, waiting): (&String, &Waiting)| Question {
             session: session.clone(),
             question: waiting.text.clone(),

@@ -11,7 +11,7 @@ use axum::{
     response::{IntoResponse, Response},
     routing::{MethodRouter, any_service, get, post},
 };
-use reel_live::{Pool, check_name};
+use reel_live::{SessionPool, check_name};
 use rmcp::{
     ServerHandler, ServiceExt as _,
     transport::{StreamableHttpServerConfig, StreamableHttpService},
@@ -50,7 +50,7 @@ const MESSAGES: &str = "/messages/";
 /// What all transports share.
 #[derive(Clone)]
 struct Shared {
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
     questions: Arc<Questions>,
     options: Arc<ToolServerOptions>,
     connections: Connections,
@@ -60,7 +60,7 @@ struct Shared {
 /// `/mcp`, `/w/<name>/mcp`, `/sse`, `/w/<name>/sse` and `/messages/`. Host, Origin, tokens and
 /// sizes of bodies are the caller's to check; every stream ends with `closing`.
 pub fn router(
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
     questions: Arc<Questions>,
     options: Arc<ToolServerOptions>,
     closing: CancellationToken,
@@ -132,7 +132,7 @@ pub(crate) fn serve<S: ServerHandler>(
         sessions,
         http,
     ))
-    .layer(middleware::from_fn(Sessions::or_full))
+    .layer(middleware::from_fn(Sessions::limit_sessions))
 }
 
 /// Serves one agent over standard input and output, until it goes.
@@ -140,7 +140,7 @@ pub(crate) fn serve<S: ServerHandler>(
 /// # Errors
 /// When the first message is not one of the protocol.
 pub async fn stdio(
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
     options: ToolServerOptions,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let server = ToolServer::new(pool, Arc::default(), Arc::new(options), "stdio".to_owned());

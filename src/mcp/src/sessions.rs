@@ -94,7 +94,7 @@ impl Sessions {
 
     /// Answers 503 to who wanted one session too many. To rmcp that is an error of the server: it
     /// answers 500.
-    pub async fn or_full(request: Request, next: Next) -> Response {
+    pub async fn limit_sessions(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;
             let text =
@@ -419,7 +419,7 @@ mod tests {
         }
 
         fn kept(&self) -> usize {
-            self.sessions.events.kept().events
+            self.sessions.events.usage().events
         }
 
         /// Waits until an answer more is kept.
@@ -616,7 +616,7 @@ mod tests {
         for client in &clients {
             client.post(PING).await;
         }
-        let kept = server.sessions.events.kept();
+        let kept = server.sessions.events.usage();
         assert!(
             kept.bytes > PICTURE && kept.bytes <= (2 << 20) + 3 * 100,
             "{kept:?}"

@@ -15,6 +15,6 @@ mod wording;
 
 pub use answer::{DecisionAnswer, HistoryLines, action, log_line};
 pub use conversation::{SYSTEM_MULTI_TURN, VIEW, arguments, briefing, functions, thought};
-pub use single_turn::{EpisodePrompt, Outcome, Prompt, SingleTurn, TEMPLATE};
+pub use single_turn::{CallOutcome, EpisodePrompt, Prompt, SingleTurn, TEMPLATE};
 pub use template::{Slots, Template, TemplateError, check};
 pub use wording::PromptWording;

@@ -136,7 +136,7 @@ impl EpisodePrompt {
 
 /// What came of a call.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Outcome<'a> {
+pub struct CallOutcome<'a> {
     /// The tool, by any of its names.
     pub tool: &'a str,
     /// What the tool told, without what is privileged.
@@ -193,13 +193,13 @@ impl SingleTurn {
     }
 
     /// Takes in an answer and what came of its call.
-    pub fn update(&mut self, answer: &str, outcome: &Outcome<'_>) {
+    pub fn update(&mut self, answer: &str, outcome: &CallOutcome<'_>) {
         self.memory.update(answer, &self.episode.prompt.wording);
         self.observe(outcome);
     }
 
     /// Takes in a call that no answer made, as its line of the log.
-    pub fn watch(&mut self, call: &ToolCall, outcome: &Outcome<'_>) {
+    pub fn watch(&mut self, call: &ToolCall, outcome: &CallOutcome<'_>) {
         self.memory
             .note(&log_line(&call.name, &call.arguments, outcome.text));
         self.memory
@@ -212,7 +212,7 @@ impl SingleTurn {
         &self.memory
     }
 
-    fn observe(&mut self, outcome: &Outcome<'_>) {
+    fn observe(&mut self, outcome: &CallOutcome<'_>) {
         let wording = &self.episode.prompt.wording;
         let (tool, _) = crate::published::published_call(outcome.tool, &Value::Null);
         let text = (!outcome.text.is_empty()).then_some(Item::Text(outcome.text));

@@ -123,7 +123,7 @@ impl Bridge {
 
     /// Only the recorder gets through, and no page that posts a form: its content type would be
     /// another.
-    fn admit(&self, headers: &HeaderMap, with_body: bool) -> Result<(), Refusal> {
+    fn admit(&self, headers: &HeaderMap, with_body: bool) -> Result<(), RejectedRequest> {
         let is = |name: HeaderName, wanted: &str| {
             let value = headers
                 .get(name)
@@ -137,13 +137,13 @@ impl Bridge {
                 .eq_ignore_ascii_case(wanted)
         };
         if !is(header::HOST, &self.authority) {
-            return Err(Refusal::new(
+            return Err(RejectedRequest::new(
                 StatusCode::FORBIDDEN,
                 "only reel record speaks to this port",
             ));
         }
         if with_body && !is(header::CONTENT_TYPE, "application/json") {
-            return Err(Refusal::new(
+            return Err(RejectedRequest::new(
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
                 "a message is application/json; say so in Content-Type",
             ));
@@ -152,18 +152,18 @@ impl Bridge {
     }
 
     /// The server of a request's session.
-    fn link(&self, headers: &HeaderMap) -> Result<Arc<Link>, Refusal> {
+    fn link(&self, headers: &HeaderMap) -> Result<Arc<Link>, RejectedRequest> {
         self.admit(headers, false)?;
         let id = headers.get(SESSION).and_then(|id| id.to_str().ok());
         let id = id.ok_or_else(|| {
-            Refusal::new(StatusCode::BAD_REQUEST, "a session begins with initialize")
+            RejectedRequest::new(StatusCode::BAD_REQUEST, "a session begins with initialize")
         })?;
         let link = lock(&self.links)
             .get(id)
             .filter(|link| !link.is_over())
             .cloned();
         link.ok_or_else(|| {
-            Refusal::new(
+            RejectedRequest::new(
                 StatusCode::NOT_FOUND,
                 "the session is over: initialize again",
             )
@@ -189,12 +189,12 @@ fn random() -> io::Result<[u8; 16]> {
 /// The server of a session.
 struct Link {
     child: Mutex<Child>,
-    state: Mutex<Ears>,
+    state: Mutex<Listeners>,
     to_server: Mutex<Option<ChildStdin>>,
 }
 
 /// Who listens to a server.
-struct Ears {
+struct Listeners {
     /// By the request's id as JSON, in the order in which they came.
     requests: Vec<(String, UnboundedSender<String>)>,
     /// The session's own stream.
@@ -212,7 +212,7 @@ impl Link {
             .stdout(Stdio::piped())
             .spawn()?;
         let (to_server, from_server) = (child.stdin.take(), child.stdout.take());
-        let state = Ears {
+        let state = Listeners {
             requests: Vec::new(),
             stream: None,
             unheard: VecDeque::new(),
@@ -322,7 +322,7 @@ impl Link {
     }
 }
 
-impl Ears {
+impl Listeners {
     fn hears(&mut self, line: String) {
         self.heard = Instant::now();
         let message: Value = serde_json::from_str(&line).unwrap_or(Value::Null);
@@ -359,29 +359,29 @@ async fn post(
     State(bridge): State<Arc<Bridge>>,
     headers: HeaderMap,
     body: Bytes,
-) -> Result<Response, Refusal> {
+) -> Result<Response, RejectedRequest> {
     bridge.admit(&headers, true)?;
     // A server that does not read holds its writer up.
     let passed = tokio::task::spawn_blocking(move || pass(&bridge, &headers, &body)).await;
     passed.unwrap_or_else(|_| {
-        Err(Refusal::new(
+        Err(RejectedRequest::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "the recorder failed",
         ))
     })
 }
 
-fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, Refusal> {
+fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, RejectedRequest> {
     let message: Value = match serde_json::from_slice(body) {
         Ok(message @ Value::Object(_)) => message,
         Ok(_) => {
-            return Err(Refusal::new(
+            return Err(RejectedRequest::new(
                 StatusCode::BAD_REQUEST,
                 "a message is one JSON object",
             ));
         }
         Err(error) => {
-            return Err(Refusal::new(
+            return Err(RejectedRequest::new(
                 StatusCode::BAD_REQUEST,
                 format!("the message is no JSON: {error}"),
             ));
@@ -389,7 +389,7 @@ fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, R
     };
     let method = message.get("method").and_then(Value::as_str);
     let request = message.get("id").filter(|_| method.is_some());
-    let failed = |what: String| Refusal {
+    let failed = |what: String| RejectedRequest {
         status: StatusCode::BAD_GATEWAY,
         id: request.cloned(),
         what,
@@ -419,7 +419,7 @@ fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, R
 async fn listen(
     State(bridge): State<Arc<Bridge>>,
     headers: HeaderMap,
-) -> Result<Response, Refusal> {
+) -> Result<Response, RejectedRequest> {
     let link = bridge.link(&headers)?;
     let (tell, told) = unbounded_channel();
     let mut state = lock(&link.state);
@@ -431,7 +431,10 @@ async fn listen(
     Ok(stream(told))
 }
 
-async fn end(State(bridge): State<Arc<Bridge>>, headers: HeaderMap) -> Result<StatusCode, Refusal> {
+async fn end(
+    State(bridge): State<Arc<Bridge>>,
+    headers: HeaderMap,
+) -> Result<StatusCode, RejectedRequest> {
     let ended = bridge.link(&headers)?;
     tokio::task::spawn_blocking(move || {
         bridge.end_where(|link| std::ptr::eq(link, Arc::as_ptr(&ended)))
@@ -448,13 +451,13 @@ fn stream(told: UnboundedReceiver<String>) -> Response {
 }
 
 /// Why a request goes no further; an error of JSON-RPC.
-struct Refusal {
+struct RejectedRequest {
     status: StatusCode,
     id: Option<Value>,
     what: String,
 }
 
-impl Refusal {
+impl RejectedRequest {
     fn new(status: StatusCode, what: impl Into<String>) -> Self {
         Self {
             status,
@@ -464,7 +467,7 @@ impl Refusal {
     }
 }
 
-impl IntoResponse for Refusal {
+impl IntoResponse for RejectedRequest {
     fn into_response(self) -> Response {
         (
             self.status,

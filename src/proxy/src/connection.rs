@@ -19,7 +19,7 @@ use serde_json::Value;
 use crate::{
     events::Events,
     http::Shared,
-    session::{Refusal, Session},
+    session::{RejectedRequest, Session},
     sessions::Key,
     tap,
     wire::{Body, Head, Start, Unreadable},
@@ -131,7 +131,7 @@ impl Connection {
                 return self.go_blind(&buffer, agent, server);
             };
             buffer.drain(..head.bytes.len());
-            if let Some(why) = self.shared.stranger(&head) {
+            if let Some(why) = self.shared.rejected_client(&head) {
                 return answer(agent, "403 Forbidden", "text/plain", &why);
             }
             let Start::Request { method, target } = &head.start else {
@@ -229,7 +229,12 @@ impl Connection {
 
     /// Says that a call is not passed on: in the place of the response, or on the stream where
     /// results are awaited.
-    fn refuse(&self, key: Option<&Key>, refusal: &Refusal, agent: &TcpStream) -> io::Result<()> {
+    fn refuse(
+        &self,
+        key: Option<&Key>,
+        refusal: &RejectedRequest,
+        agent: &TcpStream,
+    ) -> io::Result<()> {
         let error = refusal.json(None).unwrap_or_default();
         if !lock(&self.exchanges).is_empty() {
             // Responses before it are still to come; there is no place for this one.

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_import::{
-    CallObservation, Setting, StartedEpisode, State, same_graph_for_both, unknown_task,
+    CallObservation, ObservedState, StartedEpisode, TaskSetup, same_graph_for_both, unknown_task,
 };
 use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
@@ -19,7 +19,7 @@ use reel_world::{
 };
 use serde_json::{Map, Value, json};
 
-use crate::{ProxyEvent, Setup, tap::Answer};
+use crate::{ProxyEvent, Setup, tap::ToolResultContent};
 
 /// What is not known: a task, a scene.
 const UNKNOWN: &str = "unknown";
@@ -51,7 +51,7 @@ struct Playing {
     task: Task,
     start: StartRecord,
     rewarder: Box<dyn Rewarder>,
-    state: State,
+    state: ObservedState,
     link: Digest,
     steps: Vec<StepRecord>,
     /// The input that is written and not answered.
@@ -69,11 +69,11 @@ pub(crate) enum Kind {
 
 /// Why something could not be recorded.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Trouble(pub String);
+pub(crate) struct RecordingError(pub String);
 
-impl From<TraceError> for Trouble {
+impl From<TraceError> for RecordingError {
     fn from(error: TraceError) -> Self {
-        Trouble(error.to_string())
+        RecordingError(error.to_string())
     }
 }
 
@@ -112,7 +112,7 @@ impl Episodes {
         &mut self,
         call: &ToolCall,
         thought_ns: Option<u64>,
-    ) -> Result<Kind, Trouble> {
+    ) -> Result<Kind, RecordingError> {
         let ours = self
             .setup
             .mapping
@@ -135,7 +135,7 @@ impl Episodes {
             return Ok(Kind::Session);
         }
         if let Now::Broken(why) = &self.now {
-            return Err(Trouble(why.clone()));
+            return Err(RecordingError(why.clone()));
         }
         if matches!(self.now, Now::Nothing) {
             let begun = self.generic();
@@ -154,7 +154,7 @@ impl Episodes {
             ..StepInput::from_call(call)
         };
         let Now::Playing(playing) = &mut self.now else {
-            return Err(Trouble("no episode runs".to_owned()));
+            return Err(RecordingError("no episode runs".to_owned()));
         };
         let step = playing.next();
         if let Err(error) = playing.recorder.input(step, &input) {
@@ -169,9 +169,9 @@ impl Episodes {
     pub(crate) fn answered(
         &mut self,
         kind: &Kind,
-        answer: Answer,
+        answer: ToolResultContent,
         timing: Timing,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), RecordingError> {
         let mut answer = answer;
         let payload = answer.payload();
         let debug_info = answer
@@ -207,13 +207,13 @@ impl Episodes {
         self.setup
             .endings
             .add(move || match playing.end(&setup, reason) {
-                Ok((path, metrics)) => setup.tell(ProxyEvent::Ended {
+                Ok((path, metrics)) => setup.emit(ProxyEvent::Ended {
                     session: &session,
                     path: &path,
                     reason,
                     metrics: &metrics,
                 }),
-                Err(Trouble(why)) => setup.tell(ProxyEvent::RecordingFailed {
+                Err(RecordingError(why)) => setup.emit(ProxyEvent::RecordingFailed {
                     session: &session,
                     problem: &why,
                 }),
@@ -221,8 +221,8 @@ impl Episodes {
     }
 
     /// Gives the recording up; what is written stays in the unfinished recording.
-    fn broke(&mut self, error: TraceError) -> Trouble {
-        let trouble = Trouble::from(error);
+    fn broke(&mut self, error: TraceError) -> RecordingError {
+        let trouble = RecordingError::from(error);
         self.now = Now::Broken(trouble.0.clone());
         trouble
     }
@@ -230,12 +230,12 @@ impl Episodes {
     /// Writes a step; says why the episode ends with it, if it does.
     fn step(
         &mut self,
-        answer: &Answer,
+        answer: &ToolResultContent,
         debug_info: Option<&Map<String, Value>>,
         tells_another: bool,
         picture: Option<&Picture>,
         timing: Timing,
-    ) -> Result<Option<EndReason>, Trouble> {
+    ) -> Result<Option<EndReason>, RecordingError> {
         let mapping = self.setup.mapping.as_ref();
         let Now::Playing(playing) = &mut self.now else {
             return Ok(None);
@@ -289,7 +289,7 @@ impl Episodes {
         if let Err(error) = written {
             return Err(self.broke(error));
         }
-        self.setup.tell(ProxyEvent::Step {
+        self.setup.emit(ProxyEvent::Step {
             session: &self.session,
             record: &record,
             timing,
@@ -302,10 +302,14 @@ impl Episodes {
     }
 
     /// Opens the recording of an episode.
-    fn begin(&mut self, begun: StartedEpisode, picture: Option<&Picture>) -> Result<(), Trouble> {
+    fn begin(
+        &mut self,
+        begun: StartedEpisode,
+        picture: Option<&Picture>,
+    ) -> Result<(), RecordingError> {
         let StartedEpisode {
             setting:
-                Setting {
+                TaskSetup {
                     task,
                     scene,
                     settings,
@@ -367,7 +371,7 @@ impl Episodes {
             Ok(recorder) => recorder,
             Err(error) => return Err(self.broke(error)),
         };
-        setup.tell(ProxyEvent::Began {
+        setup.emit(ProxyEvent::Began {
             session: &self.session,
             task: &task,
             path: &path,
@@ -430,7 +434,7 @@ impl Episodes {
                     .unwrap_or(UNKNOWN)
                     .to_owned()
             };
-            let state = State::default().after(debug_info);
+            let state = ObservedState::default().after(debug_info);
             let mut begun = unknown(of("task_id"), of("task_description"), of("scene_id"), state);
             begun.notes.push(error.to_string());
             begun
@@ -446,11 +450,11 @@ impl Episodes {
         };
         match single {
             Some((task, scene)) => StartedEpisode {
-                state: State {
+                state: ObservedState {
                     graph: Some(task.initial.clone()),
-                    ..State::default()
+                    ..ObservedState::default()
                 },
-                setting: Setting {
+                setting: TaskSetup {
                     task: Task::clone(task),
                     scene: Scene::clone(scene),
                     settings: BTreeMap::new(),
@@ -461,25 +465,25 @@ impl Episodes {
                 UNKNOWN.to_owned(),
                 String::new(),
                 UNKNOWN.to_owned(),
-                State::default(),
+                ObservedState::default(),
             ),
         }
     }
 
     /// The last picture of an answer, as a trace takes it.
-    fn picture(&self, answer: &mut Answer) -> Option<Picture> {
-        let (kind, data) = answer.pictures.pop()?;
+    fn picture(&self, answer: &mut ToolResultContent) -> Option<Picture> {
+        let (kind, data) = answer.images.pop()?;
         if png_size(&data) == Some((FRAME_WIDTH, FRAME_HEIGHT)) {
             return Some(Picture::AsItCame(data));
         }
         let file = STANDARD
             .decode(&data)
             .map_err(|error| format!("it is no Base64 ({error})"));
-        match file.and_then(reel_import::robot::camera_picture) {
+        match file.and_then(reel_import::robot::camera_image) {
             Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
             Err(why) => {
                 let why = format!("{why}; the server calls it {kind:?}");
-                self.setup.tell(ProxyEvent::ImageOmitted {
+                self.setup.emit(ProxyEvent::ImageOmitted {
                     session: &self.session,
                     why: &why,
                 });
@@ -521,7 +525,7 @@ impl Playing {
         u32::try_from(self.steps.len()).expect("an episode has few steps")
     }
 
-    fn end(self, setup: &Setup, reason: EndReason) -> Result<(PathBuf, Metrics), Trouble> {
+    fn end(self, setup: &Setup, reason: EndReason) -> Result<(PathBuf, Metrics), RecordingError> {
         let graphs = self
             .state
             .graph
@@ -543,7 +547,12 @@ impl Playing {
 
 /// What a call came to. The published server says success with a picture alone, so that words of
 /// its tools are failures; others say with `isError` what is one.
-fn outcome(call: &ToolCall, answer: &Answer, published: bool, marked: Option<usize>) -> Outcome {
+fn outcome(
+    call: &ToolCall,
+    answer: &ToolResultContent,
+    published: bool,
+    marked: Option<usize>,
+) -> Outcome {
     let texts: Vec<&str> = answer
         .texts
         .iter()
@@ -572,7 +581,7 @@ fn outcome(call: &ToolCall, answer: &Answer, published: bool, marked: Option<usi
     }
 }
 
-fn failed(why: &str, answer: &Answer) -> Outcome {
+fn failed(why: &str, answer: &ToolResultContent) -> Outcome {
     let text = if answer.texts.is_empty() {
         why.to_owned()
     } else {
@@ -585,7 +594,12 @@ fn failed(why: &str, answer: &Answer) -> Outcome {
 }
 
 /// The episode of which nothing is known but, perhaps, its words.
-fn unknown(task_id: String, instruction: String, scene_id: String, state: State) -> StartedEpisode {
+fn unknown(
+    task_id: String,
+    instruction: String,
+    scene_id: String,
+    state: ObservedState,
+) -> StartedEpisode {
     let setting = unknown_task(
         task_id,
         instruction,

@@ -123,7 +123,7 @@ impl Shared {
     /// What is wrong with the name by which a request calls us. A page of the web that has its own
     /// name lead to this machine (DNS rebinding) still sends that name; and the server, which gets
     /// another `Host` from us, could not tell.
-    pub(crate) fn stranger(&self, head: &Head) -> Option<String> {
+    pub(crate) fn rejected_client(&self, head: &Head) -> Option<String> {
         let host = head.value("host")?;
         let name = match host.rsplit_once(':') {
             Some((name, port)) if !port.ends_with(']') => name,

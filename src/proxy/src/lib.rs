@@ -152,7 +152,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    pub(crate) fn tell(&self, seen: ProxyEvent<'_>) {
+    pub(crate) fn emit(&self, seen: ProxyEvent<'_>) {
         if let ProxyEvent::ImageOmitted { .. } = seen {
             self.report.count(|counts| counts.pictures_left_out += 1);
         }

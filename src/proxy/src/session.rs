@@ -15,8 +15,8 @@ use serde_json::Value;
 
 use crate::{
     OnFull, ProxyEvent, Setup,
-    episode::{Episodes, Kind, Trouble},
-    tap::{self, Answer, FromAgent},
+    episode::{Episodes, Kind, RecordingError},
+    tap::{self, FromAgent, ToolResultContent},
 };
 
 /// How long a call waits for the result of the one before it. A trace knows one call at a time.
@@ -52,12 +52,12 @@ struct Open {
 
 /// A request that is not passed on: an error for whoever sent it.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Refusal {
+pub(crate) struct RejectedRequest {
     id: Value,
     why: String,
 }
 
-impl Refusal {
+impl RejectedRequest {
     /// In the protocol; none where it may not be so long.
     pub(crate) fn json(&self, most: Option<usize>) -> Option<String> {
         tap::refusal(&self.id, &self.why, most)
@@ -94,7 +94,7 @@ impl Session {
 
     /// Takes a message of the agent before it is passed on; gives the id of the call in it whose
     /// result is awaited now. A refusal instead: nothing may be passed on.
-    pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, Refusal> {
+    pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, RejectedRequest> {
         let came = Instant::now();
         let mut calls = match tap::from_agent(message) {
             FromAgent::Strange => {
@@ -124,7 +124,7 @@ impl Session {
                 .first()
                 .map(|call| call.id.clone())
                 .unwrap_or_default();
-            let trouble = Trouble(
+            let trouble = RecordingError(
                 "a batch of several calls cannot be recorded one by one; send them one at a time"
                     .to_owned(),
             );
@@ -161,7 +161,7 @@ impl Session {
 
     /// Takes a message of the server before it is passed on. An error instead: it has to be passed
     /// on in its place.
-    pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), Refusal> {
+    pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), RejectedRequest> {
         let came = Instant::now();
         let mut inner = self.lock();
         inner.last_seen = came;
@@ -204,7 +204,7 @@ impl Session {
             "{what} is larger than {} bytes, and passes unrecorded",
             self.setup.message_max
         );
-        self.setup.tell(ProxyEvent::RecordingFailed {
+        self.setup.emit(ProxyEvent::RecordingFailed {
             session: &self.name,
             problem: &why,
         });
@@ -248,13 +248,18 @@ impl Session {
             // Nobody waits for it, so nobody can be refused.
             let _ = self.close(
                 inner,
-                Answer::none(&format!("no result: {why}")),
+                ToolResultContent::none(&format!("no result: {why}")),
                 Instant::now(),
             );
         }
     }
 
-    fn close(&self, inner: &mut Inner, answer: Answer, came: Instant) -> Result<(), Refusal> {
+    fn close(
+        &self,
+        inner: &mut Inner,
+        answer: ToolResultContent,
+        came: Instant,
+    ) -> Result<(), RejectedRequest> {
         let Some(open) = inner.open.take() else {
             return Ok(());
         };
@@ -279,13 +284,13 @@ impl Session {
         inner: &mut Inner,
         id: Value,
         what: &str,
-        trouble: &Trouble,
-    ) -> Result<(), Refusal> {
-        let Trouble(why) = trouble;
+        trouble: &RecordingError,
+    ) -> Result<(), RejectedRequest> {
+        let RecordingError(why) = trouble;
         let (outcome, then) = match self.setup.on_full {
             OnFull::Stop => (
                 "is refused",
-                Err(Refusal {
+                Err(RejectedRequest {
                     id,
                     why: format!("reel record cannot record this, so it stops here: {why}"),
                 }),
@@ -297,7 +302,7 @@ impl Session {
             OnFull::Continue => counts.unrecorded += 1,
         });
         inner.episodes.missed();
-        self.setup.tell(ProxyEvent::RecordingFailed {
+        self.setup.emit(ProxyEvent::RecordingFailed {
             session: &self.name,
             problem: &format!("{what} {outcome}: {why}"),
         });
@@ -356,7 +361,7 @@ mod tests {
         id: u32,
         name: &str,
         arguments: &Value,
-    ) -> Result<Option<Value>, Refusal> {
+    ) -> Result<Option<Value>, RejectedRequest> {
         let params = json!({"name": name, "arguments": arguments});
         session.agent_says(
             json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params})
@@ -365,7 +370,7 @@ mod tests {
         )
     }
 
-    fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), Refusal> {
+    fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), RejectedRequest> {
         let content: Vec<Value> = texts
             .iter()
             .map(|text| json!({"type": "text", "text": text}))

@@ -101,18 +101,18 @@ fn call(message: &Value) -> Option<Call> {
 
 /// The content of a result.
 #[derive(Clone, PartialEq, Debug, Default)]
-pub(crate) struct Answer {
+pub(crate) struct ToolResultContent {
     /// In their order.
     pub texts: Vec<String>,
     /// In Base64, with their types.
-    pub pictures: Vec<(String, String)>,
+    pub images: Vec<(String, String)>,
     /// `structuredContent`
     pub structured: Option<Value>,
     /// Whether it is an error, of the tool or of the protocol.
     pub failed: bool,
 }
 
-impl Answer {
+impl ToolResultContent {
     /// An answer that never came, and why.
     pub(crate) fn none(why: &str) -> Self {
         Self {
@@ -157,7 +157,7 @@ struct Message {
 }
 
 /// The answer to a request among what the server sends, if it is there.
-pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
+pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<ToolResultContent> {
     let first = message.iter().find(|byte| !byte.is_ascii_whitespace())?;
     if *first == b'[' {
         let messages: Vec<Message> = serde_json::from_slice(message).ok()?;
@@ -166,7 +166,7 @@ pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
     answer(id, serde_json::from_slice(message).ok()?)
 }
 
-fn answer(id: &Value, message: Message) -> Option<Answer> {
+fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
     if message.method.is_some() || message.id.as_ref() != Some(id) {
         return None;
     }
@@ -175,10 +175,10 @@ fn answer(id: &Value, message: Message) -> Option<Answer> {
             .get("message")
             .and_then(Value::as_str)
             .map_or_else(|| error.to_string(), str::to_owned);
-        return Some(Answer::none(&text));
+        return Some(ToolResultContent::none(&text));
     }
     let mut result = message.result?;
-    let mut answer = Answer {
+    let mut answer = ToolResultContent {
         failed: result
             .get("isError")
             .and_then(Value::as_bool)
@@ -187,7 +187,7 @@ fn answer(id: &Value, message: Message) -> Option<Answer> {
             .get("structuredContent")
             .filter(|value| !value.is_null())
             .cloned(),
-        ..Answer::default()
+        ..ToolResultContent::default()
     };
     let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {
         Some(Value::String(text)) => Some(text),
@@ -204,7 +204,7 @@ fn answer(id: &Value, message: Message) -> Option<Answer> {
             Some("image") => {
                 let kind = text(item, "mimeType").unwrap_or_default();
                 answer
-                    .pictures
+                    .images
                     .extend(text(item, "data").map(|data| (kind, data)));
             }
             _ => {}
@@ -276,7 +276,7 @@ mod tests {
         let result = br#"{"jsonrpc":"2.0","id":7,"result":{"content":[{"type":"text","text":"a"},{"type":"image","data":"QQ==","mimeType":"image/png"}],"isError":false}}"#;
         let answer = answer_to(&json!(7), result).unwrap();
         assert_eq!(
-            (answer.texts, answer.pictures.len(), answer.failed),
+            (answer.texts, answer.images.len(), answer.failed),
             (vec!["a".to_owned()], 1, false)
         );
         assert_eq!(answer_to(&json!(8), result), None);
@@ -296,9 +296,9 @@ mod tests {
 
     #[test]
     fn what_begins_an_episode() {
-        let text = |text: &str| Answer {
+        let text = |text: &str| ToolResultContent {
             texts: vec![text.to_owned()],
-            ..Answer::default()
+            ..ToolResultContent::default()
         };
         assert!(
             text(r#"{"task_id": "a", "task_description": "b", "scene_id": "c"}"#)
@@ -310,7 +310,7 @@ mod tests {
         let structured = Some(
             json!({"ok": true, "episode": {"task_id": "a", "instruction": "b", "receptacles": []}}),
         );
-        let payload = Answer {
+        let payload = ToolResultContent {
             structured,
             ..text("Task: b")
         }

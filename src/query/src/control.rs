@@ -14,7 +14,7 @@ use datafusion::error::DataFusionError;
 use reel_trace::is_remote;
 use reel_world::Digest;
 
-use crate::functions::simulator::Row;
+use crate::functions::simulator::ReplayRow;
 
 /// Why a query was stopped before its end.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
@@ -101,7 +101,7 @@ pub struct Control {
     /// Traces that functions may open.
     traces: OnceLock<TraceAccess>,
     /// What `replay` said, by the trace's digest.
-    pub(crate) verdicts: Mutex<BTreeMap<Digest, Row>>,
+    pub(crate) verdicts: Mutex<BTreeMap<Digest, ReplayRow>>,
 }
 
 impl Control {

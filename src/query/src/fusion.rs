@@ -11,13 +11,13 @@ use datafusion::sql::{
 
 /// A question about each episode by itself.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct RowQuestion {
+pub struct RowExpression {
     value: String,
     condition: Option<String>,
     columns: BTreeSet<String>,
 }
 
-impl RowQuestion {
+impl RowExpression {
     /// Reads `SELECT <expression> AS found FROM episodes [WHERE <condition>]`. Nothing else may be
     /// in it, so that it sees the one row of its episode and nothing beside it.
     ///
@@ -90,7 +90,7 @@ impl RowQuestion {
 /// One query that answers all of them for the episodes that fulfil `filter`: the columns `keep`,
 /// and for each question the value (`found_0`, `found_1`, ...) and whether its condition holds
 /// (`holds_0`, ...; false where that is null).
-pub fn fuse(keep: &[&str], questions: &[&RowQuestion], filter: &str) -> String {
+pub fn fuse(keep: &[&str], questions: &[&RowExpression], filter: &str) -> String {
     let mut columns: Vec<String> = keep.iter().map(|column| (*column).to_owned()).collect();
     for (index, question) in questions.iter().enumerate() {
         columns.push(format!("({}) AS found_{index}", question.value));
@@ -107,8 +107,8 @@ mod tests {
     #[test]
     fn questions_about_one_row_are_fused() {
         let one =
-            RowQuestion::parse("-- what\nSELECT oscillation(steps) AS found FROM episodes WHERE end_reason = 'horizon'").unwrap();
-        let two = RowQuestion::parse("SELECT length AS found FROM episodes").unwrap();
+            RowExpression::parse("-- what\nSELECT oscillation(steps) AS found FROM episodes WHERE end_reason = 'horizon'").unwrap();
+        let two = RowExpression::parse("SELECT length AS found FROM episodes").unwrap();
         assert_eq!(
             one.columns().iter().collect::<Vec<_>>(),
             ["end_reason", "steps"]
@@ -158,7 +158,7 @@ mod tests {
             ("SELECT 1 AS found FROM episodes; SELECT 2", "one SELECT"),
             ("SELECT", "xpected"),
         ] {
-            let refused = RowQuestion::parse(sql).unwrap_err();
+            let refused = RowExpression::parse(sql).unwrap_err();
             assert!(refused.contains(complaint), "{sql}: {refused}");
         }
     }

@@ -5,12 +5,12 @@
 //! the store's or, by the functions that take one, a trace that the store names.
 
 mod control;
-mod dealing;
 pub mod format;
 mod functions;
 mod fusion;
 mod limits;
 pub mod named;
+mod partition;
 pub mod pattern;
 mod session;
 pub mod statistics;
@@ -22,10 +22,12 @@ use reel_tables::Store;
 pub use control::{Control, StopReason, TraceAccess};
 pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
-pub use fusion::{RowQuestion, fuse};
+pub use fusion::{RowExpression, fuse};
 pub use limits::Limits;
 pub use reel_tables::STACK_BYTES;
-pub use session::{CacheScope, Engine, Parameters, QueryError, QuerySession, every_function};
+pub use session::{
+    CacheScope, EngineFactory, Parameters, QueryError, QuerySession, every_function,
+};
 
 /// Runs one query over a store.
 ///

@@ -41,10 +41,10 @@ use tokio::runtime::Runtime;
 
 use crate::{
     control::{Control, StopReason, TraceAccess},
-    dealing::{TRACE, partition_by_trace},
     functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
+    partition::{TRACE, partition_by_trace},
     tables::{StepFields, plain, provider, step_fields},
 };
 
@@ -59,7 +59,8 @@ const AHEAD: usize = 4;
 pub type Parameters = BTreeMap<String, String>;
 
 /// Makes of a session's state one whose plans run elsewhere.
-pub type Engine = dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
+pub type EngineFactory =
+    dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
 
 /// A session over one store, for one question at a time. Sees the store as it was when the session
 /// was made.
@@ -72,7 +73,7 @@ struct Inner {
     environment: Arc<RuntimeEnv>,
     runtime: Arc<Runtime>,
     views: Vec<View>,
-    elsewhere: Option<Box<Engine>>,
+    elsewhere: Option<Box<EngineFactory>>,
 }
 
 /// What a running query hands on.
@@ -170,7 +171,7 @@ impl QuerySession {
     pub fn with_remote_engine(
         store: Store,
         limits: Limits,
-        engine: Box<Engine>,
+        engine: Box<EngineFactory>,
     ) -> Result<Self, QueryError> {
         Self::on(store, limits, Some(engine))
     }
@@ -178,7 +179,7 @@ impl QuerySession {
     fn on(
         store: Store,
         limits: Limits,
-        elsewhere: Option<Box<Engine>>,
+        elsewhere: Option<Box<EngineFactory>>,
     ) -> Result<Self, QueryError> {
         let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new()

@@ -54,14 +54,14 @@ pub struct ChangedOutcome {
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ChangedEnd {
     /// As recorded.
-    pub recorded: Ending,
+    pub recorded: EndSummary,
     /// As executed again.
-    pub replayed: Ending,
+    pub replayed: EndSummary,
 }
 
 /// How an episode ended, in a few figures.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Ending {
+pub struct EndSummary {
     /// Why.
     pub reason: EndReason,
     /// SR: no goal change is left.
@@ -107,12 +107,12 @@ impl Changes {
 /// # Errors
 /// Why nothing can be executed.
 pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
-    Ok(Executed::run(trace)?.compare(trace))
+    Ok(Reexecution::run(trace)?.compare(trace))
 }
 
 /// Replays many trace files on so many threads, and says what changed in those that are not exact;
 /// in the order of the paths.
-pub fn judge_all<P: AsRef<Path> + Sync>(
+pub fn replay_outcomes_all<P: AsRef<Path> + Sync>(
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,
@@ -148,14 +148,14 @@ fn judge(path: &Path, assets: &dyn Assets) -> ReplayReport {
 }
 
 /// An episode executed again from its inputs, whatever was recorded of its outputs.
-pub(crate) struct Executed {
+pub(crate) struct Reexecution {
     pub header: EpisodeHeader,
     pub start: StartRecord,
     pub steps: Vec<StepRecord>,
     pub end: EndRecord,
 }
 
-impl Executed {
+impl Reexecution {
     /// Executes all inputs of a trace of any version.
     pub fn run(trace: &Trace) -> Result<Self, Verdict> {
         let config = player::config_of_any_version(trace)?;
@@ -193,7 +193,7 @@ impl Executed {
             }
         }
         changes.end = trace.end.as_ref().and_then(|end| {
-            let (recorded, replayed) = (Ending::of(end), Ending::of(&self.end));
+            let (recorded, replayed) = (EndSummary::of(end), EndSummary::of(&self.end));
             (recorded != replayed).then_some(ChangedEnd { recorded, replayed })
         });
         changes
@@ -207,7 +207,7 @@ impl Changes {
     }
 }
 
-impl Ending {
+impl EndSummary {
     /// The figures of an end.
     pub fn of(end: &EndRecord) -> Self {
         let metrics = &end.metrics;
@@ -221,7 +221,7 @@ impl Ending {
     }
 }
 
-impl std::fmt::Display for Ending {
+impl std::fmt::Display for EndSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let success = if self.success {
             "success"

@@ -144,7 +144,7 @@ pub fn body_changes(recorded: &[BodyState], replayed: &[BodyState]) -> Vec<Field
     collect(
         &json(recorded),
         &json(replayed),
-        &mut Place {
+        &mut FieldPath {
             path: "bodies".into(),
             body: None,
         },
@@ -176,7 +176,7 @@ fn changes<T: Serialize>(recorded: &T, replayed: &T) -> Vec<FieldChange> {
     collect(
         &json(recorded),
         &json(replayed),
-        &mut Place {
+        &mut FieldPath {
             path: String::new(),
             body: None,
         },
@@ -187,12 +187,12 @@ fn changes<T: Serialize>(recorded: &T, replayed: &T) -> Vec<FieldChange> {
 }
 
 /// Where in a record one is.
-struct Place {
+struct FieldPath {
     path: String,
     body: Option<String>,
 }
 
-fn collect(old: &Value, new: &Value, place: &mut Place, found: &mut Vec<FieldChange>) {
+fn collect(old: &Value, new: &Value, place: &mut FieldPath, found: &mut Vec<FieldChange>) {
     if old == new || found.len() >= MOST_FIELDS {
         return;
     }
@@ -214,7 +214,7 @@ fn collect(old: &Value, new: &Value, place: &mut Place, found: &mut Vec<FieldCha
         (Value::Array(a), Value::Array(b)) if place.path == "bodies" => {
             for (old, new) in a.iter().zip(b) {
                 let name = old.get("body").and_then(Value::as_str).map(str::to_owned);
-                let mut inside = Place {
+                let mut inside = FieldPath {
                     path: String::new(),
                     body: name,
                 };
@@ -243,7 +243,7 @@ fn collect(old: &Value, new: &Value, place: &mut Place, found: &mut Vec<FieldCha
     }
 }
 
-fn count(old: usize, new: usize, place: &Place, found: &mut Vec<FieldChange>) {
+fn count(old: usize, new: usize, place: &FieldPath, found: &mut Vec<FieldChange>) {
     if old != new {
         let field = format!("{} (count)", place.path);
         let (recorded, replayed) = (old.to_string(), new.to_string());
@@ -258,7 +258,7 @@ fn count(old: usize, new: usize, place: &Place, found: &mut Vec<FieldChange>) {
 }
 
 /// Both values for people; motion is held in single precision, rewards and metrics in double.
-fn numbers(old: &Value, new: &Value, place: &Place) -> (String, String, Option<u64>) {
+fn numbers(old: &Value, new: &Value, place: &FieldPath) -> (String, String, Option<u64>) {
     let (Some(a), Some(b)) = (old.as_f64(), new.as_f64()) else {
         return (old.to_string(), new.to_string(), None);
     };

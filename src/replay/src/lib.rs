@@ -5,10 +5,10 @@
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
 mod changes;
+mod comparison;
 mod difference;
 mod explain;
 mod fork;
-mod lay_beside;
 mod mint;
 mod player;
 mod repack;
@@ -26,17 +26,19 @@ use reel_trace::{Trace, TraceError};
 use reel_world::{Assets, Frame, NoAssets};
 use serde::{Deserialize, Serialize};
 
-pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, ReplayReport, changes, judge_all};
+pub use changes::{
+    ChangedEnd, ChangedOutcome, Changes, EndSummary, ReplayReport, changes, replay_outcomes_all,
+};
+pub use comparison::{CallPair, CallSummary, Comparison, EpisodeSummary, TaskMismatch, compare};
 pub use difference::{Divergence, EpisodePosition};
 pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, state_at};
 pub use fork::{BranchVerification, Fork, verify_branch};
-pub use lay_beside::{CallPair, CallSummary, Comparison, EpisodeTitle, TaskMismatch, compare};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch};
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};
-pub use viewpoint::{NoViewpoint, Viewpoint, view_at, views};
+pub use viewpoint::{Viewpoint, ViewpointError, view_at, views};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -169,7 +171,7 @@ pub fn verify_catching_panics(trace: &Trace) -> Verdict {
 }
 
 /// [`verify_all`], and each again from snapshots after `count` of its calls.
-pub fn verify_all_restored<P: AsRef<Path> + Sync>(
+pub fn verify_all_from_snapshots<P: AsRef<Path> + Sync>(
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,

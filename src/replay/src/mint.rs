@@ -12,7 +12,7 @@ use std::{
 use reel_sim::{SIM_VERSION, sim_version};
 use reel_trace::{Images, Recorder, Trace, TraceError};
 
-use crate::{Changes, Verdict, changes::Executed, verify_trace};
+use crate::{Changes, Verdict, changes::Reexecution, verify_trace};
 
 /// Fewest characters of a reason.
 const REASON_CHARS: usize = 10;
@@ -196,7 +196,7 @@ pub fn mint(options: &MintOptions<'_>) -> Result<Minted, MintError> {
 }
 
 /// A file of the workshop, and the place it takes.
-type Place = (PathBuf, PathBuf);
+type StagedFile = (PathBuf, PathBuf);
 
 /// Writes everything new into the workshop; what is there afterwards only has to take its place, in
 /// this order.
@@ -204,7 +204,7 @@ fn write_all(
     options: &MintOptions<'_>,
     reason: &str,
     workshop: &Path,
-) -> Result<(Minted, Vec<Place>), MintError> {
+) -> Result<(Minted, Vec<StagedFile>), MintError> {
     let listed = corpus(options.corpus).map_err(failed("list", options.corpus))?;
     if listed.is_empty() && options.add.is_empty() {
         return Err(MintError::Empty {
@@ -269,7 +269,7 @@ fn write_one(
     name: PathBuf,
     added: bool,
     workshop: &Path,
-    places: &mut Vec<Place>,
+    places: &mut Vec<StagedFile>,
 ) -> Result<MintedTrace, MintError> {
     let trace = Trace::read(path)?;
     let path = || path.to_owned();
@@ -293,7 +293,7 @@ fn write_one(
             });
         }
     }
-    let executed = Executed::run(&trace).map_err(|verdict| MintError::NotExecutable {
+    let executed = Reexecution::run(&trace).map_err(|verdict| MintError::NotExecutable {
         path: path(),
         verdict: Box::new(verdict),
     })?;
@@ -325,7 +325,7 @@ fn write_one(
 }
 
 /// Writes a trace without pictures.
-fn write_lean(path: &Path, trace: &Trace, executed: &Executed) -> Result<(), TraceError> {
+fn write_lean(path: &Path, trace: &Trace, executed: &Reexecution) -> Result<(), TraceError> {
     let mut recorder = Recorder::create(
         path,
         &executed.header,

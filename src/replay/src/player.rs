@@ -179,7 +179,7 @@ pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
 pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
     let not_replayable = |reason| Verdict::NotReplayable { reason };
-    if let Some(origin) = header.backend.origin() {
+    if let Some(origin) = header.backend.not_replayable_reason() {
         return Err(not_replayable(format!(
             "recorded {origin}: nothing to re-execute"
         )));

@@ -31,7 +31,7 @@ pub enum Viewpoint {
 
 /// A viewpoint that cannot be.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-pub enum NoViewpoint {
+pub enum ViewpointError {
     /// No camera of this name.
     #[error("no camera is called '{0}'; there are head, top-down, free and follow:OBJECT")]
     Unknown(String),
@@ -76,27 +76,27 @@ impl Viewpoint {
         eye: Option<&str>,
         look_at: Option<&str>,
         task: &Task,
-    ) -> Result<Self, NoViewpoint> {
+    ) -> Result<Self, ViewpointError> {
         if name != "free" && (eye.is_some() || look_at.is_some()) {
-            return Err(NoViewpoint::Fixed(name.to_owned()));
+            return Err(ViewpointError::Fixed(name.to_owned()));
         }
         match name {
             "head" => Ok(Viewpoint::Head),
             "top-down" => Ok(Viewpoint::TopDown),
             "free" => Ok(Viewpoint::Free {
-                eye: point(eye.ok_or(NoViewpoint::NoPoint("an eye"))?)?,
-                look_at: point(look_at.ok_or(NoViewpoint::NoPoint("a look-at"))?)?,
+                eye: point(eye.ok_or(ViewpointError::NoPoint("an eye"))?)?,
+                look_at: point(look_at.ok_or(ViewpointError::NoPoint("a look-at"))?)?,
             }),
             other => match other.strip_prefix("follow:") {
                 Some(name) => object(name, task).map(Viewpoint::Follow),
-                None => Err(NoViewpoint::Unknown(other.to_owned())),
+                None => Err(ViewpointError::Unknown(other.to_owned())),
             },
         }
     }
 }
 
-fn point(text: &str) -> Result<[f32; 3], NoViewpoint> {
-    let no_numbers = || NoViewpoint::NoNumbers(text.to_owned());
+fn point(text: &str) -> Result<[f32; 3], ViewpointError> {
+    let no_numbers = || ViewpointError::NoNumbers(text.to_owned());
     let numbers: Result<Vec<f32>, _> = text
         .split(',')
         .map(|number| number.trim().parse())
@@ -111,7 +111,7 @@ fn point(text: &str) -> Result<[f32; 3], NoViewpoint> {
 }
 
 /// The one object of the task that goes by this name.
-fn object(name: &str, task: &Task) -> Result<InstanceId, NoViewpoint> {
+fn object(name: &str, task: &Task) -> Result<InstanceId, ViewpointError> {
     if name == "target" {
         return Ok(task.target.clone());
     }
@@ -136,11 +136,11 @@ fn object(name: &str, task: &Task) -> Result<InstanceId, NoViewpoint> {
     let name = name.to_owned();
     match ways.iter().find(|ids| !ids.is_empty()).map(Vec::as_slice) {
         Some([one]) => Ok((*one).clone()),
-        Some(several) => Err(NoViewpoint::Several {
+        Some(several) => Err(ViewpointError::Several {
             found: names(several),
             name,
         }),
-        None => Err(NoViewpoint::NoObject {
+        None => Err(ViewpointError::NoObject {
             task: task.task_id.clone(),
             known: names(&known(&|_| true)),
             name,

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::{real_trainer::Ending, score::EpisodeReward};
+use crate::{real_trainer::TrainerEnd, score::EpisodeReward};
 
 /// How the reward of an episode changes from one preset to another.
 #[derive(Clone, PartialEq, Debug)]
@@ -18,7 +18,7 @@ pub struct RewardDifference {
     pub steps: Vec<u32>,
     /// The step with which the rules of each preset were done with the episode, and why; `None` if
     /// they read it to its end.
-    pub endings: [Option<(u32, Ending)>; 2],
+    pub endings: [Option<(u32, TrainerEnd)>; 2],
 }
 
 /// How one component changes over an episode.

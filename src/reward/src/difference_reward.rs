@@ -22,7 +22,7 @@ use crate::{
         Change, Counts, Identity, KindChange, KindKey, MarkerReferent, ReceptacleKey, StepHead,
         TaskFacts, TextKey, ToolKind,
     },
-    score::{Cause, Paid},
+    score::{Cause, TermSink},
     terms::Term,
 };
 
@@ -177,7 +177,7 @@ impl DifferenceReward {
         changes: &[Change],
         held: Option<KindKey>,
         map: &[(u32, MarkerReferent)],
-        paid: &mut Paid,
+        paid: &mut TermSink,
     ) {
         let rules = paid.preset().rules;
         self.net_changes(facts, changes);
@@ -209,7 +209,7 @@ impl DifferenceReward {
         facts: &TaskFacts,
         head: &StepHead,
         map: &[(u32, MarkerReferent)],
-        paid: &mut Paid,
+        paid: &mut TermSink,
     ) {
         if paid.preset().rules.anti_exploit {
             self.exploits.track(facts, self.identity, head, map, paid);
@@ -222,7 +222,7 @@ impl DifferenceReward {
         tool: ToolKind,
         marker: Option<TextKey>,
         dialogue: Dialogue,
-        paid: &mut Paid,
+        paid: &mut TermSink,
     ) {
         let rules = paid.preset().rules;
         match tool {
@@ -286,7 +286,7 @@ impl DifferenceReward {
         }
     }
 
-    fn match_targets(&mut self, facts: &TaskFacts, paid: &mut Paid) {
+    fn match_targets(&mut self, facts: &TaskFacts, paid: &mut TermSink) {
         let targets = &facts.kinds(self.identity).goal;
         for diff in &self.diffs {
             let cause = Cause::Kind(*diff);
@@ -319,7 +319,7 @@ impl DifferenceReward {
         }
     }
 
-    fn partial_credit(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut Paid) {
+    fn partial_credit(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut TermSink) {
         let targets = &facts.kinds(self.identity).goal;
         if !self.picked.contains(&held)
             && targets
@@ -351,7 +351,7 @@ impl DifferenceReward {
         }
     }
 
-    fn recover(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut Paid) {
+    fn recover(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut TermSink) {
         let is_target = facts
             .kinds(self.identity)
             .goal
@@ -388,7 +388,12 @@ impl DifferenceReward {
         }
     }
 
-    fn discover(&mut self, facts: &mut TaskFacts, map: &[(u32, MarkerReferent)], paid: &mut Paid) {
+    fn discover(
+        &mut self,
+        facts: &mut TaskFacts,
+        map: &[(u32, MarkerReferent)],
+        paid: &mut TermSink,
+    ) {
         for (_, marked) in map {
             for kind in facts.mentions(*marked).targets(self.identity) {
                 if !self.exploits.discovered.contains(kind) {
@@ -415,7 +420,7 @@ impl Exploits {
         identity: Identity,
         head: &StepHead,
         map: &[(u32, MarkerReferent)],
-        paid: &mut Paid,
+        paid: &mut TermSink,
     ) {
         match head.tool {
             ToolKind::NavTo => self.drive(facts, identity, head.driven_to, paid),
@@ -445,7 +450,7 @@ impl Exploits {
         facts: &TaskFacts,
         identity: Identity,
         to: Option<ReceptacleKey>,
-        paid: &mut Paid,
+        paid: &mut TermSink,
     ) {
         let Some(to) = to else { return };
         if facts

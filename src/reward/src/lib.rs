@@ -68,7 +68,7 @@ pub use facts::{
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
-pub use real_trainer::{Ending, TrainerState};
+pub use real_trainer::{TrainerEnd, TrainerState};
 pub use returns::Returns;
 pub use score::{AppliedTerm, EpisodeReward, Scorer};
 pub use terms::{Base, Term};

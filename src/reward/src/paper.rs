@@ -54,7 +54,7 @@ use crate::{
         TaskFacts, ToolKind,
     },
     preset::Preset,
-    score::{Cause, Paid},
+    score::{Cause, TermSink},
     terms::Term,
 };
 
@@ -121,7 +121,7 @@ impl Paper {
         refill(&mut self.seen, facts.object_count(), false);
         refill(&mut self.left, facts.candidates.len(), true);
         self.budget = facts.ask_budget.min(preset.rules.ask_limit);
-        self.see(start.seen);
+        self.see(start.visible);
     }
 
     /// `rho`: the share of `Delta_task` that was matched, which always holds a visit.
@@ -130,7 +130,7 @@ impl Paper {
     }
 
     /// Pays the terms of the next step.
-    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         let progress_before = self.progress();
         self.reversals(facts, step, paid);
         let recovered = self.recover(facts, step);
@@ -183,7 +183,7 @@ impl Paper {
     }
 
     /// For each event that undoes an achieved goal change.
-    fn reversals(&self, facts: &TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    fn reversals(&self, facts: &TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         for change in step.physics {
             let undone = Target::Goal(change.reverse());
             if facts
@@ -229,7 +229,7 @@ impl Paper {
     }
 
     /// For each newly matched element, and the first time that all goal changes hold.
-    fn match_targets(&mut self, facts: &TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    fn match_targets(&mut self, facts: &TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         for change in step.physics {
             self.match_target(facts, Target::Goal(*change), Cause::Change(*change), paid);
         }
@@ -267,7 +267,13 @@ impl Paper {
         }
     }
 
-    fn match_target(&mut self, facts: &TaskFacts, event: Target, cause: Cause, paid: &mut Paid) {
+    fn match_target(
+        &mut self,
+        facts: &TaskFacts,
+        event: Target,
+        cause: Cause,
+        paid: &mut TermSink,
+    ) {
         let found = facts
             .targets
             .iter()
@@ -281,7 +287,13 @@ impl Paper {
     }
 
     /// Picks, transit, recovery and wrong places. Reads the graph after the step.
-    fn handling(&mut self, facts: &TaskFacts, step: &StepFacts, recovered: bool, paid: &mut Paid) {
+    fn handling(
+        &mut self,
+        facts: &TaskFacts,
+        step: &StepFacts,
+        recovered: bool,
+        paid: &mut TermSink,
+    ) {
         let StepHead { object, held, .. } = step.head;
         if let Some(object) = object.filter(|_| step.head.succeeded(ToolKind::Place)) {
             let wrong = step
@@ -317,7 +329,7 @@ impl Paper {
     }
 
     /// For a question while it is needed and the budget lasts.
-    fn ask(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    fn ask(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         if step.head.succeeded(ToolKind::Ask) {
             let among = self.candidates_in_view(facts);
             for (left, fits) in self.left.iter_mut().zip(facts.fits(step.head.reply)) {
@@ -328,7 +340,7 @@ impl Paper {
                 paid.once(Term::Ask, Cause::Count(among));
             }
         }
-        self.see(step.seen);
+        self.see(step.visible);
     }
 
     /// How many candidates were seen and fit what was said; those of one asset count as one.

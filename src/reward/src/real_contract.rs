@@ -9,7 +9,7 @@ use crate::{
     difference_reward::{Dialogue, DifferenceReward},
     facts::{Identity, TaskFacts, ToolKind},
     preset::Preset,
-    score::Paid,
+    score::TermSink,
     trainer::{Categories, Graph},
 };
 
@@ -68,7 +68,7 @@ fn compare(report: &mut Report, case: &Value, expected: &[Value]) {
             ToolKind::named(text(name)),
             marker,
             dialogue,
-            &mut Paid::new(&preset, &mut fired),
+            &mut TermSink::new(&preset, &mut fired),
         );
         let paid: f64 = fired.iter().map(|fired| fired.value).sum();
         report.compare(

@@ -50,7 +50,7 @@
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
     facts::{Identity, MarkerReferent, StartFacts, StepFacts, TaskFacts, TextKey, ToolKind},
-    score::{Cause, Paid},
+    score::{Cause, TermSink},
     terms::Term,
     trainer::marker_in_answer,
 };
@@ -85,7 +85,7 @@ impl RealRepo {
     }
 
     /// Pays the terms of the next step, in the order of the published code.
-    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         let (head, rules) = (&step.head, paid.preset().rules);
         if let Some(map) = step.markers {
             self.map.clear();

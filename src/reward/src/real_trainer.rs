@@ -55,14 +55,14 @@ use crate::{
         TaskFacts, ToolKind,
     },
     real_repo::named_marker,
-    score::{Cause, Paid},
+    score::{Cause, TermSink},
     terms::Term,
     trainer::{GraphRejection, GraphSize, HandViolation, graph_rejection},
 };
 
 /// Why the trainer is done with an episode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Ending {
+pub enum TrainerEnd {
     /// Every target of the task was reached.
     Complete,
     /// The model called `finish`.
@@ -75,15 +75,15 @@ pub enum Ending {
     CallFailed,
 }
 
-impl Ending {
+impl TrainerEnd {
     /// As it stands in reports.
     pub fn as_str(self) -> &'static str {
         match self {
-            Ending::Complete => "complete",
-            Ending::Finished => "finished",
-            Ending::StepLimit => "step_limit",
-            Ending::TurnLimit => "turn_limit",
-            Ending::CallFailed => "call_failed",
+            TrainerEnd::Complete => "complete",
+            TrainerEnd::Finished => "finished",
+            TrainerEnd::StepLimit => "step_limit",
+            TrainerEnd::TurnLimit => "turn_limit",
+            TrainerEnd::CallFailed => "call_failed",
         }
     }
 }
@@ -110,7 +110,7 @@ pub struct TrainerState {
     /// The marker that it named.
     pub named_marker: Option<String>,
     /// Why the episode is done.
-    pub ending: Option<Ending>,
+    pub ending: Option<TrainerEnd>,
 }
 
 /// The state of the rules during one episode. The page of this module has the corners and a worked
@@ -130,7 +130,7 @@ pub(crate) struct RealTrainer {
     map: Vec<(u32, MarkerReferent)>,
     dialogue: Dialogue,
     steps: u32,
-    ending: Option<Ending>,
+    ending: Option<TrainerEnd>,
 }
 
 impl RealTrainer {
@@ -168,7 +168,7 @@ impl RealTrainer {
         self.reward.completion()
     }
 
-    pub(crate) fn ending(&self) -> Option<Ending> {
+    pub(crate) fn ending(&self) -> Option<TrainerEnd> {
         self.ending
     }
 
@@ -215,7 +215,7 @@ impl RealTrainer {
     }
 
     /// Pays the terms of the next step; nothing once the episode is done.
-    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut TermSink) {
         if self.ending.is_some() {
             return;
         }
@@ -235,24 +235,24 @@ impl RealTrainer {
                 self.take_graph(
                     facts,
                     &step.head,
-                    &mut Paid::new(paid.preset(), &mut unpaid),
+                    &mut TermSink::new(paid.preset(), &mut unpaid),
                 );
             }
             Delivery::Failed => {
                 self.perceive(facts, step.head.named);
                 paid.once(Term::CallFailed, Cause::None);
-                self.ending = Some(Ending::CallFailed);
+                self.ending = Some(TrainerEnd::CallFailed);
             }
             Delivery::Answered if step.head.named == ToolKind::Finish => self.finish(paid),
             Delivery::Answered => self.call(facts, &step.head, paid),
         }
         if self.ending.is_none() && self.steps >= paid.preset().rules.max_turns {
             paid.once(Term::TurnLimit, Cause::Count(self.steps));
-            self.ending = Some(Ending::TurnLimit);
+            self.ending = Some(TrainerEnd::TurnLimit);
         }
     }
 
-    fn finish(&mut self, paid: &mut Paid) {
+    fn finish(&mut self, paid: &mut TermSink) {
         if self.reward.remaining() == 0 {
             paid.once(Term::FinishComplete, Cause::None);
         } else {
@@ -265,10 +265,10 @@ impl RealTrainer {
             );
             paid.once(Term::PrematureFinish, remaining);
         }
-        self.ending = Some(Ending::Finished);
+        self.ending = Some(TrainerEnd::Finished);
     }
 
-    fn call(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut Paid) {
+    fn call(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut TermSink) {
         let error = head.trainer_reading.error;
         self.violation = violation(head.named, self.occupied);
         if let Some(violation) = self.violation {
@@ -305,10 +305,10 @@ impl RealTrainer {
         self.reward
             .tools(head.named, head.marker, self.dialogue, paid);
         if self.reward.is_complete() {
-            self.ending = Some(Ending::Complete);
+            self.ending = Some(TrainerEnd::Complete);
         } else if self.steps >= paid.preset().rules.max_steps {
             paid.once(Term::StepLimit, Cause::Count(self.steps));
-            self.ending = Some(Ending::StepLimit);
+            self.ending = Some(TrainerEnd::StepLimit);
         }
     }
 
@@ -339,7 +339,7 @@ impl RealTrainer {
     }
 
     /// Hands the class the shown graph, or the one that it has if that is refused.
-    fn take_graph(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut Paid) {
+    fn take_graph(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut TermSink) {
         self.refusal = graph_rejection(&self.taken, &self.shown);
         let held = head
             .held

@@ -10,7 +10,7 @@ use crate::{
     paper::Paper,
     preset::Preset,
     real_repo::RealRepo,
-    real_trainer::{Ending, RealTrainer, TrainerState},
+    real_trainer::{RealTrainer, TrainerEnd, TrainerState},
     terms::{Base, Term},
     trainer::{HandViolation, TextError},
 };
@@ -66,12 +66,12 @@ pub struct EpisodeReward {
     totals: Vec<f64>,
     total: f64,
     discounted_return: f64,
-    ending: Option<(u32, Ending)>,
+    ending: Option<(u32, TrainerEnd)>,
 }
 
 /// Where the terms of a step go.
 #[derive(Debug)]
-pub(crate) struct Paid<'a> {
+pub(crate) struct TermSink<'a> {
     preset: &'a Preset,
     terms: &'a mut Vec<AppliedTerm>,
     /// Where this step begins.
@@ -108,7 +108,7 @@ impl Scorer {
 
     /// Appends the terms of the next step; those that are zero are left out.
     pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<AppliedTerm>) {
-        let mut paid = Paid::new(&self.preset, terms);
+        let mut paid = TermSink::new(&self.preset, terms);
         match &mut *self.rules {
             State::Paper(rules) => rules.step(facts, step, &mut paid),
             State::RealRepo(rules) => rules.step(facts, step, &mut paid),
@@ -128,7 +128,7 @@ impl Scorer {
 
     /// Why the rules are done with the episode, so that later steps pay nothing; `None` if they go
     /// on. Only those of `real-trainer` end before the record does.
-    pub fn ending(&self) -> Option<Ending> {
+    pub fn ending(&self) -> Option<TrainerEnd> {
         match &*self.rules {
             State::Paper(_) | State::RealRepo(_) => None,
             State::RealTrainer(rules) => rules.ending(),
@@ -191,7 +191,7 @@ impl EpisodeReward {
 
     /// The step (from 0) with which the rules were done, and why; `None` if they read the record to
     /// its end.
-    pub fn ending(&self) -> Option<(u32, Ending)> {
+    pub fn ending(&self) -> Option<(u32, TrainerEnd)> {
         self.ending
     }
 
@@ -219,7 +219,7 @@ impl EpisodeReward {
     }
 }
 
-impl<'a> Paid<'a> {
+impl<'a> TermSink<'a> {
     pub(crate) fn preset(&self) -> &'a Preset {
         self.preset
     }

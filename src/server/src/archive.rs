@@ -140,7 +140,7 @@ impl Archive {
     }
 
     /// A text without the way to the data folder, which is nobody's business outside.
-    pub fn hide(&self, text: &str) -> String {
+    pub fn redact_path(&self, text: &str) -> String {
         let data = self.folder.parent().unwrap_or(Path::new(""));
         text.replace(
             &format!("{}{}", data.display(), std::path::MAIN_SEPARATOR),
@@ -155,7 +155,7 @@ impl Archive {
 
     /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound trace.
     /// Never replaces one.
-    pub async fn take<E: std::fmt::Display>(
+    pub async fn receive<E: std::fmt::Display>(
         &self,
         name: &str,
         limit: u64,

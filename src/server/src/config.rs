@@ -270,7 +270,7 @@ impl Config {
     }
 
     /// Where snapshots of moments are kept that people looked at.
-    pub(crate) fn moments(&self) -> PathBuf {
+    pub(crate) fn snapshots(&self) -> PathBuf {
         self.data.join("moments")
     }
 
@@ -501,7 +501,7 @@ impl Config {
             },
             suspend_after: Duration::from_secs(limits.park_after_s),
             close_after: Duration::from_secs(limits.close_after_s),
-            patience: Duration::from_secs(limits.patience_s),
+            worker_timeout: Duration::from_secs(limits.patience_s),
         }
     }
 }

@@ -163,12 +163,12 @@ pub(crate) struct Jobs {
     command: Arc<Paths>,
     next: AtomicU64,
     at_once: Arc<Semaphore>,
-    known: Mutex<VecDeque<Known>>,
+    known: Mutex<VecDeque<JobState>>,
     closing: CancellationToken,
     running: prometheus_client::metrics::gauge::Gauge,
 }
 
-struct Known {
+struct JobState {
     job: watch::Receiver<Job>,
     stop: CancellationToken,
 }
@@ -185,11 +185,11 @@ pub(crate) struct Paths {
 /// A line of progress, as `REEL_PROGRESS=json` makes a command print them.
 #[derive(Deserialize)]
 struct Progress {
-    progress: Counted,
+    progress: ProgressCount,
 }
 
 #[derive(Deserialize)]
-struct Counted {
+struct ProgressCount {
     done: u64,
     total: Option<u64>,
     what: String,
@@ -248,7 +248,7 @@ impl Jobs {
                 };
                 known.remove(oldest);
             }
-            known.push_back(Known {
+            known.push_back(JobState {
                 job: receiver,
                 stop: stop.clone(),
             });
@@ -315,7 +315,7 @@ impl Jobs {
         Ok(())
     }
 
-    fn lock(&self) -> MutexGuard<'_, VecDeque<Known>> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<JobState>> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -449,7 +449,7 @@ async fn run(
         child.stderr.take().expect("it is piped"),
     );
     let reports = lines(stdout, |line| {
-        let line = paths.archive.hide(&line);
+        let line = paths.archive.redact_path(&line);
         let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
         job.send_modify(|job| job.report.push(value));
     });
@@ -458,7 +458,7 @@ async fn run(
             Ok(Progress { progress }) => job.send_modify(|job| {
                 (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
             }),
-            Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.hide(&line))),
+            Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.redact_path(&line))),
         }
     });
     let ended = async { tokio::join!(reports, complaints, child.wait()).2 };

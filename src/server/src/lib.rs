@@ -15,12 +15,12 @@ mod gate;
 mod jobs;
 mod metrics;
 mod mock_llm;
-mod moments;
 #[cfg(feature = "tables")]
 mod pages;
 mod rest;
 mod run;
 mod service;
+mod snapshots;
 #[cfg(feature = "tables")]
 mod store;
 mod tokens;

@@ -12,7 +12,7 @@ use prometheus_client::{
     },
     registry::{Registry, Unit},
 };
-use reel_live::Entry;
+use reel_live::SessionEntry;
 
 /// Everything that is counted.
 pub(crate) struct Metrics {
@@ -140,7 +140,7 @@ impl Metrics {
     }
 
     /// The text that Prometheus reads.
-    pub fn text(&self, entries: &[Entry]) -> String {
+    pub fn text(&self, entries: &[SessionEntry]) -> String {
         for state in ["empty", "playing", "parked", "over", "broken"] {
             let count = entries
                 .iter()

@@ -2,7 +2,7 @@
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
-use reel_live::Pool;
+use reel_live::SessionPool;
 use tokio::{
     runtime::{Builder, Runtime},
     signal,
@@ -52,7 +52,7 @@ pub fn run_stdio(config: Config) -> Result<(), ServeError> {
     let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
     std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;
     let options = config.options(None);
-    let pool = Arc::new(Pool::new(setup, config.pool()));
+    let pool = Arc::new(SessionPool::new(setup, config.pool()));
     let runtime = runtime(Some(2))?;
     let served = runtime.block_on(async {
         let served = tokio::select! {

@@ -12,7 +12,7 @@ use std::{
 };
 
 use axum::{Router, middleware};
-use reel_live::{Pool, restore};
+use reel_live::{SessionPool, restore};
 use reel_mcp::{Guard, Questions};
 use tokio::{net::TcpListener, sync::Semaphore};
 use tokio_util::sync::CancellationToken;
@@ -26,8 +26,8 @@ use crate::{
     connections,
     gate::{self, Rates},
     metrics::Metrics,
-    moments::Moments,
     rest,
+    snapshots::SnapshotFolder,
 };
 #[cfg(feature = "tables")]
 use crate::{
@@ -41,10 +41,10 @@ const TEND_EVERY: Duration = Duration::from_secs(1);
 /// What every request handler sees.
 pub(crate) struct App {
     pub config: Config,
-    pub pool: Arc<Pool>,
+    pub pool: Arc<SessionPool>,
     pub questions: Arc<Questions>,
     pub archive: Archive,
-    pub moments: Moments,
+    pub snapshots: SnapshotFolder,
     #[cfg(feature = "tables")]
     pub jobs: Jobs,
     #[cfg(feature = "tables")]
@@ -126,7 +126,7 @@ impl Service {
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
         let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
         archive.sweep();
-        let moments = Moments::at(config.moments());
+        let moments = SnapshotFolder::at(config.snapshots());
         restore_all(&archive);
         let address = config.listen;
         let listener = TcpListener::bind(address)
@@ -148,14 +148,14 @@ impl Service {
             exports: config.exports(),
         };
         let app = Arc::new(App {
-            pool: Arc::new(Pool::new(setup, config.pool())),
+            pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
             tables: Tables::new(config.store()),
             archive,
-            moments,
+            snapshots: moments,
             tokens,
             guard: Guard {
                 hosts: config.hosts.clone(),

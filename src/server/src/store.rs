@@ -73,7 +73,7 @@ impl Tables {
     }
 
     /// The answer that was given to the same question over the same version.
-    pub fn answered(&self, newest: &Newest, question: &str) -> Option<Bytes> {
+    pub fn cached_answer(&self, newest: &Newest, question: &str) -> Option<Bytes> {
         let opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
         let opened = opened
             .as_ref()
@@ -82,7 +82,7 @@ impl Tables {
     }
 
     /// Keeps an answer for as long as nobody writes.
-    pub fn keep(&self, stamp: Option<&Stamp>, question: String, answer: Bytes) {
+    pub fn cache_answer(&self, stamp: Option<&Stamp>, question: String, answer: Bytes) {
         let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
         let opened = opened
             .as_mut()
@@ -160,29 +160,32 @@ mod tests {
         assert!(after.version() > before.version());
         // Answers hold until then.
         let newest = tables.newest().unwrap();
-        tables.keep(newest.stamp.as_ref(), "how many".into(), "20".into());
+        tables.cache_answer(newest.stamp.as_ref(), "how many".into(), "20".into());
         assert_eq!(
             tables
-                .answered(&tables.newest().unwrap(), "how many")
+                .cached_answer(&tables.newest().unwrap(), "how many")
                 .as_deref(),
             Some(&b"20"[..])
         );
-        assert_eq!(tables.answered(&newest, "how much"), None);
-        tables.keep(None, "who".into(), "nobody".into());
-        tables.keep(
+        assert_eq!(tables.cached_answer(&newest, "how much"), None);
+        tables.cache_answer(None, "who".into(), "nobody".into());
+        tables.cache_answer(
             newest.stamp.as_ref(),
             "all".into(),
             vec![b' '; super::ANSWER_MAX + 1].into(),
         );
         assert_eq!(
-            ["who", "all"].map(|question| tables.answered(&newest, question)),
+            ["who", "all"].map(|question| tables.cached_answer(&newest, question)),
             [None, None]
         );
         // Another store in the same place, with as many commits.
         std::fs::remove_dir_all(&place).unwrap();
         assert!(tables.newest().is_err());
         fill(&place, 3);
-        assert_eq!(tables.answered(&tables.newest().unwrap(), "how many"), None);
+        assert_eq!(
+            tables.cached_answer(&tables.newest().unwrap(), "how many"),
+            None
+        );
         assert_eq!(tables.newest().unwrap().store.version(), before.version());
         assert_ne!(tables.newest().unwrap().stamp, None);
         // A question that hangs holds up no other.

@@ -12,20 +12,20 @@ pub mod published;
 pub mod render;
 pub mod stress;
 
+mod external_camera;
 mod math;
-mod outside;
 mod perception;
+mod prepared_task;
 mod simulator;
 mod skills;
 mod snapshot;
-mod stage;
 mod tools;
 
 pub use perception::{Perception, Segment};
+pub use prepared_task::PreparedTask;
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
 pub use skills::{ActuationNoise, Primitive};
 pub use snapshot::{Snapshot, SnapshotError};
-pub use stage::PreparedTask;
 pub use tools::{CallContext, ToolResult};
 
 use reel_world::Profile;

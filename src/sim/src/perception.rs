@@ -8,7 +8,7 @@ use reel_world::{Frame, record::MarkerTarget};
 
 use crate::{
     nav::Viewpoint,
-    render::{Mark, overlay_tinted},
+    render::{OverlayMark, overlay_tinted},
     simulator::{Simulator, furniture_entity},
 };
 
@@ -38,14 +38,14 @@ pub trait Perception: fmt::Debug + Send + Sync {
     fn nearest_category(&self, query: &str, categories: &[&str]) -> Option<String>;
 
     /// Draws marks into a picture; `opacity` is that of the tint, from 0 to 1.
-    fn mark(&self, frame: &mut Frame, marks: &[Mark], opacity: f32);
+    fn mark(&self, frame: &mut Frame, marks: &[OverlayMark], opacity: f32);
 }
 
 /// The simulator's own navigation map, renderer and vocabulary.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Measured;
+pub(crate) struct SimulatorPerception;
 
-impl Perception for Measured {
+impl Perception for SimulatorPerception {
     fn viewpoint(&self, simulator: &Simulator, furniture: usize) -> Option<Viewpoint> {
         simulator
             .nav()
@@ -111,7 +111,7 @@ impl Perception for Measured {
             .next()
     }
 
-    fn mark(&self, frame: &mut Frame, marks: &[Mark], opacity: f32) {
+    fn mark(&self, frame: &mut Frame, marks: &[OverlayMark], opacity: f32) {
         overlay_tinted(frame, marks, (opacity * 255.0) as u16);
     }
 }

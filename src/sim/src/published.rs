@@ -17,7 +17,7 @@ use crate::{
     geometry::{Camera, Pose},
     model::Surface,
     nav::Viewpoint,
-    render::{Detail, Mark, Region},
+    render::{Detail, OverlayMark, Region},
     simulator::Simulator,
     skills::Primitive,
 };
@@ -549,7 +549,7 @@ impl Simulator {
 
     /// What has a pixel in the picture from here, in ascending instance id.
     fn in_view(&mut self) -> Vec<MarkerTarget> {
-        self.look();
+        self.update_visible();
         let segments = self.stage.perception.segments(self);
         segments
             .into_iter()
@@ -590,12 +590,12 @@ impl Simulator {
     fn marked(&mut self, opacity: f32) -> ToolResult {
         let mut frame = self.capture_frame();
         let mark = |marker: &Marker| {
-            Some(Mark {
+            Some(OverlayMark {
                 number: marker.id,
                 region: Region::Entity(self.entity(&marker.target)?),
             })
         };
-        let marks: Vec<Mark> = self.markers.iter().filter_map(mark).collect();
+        let marks: Vec<OverlayMark> = self.markers.iter().filter_map(mark).collect();
         if self.detail == Detail::Full && !marks.is_empty() {
             self.stage.perception.mark(&mut frame, &marks, opacity);
         }

@@ -15,7 +15,7 @@ use crate::{
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics, SPAWN_OFFSET_M},
     published,
-    render::{Detail, Drawable, Mark, Region, overlay, render},
+    render::{Detail, Drawable, OverlayMark, Region, overlay, render},
 };
 
 /// Physics steps after spawning (SPEC section 3, "Physics verification").
@@ -354,17 +354,17 @@ impl Simulator {
     }
 
     /// [`Simulator::take_picture`] for what stands in it alone.
-    pub(crate) fn look(&mut self) {
-        self.view = runs(&self.picture_with(&self.camera(), &[], Detail::Geometry).ids);
+    pub(crate) fn update_visible(&mut self) {
+        self.view = runs(&self.render_with(&self.camera(), &[], Detail::Geometry).ids);
     }
 
     /// The picture from any camera; changes nothing.
     pub fn render_from(&self, camera: &Camera) -> Frame {
-        self.picture_with(camera, &[], self.detail)
+        self.render_with(camera, &[], self.detail)
     }
 
     /// The picture from any camera, with more in it than the scene.
-    pub(crate) fn picture_with(
+    pub(crate) fn render_with(
         &self,
         camera: &Camera,
         extra: &[Drawable<'_>],
@@ -431,7 +431,7 @@ impl Simulator {
     }
 
     /// How each entity stands in the last picture, by entity number.
-    pub(crate) fn sights(&self) -> Vec<Option<Sight>> {
+    pub(crate) fn sights(&self) -> Vec<Option<VisibleEntity>> {
         seen_entities(&self.view)
     }
 
@@ -521,7 +521,7 @@ impl Simulator {
             return;
         }
         let sights = self.sights();
-        let marks: Vec<Mark> = self
+        let marks: Vec<OverlayMark> = self
             .markers
             .iter()
             .filter_map(|marker| {
@@ -529,7 +529,7 @@ impl Simulator {
                 sights
                     .get(usize::from(entity))?
                     .filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
-                Some(Mark {
+                Some(OverlayMark {
                     number: marker.id,
                     region: Region::Entity(entity),
                 })
@@ -541,14 +541,14 @@ impl Simulator {
 
 /// How one entity stands in a picture.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Sight {
+pub(crate) struct VisibleEntity {
     pub(crate) pixels: u32,
     pub(crate) bbox: [u16; 4],
     /// Sum of the columns, for the mean.
     pub(crate) column_sum: u64,
 }
 
-impl Sight {
+impl VisibleEntity {
     /// Mean column times 16, so that things can be put in order from left to right.
     pub(crate) fn column(&self) -> u64 {
         self.column_sum * 16 / u64::from(self.pixels)
@@ -566,9 +566,9 @@ fn runs(ids: &[u16]) -> Vec<(u16, u32)> {
         .collect()
 }
 
-fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<Sight>> {
+fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<VisibleEntity>> {
     const WIDTH: u32 = reel_world::FRAME_WIDTH as u32;
-    let mut seen: Vec<Option<Sight>> = Vec::new();
+    let mut seen: Vec<Option<VisibleEntity>> = Vec::new();
     let mut at = 0;
     for &(id, pixels) in view {
         let (id, end) = (usize::from(id), at + pixels);
@@ -579,7 +579,7 @@ fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<Sight>> {
             let (row, first) = (at / WIDTH, at % WIDTH);
             let last = (first + end - at - 1).min(WIDTH - 1);
             let (x0, x1, y) = (first as u16, last as u16, row as u16);
-            let sight = seen[id].get_or_insert(Sight {
+            let sight = seen[id].get_or_insert(VisibleEntity {
                 pixels: 0,
                 bbox: [x0, y, x1, y],
                 column_sum: 0,

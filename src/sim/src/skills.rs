@@ -84,7 +84,7 @@ impl ActuationNoise {
                 drift_yaw: 0.0,
             };
         }
-        let draw = Draw {
+        let draw = NoiseKey {
             key: format!("{seed}/skills {}/{task_id}/{call}", skills.as_str()),
         };
         let angle = 2.0 * std::f64::consts::PI * draw.uniform("direction");
@@ -132,11 +132,11 @@ impl ActuationNoise {
 }
 
 /// Numbers by what they are for.
-struct Draw {
+struct NoiseKey {
     key: String,
 }
 
-impl Draw {
+impl NoiseKey {
     /// From 0, below 1.
     fn uniform(&self, purpose: &str) -> f64 {
         let bytes = Digest::of(format!("{}/{purpose}", self.key).as_bytes()).0;

@@ -82,7 +82,7 @@ impl Default for CallContext<'_> {
 }
 
 /// A failed call, before it is told.
-type Refusal = (ErrorCode, String);
+type ToolFailure = (ErrorCode, String);
 
 impl Simulator {
     /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles`
@@ -113,7 +113,7 @@ impl Simulator {
         &mut self,
         receptacle: &ReceptacleId,
         luck: &ActuationNoise,
-    ) -> Result<ToolResult, Refusal> {
+    ) -> Result<ToolResult, ToolFailure> {
         let unknown = || {
             (
                 ErrorCode::UnknownReceptacle,
@@ -144,7 +144,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn walk_around(&mut self) -> Result<ToolResult, Refusal> {
+    fn walk_around(&mut self) -> Result<ToolResult, ToolFailure> {
         let nav = self.name("nav_to");
         let landmark = self.landmark.ok_or_else(|| {
             (
@@ -188,8 +188,8 @@ impl Simulator {
         &mut self,
         query: &str,
         lookup: Option<&Lookup>,
-    ) -> Result<ToolResult, Refusal> {
-        self.look();
+    ) -> Result<ToolResult, ToolFailure> {
+        self.update_visible();
         let in_view = self.objects_in_view();
         let category = |index: &usize| &self.stage.task.objects[*index].category;
         let by_vocabulary = || {
@@ -224,8 +224,8 @@ impl Simulator {
         Ok(self.seen(text))
     }
 
-    fn show_receptacles(&mut self) -> Result<ToolResult, Refusal> {
-        self.look();
+    fn show_receptacles(&mut self) -> Result<ToolResult, ToolFailure> {
+        self.update_visible();
         let sights = self.sights();
         let mut found: Vec<(u64, usize)> = (0..self.stage.model.furniture.len())
             .filter_map(|index| {
@@ -254,7 +254,7 @@ impl Simulator {
         Ok(self.seen(text))
     }
 
-    fn gaze_at(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
+    fn gaze_at(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
         let (show, walk) = (
             self.name("show_object_by_category"),
             self.name("walk_around"),
@@ -312,7 +312,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn pick(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
+    fn pick(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
         if let Some(held) = self.held {
             let category = &self.stage.task.objects[held].category;
             let text = format!(
@@ -337,7 +337,7 @@ impl Simulator {
         let index = self
             .object_index(&instance)
             .expect("markers stand for objects of the task");
-        self.look();
+        self.update_visible();
         if !self.objects_in_view().contains(&index) {
             return Err(not_in_view(number));
         }
@@ -372,7 +372,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn place(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Refusal> {
+    fn place(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
         let held = self.held.ok_or_else(|| {
             (
                 ErrorCode::NothingHeld,
@@ -448,7 +448,7 @@ impl Simulator {
         number: u32,
         open: bool,
         luck: &ActuationNoise,
-    ) -> Result<ToolResult, Refusal> {
+    ) -> Result<ToolResult, ToolFailure> {
         let (verb, done) = if open {
             ("open", "Opened")
         } else {
@@ -535,7 +535,7 @@ impl Simulator {
         found.into_iter().map(|(_, index)| index).collect()
     }
 
-    fn marker(&self, number: u32, missing: &str) -> Result<MarkerTarget, Refusal> {
+    fn marker(&self, number: u32, missing: &str) -> Result<MarkerTarget, ToolFailure> {
         if !self.has_marker_map {
             return Err((ErrorCode::NoMarkerMap, missing.to_owned()));
         }
@@ -583,7 +583,7 @@ impl Simulator {
     }
 }
 
-fn not_in_view(number: u32) -> Refusal {
+fn not_in_view(number: u32) -> ToolFailure {
     (
         ErrorCode::MarkerNotInView,
         format!("The object with marker {number} is not in view."),
@@ -591,7 +591,7 @@ fn not_in_view(number: u32) -> Refusal {
 }
 
 /// As the robot's tool server tells of an exception (SPEC section 9).
-fn skill_failed(tool: &str, what: &str) -> Refusal {
+fn skill_failed(tool: &str, what: &str) -> ToolFailure {
     (
         ErrorCode::SkillFailed,
         format!("Error executing {tool}: {what}."),

@@ -32,19 +32,19 @@ pub struct ScoredEpisode<'a> {
     pub task_id: &'a str,
     /// Name of the preset at record time.
     pub preset: &'a str,
-    recorded: Recorded<'a>,
+    recorded: RecordedTerms<'a>,
 }
 
 /// The terms at record time, where they were read.
 #[derive(Debug)]
-struct Recorded<'a> {
+struct RecordedTerms<'a> {
     terms: &'a ListArray,
     steps: std::ops::Range<usize>,
 }
 
 impl ScoredEpisode<'_> {
     /// Whether a reward has the terms that were recorded, bit for bit and in their order.
-    pub fn was_recorded_as(&self, reward: &EpisodeReward) -> bool {
+    pub fn matches_recorded(&self, reward: &EpisodeReward) -> bool {
         let terms = self.recorded.terms.values().as_struct();
         let components = text(terms, "component");
         let values: &Float64Array = terms
@@ -95,7 +95,7 @@ const MARKERS: &str = "steps.list.element.marker_map";
 const TEXT: &str = "steps.list.element.text";
 
 /// What is prepared once a task.
-type Prepared = HashMap<(String, String), TaskFacts>;
+type PreparedTasks = HashMap<(String, String), TaskFacts>;
 
 impl Store {
     /// Scores every episode under some presets; `visit` gets each episode with its rewards in the
@@ -122,7 +122,7 @@ impl Store {
         mut visit: impl FnMut(&ScoredEpisode<'_>, &[EpisodeReward]) -> bool,
     ) -> Result<(), StoreError> {
         let mut columns = COLUMNS.to_vec();
-        let wanted = Wanted {
+        let wanted = OptionalColumns {
             markers: presets.iter().any(|preset| preset.base() != Base::Paper),
             text: presets
                 .iter()
@@ -134,7 +134,7 @@ impl Store {
             self.documents(Table::Tasks, "task")?,
             self.documents(Table::Scenes, "scene")?,
         );
-        let mut prepared = Prepared::new();
+        let mut prepared = PreparedTasks::new();
         let mut scorers: Vec<Scorer> = presets.iter().map(Scorer::new).collect();
         let mut rewards: Vec<EpisodeReward> = vec![EpisodeReward::default(); presets.len()];
         let mut facts = EpisodeFacts::default();
@@ -185,7 +185,7 @@ impl Store {
 
 /// Which of the columns that only some presets read were read.
 #[derive(Clone, Copy)]
-struct Wanted {
+struct OptionalColumns {
     markers: bool,
     text: bool,
 }
@@ -236,7 +236,7 @@ struct Markers<'a> {
 }
 
 impl<'a> Columns<'a> {
-    fn new(batch: &'a RecordBatch, wanted: Wanted) -> Self {
+    fn new(batch: &'a RecordBatch, wanted: OptionalColumns) -> Self {
         let plain = |name: &str| batch[name].as_string::<i32>();
         let steps = batch["steps"].as_list::<i32>();
         let step = steps.values().as_struct();
@@ -296,7 +296,7 @@ impl<'a> Columns<'a> {
             policy: self.policy.value(row),
             task_id: self.task_id.value(row),
             preset: self.preset.value(row),
-            recorded: Recorded {
+            recorded: RecordedTerms {
                 terms: self.terms,
                 steps: range(self.steps, row),
             },
@@ -307,7 +307,7 @@ impl<'a> Columns<'a> {
     fn prepared<'p>(
         &self,
         row: usize,
-        prepared: &'p mut Prepared,
+        prepared: &'p mut PreparedTasks,
         tasks: &HashMap<String, String>,
         scenes: &HashMap<String, String>,
     ) -> Result<&'p mut TaskFacts, StoreError> {
@@ -423,7 +423,7 @@ fn document<T: serde::de::DeserializeOwned>(
     what: &'static str,
 ) -> Result<T, StoreError> {
     let damaged = |reason: String| StoreError::Document {
-        what,
+        problem: what,
         digest: digest.to_owned(),
         reason,
     };

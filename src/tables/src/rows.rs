@@ -9,7 +9,7 @@ use std::{
 
 use arrow::array::RecordBatch;
 
-use reel_history::{Checker, Setting, StepFacts};
+use reel_history::{Checker, EpisodeFacts, StepFacts};
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
@@ -431,7 +431,7 @@ impl<'c> Claims<'c> {
         if policies.into_iter().all(|policy| policy.history.is_empty()) {
             return Self(None);
         }
-        let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+        let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
         match checker {
             Some(checker) => checker.begin(setting),
             None => *checker = Some(Checker::new(setting)),

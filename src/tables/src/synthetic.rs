@@ -46,7 +46,7 @@ pub fn synthesize(
         .collect::<Result<Vec<_>, _>>()?;
     store.append(Table::Tasks, rows)?;
     store.append(Table::Scenes, vec![Rows::scene(scene)?])?;
-    let maker = Maker {
+    let maker = SyntheticWriter {
         tasks,
         scene,
         seed,
@@ -81,7 +81,7 @@ pub fn synthesize(
     Ok(())
 }
 
-struct Maker<'a> {
+struct SyntheticWriter<'a> {
     tasks: &'a [Arc<Task>],
     scene: &'a Scene,
     seed: u64,
@@ -99,7 +99,7 @@ enum Script {
     ClosedDoor,
 }
 
-impl Maker<'_> {
+impl SyntheticWriter<'_> {
     fn episode<'a>(&'a self, number: u64, places: &[&'a str], scene_digest: &str) -> Episode<'a> {
         let group = number / GROUP;
         let mut of_group = Chance::new(self.seed, group, 0);

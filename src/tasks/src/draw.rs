@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::{
     library::{self, LibraryObject},
-    placement::{self, Misfit, Occupancy},
+    placement::{self, Occupancy, PlacementError},
     random::Stream,
     wording::{Phrases, definite, indefinite},
     yaml,
@@ -194,12 +194,12 @@ impl<'a> Draft<'a> {
         }
 
         let target = stream
-            .pick(library::small())
+            .pick(library::small_library())
             .expect("the library is not empty");
         if !placement::fits(dest, target.size) {
             return Err("too large for the destination");
         }
-        let candidates: Vec<&LibraryObject> = library::small()
+        let candidates: Vec<&LibraryObject> = library::small_library()
             .iter()
             .filter(|other| confuses(family, target, other))
             .collect();
@@ -302,8 +302,8 @@ impl<'a> Draft<'a> {
             let position = occupancy
                 .place(receptacle, object.size, stream)
                 .map_err(|misfit| match misfit {
-                    Misfit::TooLarge => "too large for its receptacle",
-                    Misfit::TriesExceeded => "no free place on its receptacle",
+                    PlacementError::TooLarge => "too large for its receptacle",
+                    PlacementError::TriesExceeded => "no free place on its receptacle",
                 })?;
             Ok(object.instance_at(place, name, position))
         };

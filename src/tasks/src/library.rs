@@ -67,7 +67,7 @@ pub fn objects() -> &'static [LibraryObject] {
 
 /// The 240 objects of 60 categories that [`crate::draw`] draws from: what its seeds mean
 /// depends on them.
-pub fn small() -> &'static [LibraryObject] {
+pub fn small_library() -> &'static [LibraryObject] {
     static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();
     let [categories, each] = SMALL;
     OBJECTS.get_or_init(|| {
@@ -172,8 +172,12 @@ mod tests {
             objects()[3].caption,
             "Small green ceramic cylindrical mug with a curved handle."
         );
-        assert_eq!(small().len(), 240);
-        assert!(small().iter().all(|object| objects().contains(object)));
+        assert_eq!(small_library().len(), 240);
+        assert!(
+            small_library()
+                .iter()
+                .all(|object| objects().contains(object))
+        );
     }
 
     #[test]
@@ -210,7 +214,7 @@ mod tests {
 
     #[test]
     fn every_purpose_has_several_categories_and_every_object_fits_a_surface() {
-        for objects in [objects(), small()] {
+        for objects in [objects(), small_library()] {
             let mut categories: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
             for object in objects {
                 categories

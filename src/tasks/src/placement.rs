@@ -26,7 +26,7 @@ pub(crate) struct Occupancy {
 
 /// Why an object cannot be placed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Misfit {
+pub(crate) enum PlacementError {
     TooLarge,
     TriesExceeded,
 }
@@ -46,9 +46,9 @@ impl Occupancy {
         receptacle: &Receptacle,
         size: [f64; 3],
         stream: &mut Stream,
-    ) -> Result<[f64; 3], Misfit> {
+    ) -> Result<[f64; 3], PlacementError> {
         if !fits(receptacle, size) {
-            return Err(Misfit::TooLarge);
+            return Err(PlacementError::TooLarge);
         }
         let surface = receptacle.surface_rect();
         let taken = self.taken.entry(receptacle.id.clone()).or_default();
@@ -75,7 +75,7 @@ impl Occupancy {
                 return Ok([centre[0], centre[1], (z * 10_000.0).round() / 10_000.0]);
             }
         }
-        Err(Misfit::TriesExceeded)
+        Err(PlacementError::TriesExceeded)
     }
 }
 
@@ -98,7 +98,7 @@ mod tests {
         let (mut occupancy, mut stream) = (Occupancy::default(), Stream::new(1, "test", 0));
         let misfit =
             (0..100).find_map(|_| occupancy.place(table, [0.2, 0.2, 0.1], &mut stream).err());
-        assert_eq!(misfit, Some(Misfit::TriesExceeded));
+        assert_eq!(misfit, Some(PlacementError::TriesExceeded));
         let placed = &occupancy.taken[&table.id];
         assert!((3..=8).contains(&placed.len()), "{placed:?}");
         for (index, a) in placed.iter().enumerate() {
@@ -113,10 +113,13 @@ mod tests {
             let receptacle = scene.receptacle(&id.into()).unwrap();
             Occupancy::default().place(receptacle, size, &mut Stream::new(1, "test", 0))
         };
-        assert_eq!(place("table_2", [0.95, 0.2, 0.1]), Err(Misfit::TooLarge));
+        assert_eq!(
+            place("table_2", [0.95, 0.2, 0.1]),
+            Err(PlacementError::TooLarge)
+        );
         assert_eq!(
             place("microwave_1", [0.1, 0.1, 0.26]),
-            Err(Misfit::TooLarge)
+            Err(PlacementError::TooLarge)
         );
         assert!(place("table_2", [0.1, 0.1, 0.26]).is_ok());
     }

@@ -18,20 +18,20 @@ const KEEP: [&str; 5] = ["episode_id", "trace_digest", "backend", "family", "pol
 
 /// The failed episodes with their classes.
 #[derive(Debug)]
-pub struct Verdicts {
+pub struct Classification {
     rules: Vec<Rule>,
     version: String,
     /// By rule: the columns that it looked at.
     fields: Vec<Vec<String>>,
     batches: Vec<RecordBatch>,
-    found: Vec<Verdict>,
+    found: Vec<ClassifiedEpisode>,
     /// The decisive steps that were measured, by episode and trace.
     measured: BTreeMap<(String, String), i32>,
 }
 
 /// One episode: where it stands, and what was found, the most important first.
 #[derive(Debug)]
-struct Verdict {
+struct ClassifiedEpisode {
     batch: u32,
     row: u32,
     findings: Vec<(u16, i32, i32)>,
@@ -45,7 +45,7 @@ pub fn classify(
     session: &QuerySession,
     rules: &RuleSet,
     condition: Option<&str>,
-) -> Result<Verdicts, TaxonomyError> {
+) -> Result<Classification, TaxonomyError> {
     let questions: Vec<_> = rules.rules().iter().map(|rule| &rule.question).collect();
     let filter = match condition {
         Some(condition) => format!("NOT success AND ({condition})"),
@@ -58,7 +58,7 @@ pub fn classify(
             .rules()
             .iter()
             .enumerate()
-            .map(|(index, rule)| Answer::new(batch, index, rule));
+            .map(|(index, rule)| RuleMatches::new(batch, index, rule));
         let answers = answers.collect::<Result<Vec<_>, _>>()?;
         for row in 0..batch.num_rows() {
             let mut findings: Vec<(u16, i32, i32)> = (0_u16..)
@@ -71,7 +71,7 @@ pub fn classify(
             findings.sort_by_key(|(rule, first, _)| {
                 (rules.rules()[usize::from(*rule)].priority, *first, *rule)
             });
-            found.push(Verdict {
+            found.push(ClassifiedEpisode {
                 batch: batch_index as u32,
                 row: row as u32,
                 findings,
@@ -84,7 +84,7 @@ pub fn classify(
         .map(|rule| looked_at(session, rule))
         .collect::<Result<Vec<_>, _>>()?;
     let (rules, version) = (rules.rules().to_vec(), rules.version().to_string());
-    Ok(Verdicts {
+    Ok(Classification {
         rules,
         version,
         fields,
@@ -129,13 +129,13 @@ fn looked_at(session: &QuerySession, rule: &Rule) -> Result<Vec<String>, QueryEr
 }
 
 /// What a rule answers for the episodes of a batch.
-struct Answer {
+struct RuleMatches {
     first: Int32Array,
     last: Int32Array,
     holds: BooleanArray,
 }
 
-impl Answer {
+impl RuleMatches {
     fn new(batch: &RecordBatch, index: usize, rule: &Rule) -> Result<Self, TaxonomyError> {
         let wrong = |reason: &str| TaxonomyError::Rule {
             rule: rule.name.clone(),
@@ -183,7 +183,7 @@ impl Answer {
     }
 }
 
-impl Verdicts {
+impl Classification {
     /// How many failed episodes there are.
     pub fn len(&self) -> usize {
         self.found.len()
@@ -257,7 +257,7 @@ impl Verdicts {
         &self.rules[usize::from(finding.0)]
     }
 
-    fn text(&self, verdict: &Verdict, column: &str) -> &str {
+    fn text(&self, verdict: &ClassifiedEpisode, column: &str) -> &str {
         let column: &StringArray = self.batches[verdict.batch as usize][column].as_string::<i32>();
         column.value(verdict.row as usize)
     }

@@ -36,19 +36,19 @@ pub struct Case {
     /// What the agent was told to do.
     pub instruction: String,
     /// Its steps in their order.
-    pub transcript: Vec<Turn>,
+    pub transcript: Vec<CaseStep>,
     /// Pictures in the order of their steps.
     pub frames: Vec<CaseImage>,
     /// What the rules found in the simulator's record, if anything; not shown to the model. Of a
     /// reduced trace it is binding all the same: leave it out where words alone are not enough.
-    pub proven: Option<RuleFinding>,
+    pub rule_finding: Option<RuleFinding>,
     /// Whether the trace has no simulator behind it, so that evidence is words alone.
     pub reduced: bool,
 }
 
 /// A step as the judge sees it. Empty texts are left out.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
-pub struct Turn {
+pub struct CaseStep {
     /// Its number in the episode.
     pub step: u32,
     /// The call as text.
@@ -203,7 +203,7 @@ pub fn judge(
     client: &Client,
     options: &JudgeOptions,
 ) -> Result<JudgedCase, JudgeError> {
-    judged(case, client, options, &Reached::default())
+    judged(case, client, options, &EndpointState::default())
 }
 
 /// Asks for an opinion on every case, several at a time. Results stand in the order of the cases;
@@ -232,7 +232,7 @@ pub fn judge_all(
             return cases.iter().map(failed).collect();
         }
     };
-    let reached = Reached::default();
+    let reached = EndpointState::default();
     let done = AtomicUsize::new(0);
     let each = |case: &Case| {
         let result = judged(case, client, options, &reached);
@@ -246,7 +246,7 @@ fn judged(
     case: &Case,
     client: &Client,
     options: &JudgeOptions,
-    reached: &Reached,
+    reached: &EndpointState,
 ) -> Result<JudgedCase, JudgeError> {
     let episode_id = || case.episode_id.clone();
     if case.transcript.is_empty() {
@@ -279,7 +279,7 @@ fn judged(
                 .push(Message::text(Role::Assistant, first.text));
             request
                 .messages
-                .push(Message::text(Role::User, prompt::again(&what)));
+                .push(Message::text(Role::User, prompt::retry_prompt(&what)));
             let second = ask(&request)?;
             let opinion =
                 answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
@@ -301,7 +301,10 @@ fn judged(
 
 /// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.
 fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> JudgedCase {
-    let binding = case.proven.as_ref().filter(|proven| proven.explains());
+    let binding = case
+        .rule_finding
+        .as_ref()
+        .filter(|proven| proven.explains());
     let agrees = binding.map(|proven| proven.class == opinion.class);
     opinion.overruled = agrees == Some(false);
     let (class, sub_class, step, source) = match binding {
@@ -324,7 +327,7 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> J
         sub_class,
         step,
         source,
-        proven: case.proven.clone(),
+        proven: case.rule_finding.clone(),
         opinion,
         agrees,
         reduced: case.reduced,
@@ -336,11 +339,11 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> J
 
 /// How many calls in a row found nobody at the endpoint.
 #[derive(Default)]
-struct Reached {
+struct EndpointState {
     refused: Mutex<u32>,
 }
 
-impl Reached {
+impl EndpointState {
     /// Kept replies say nothing about the endpoint.
     fn note(&self, result: &Result<Reply, ModelError>) {
         let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);

@@ -3,14 +3,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_tables::Label;
+use reel_tables::LabelRow;
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::{CLASSES, TaxonomyError};
 
 /// One label an episode.
-pub type LabelSet = BTreeMap<String, Label>;
+pub type LabelSet = BTreeMap<String, LabelRow>;
 
 /// The columns of a label in CSV.
 const COLUMNS: [&str; 9] = [
@@ -36,7 +36,7 @@ pub struct Defaults<'a> {
 
 /// A label as files have it: what is left out is filled in.
 #[derive(Deserialize)]
-struct Written {
+struct LabelLine {
     episode_id: String,
     class: String,
     author: Option<String>,
@@ -57,7 +57,7 @@ pub fn from_csv(
     text: &str,
     place: &str,
     defaults: Defaults<'_>,
-) -> Result<Vec<Label>, TaxonomyError> {
+) -> Result<Vec<LabelRow>, TaxonomyError> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());
@@ -76,7 +76,7 @@ pub fn from_csv(
         )));
     }
     let mut labels = Vec::new();
-    for (line, row) in (2..).zip(reader.deserialize::<Written>()) {
+    for (line, row) in (2..).zip(reader.deserialize::<LabelLine>()) {
         let place = format!("{place}, line {line}");
         let row = row.map_err(|error| TaxonomyError::Label {
             place: place.clone(),
@@ -95,13 +95,14 @@ pub fn from_json(
     text: &str,
     place: &str,
     defaults: Defaults<'_>,
-) -> Result<Vec<Label>, TaxonomyError> {
+) -> Result<Vec<LabelRow>, TaxonomyError> {
     let wrong = |place: &str, error: serde_json::Error| TaxonomyError::Label {
         place: place.into(),
         reason: error.to_string(),
     };
     if text.trim_start().starts_with('[') {
-        let rows: Vec<Written> = serde_json::from_str(text).map_err(|error| wrong(place, error))?;
+        let rows: Vec<LabelLine> =
+            serde_json::from_str(text).map_err(|error| wrong(place, error))?;
         return (1..)
             .zip(rows)
             .map(|(number, row)| row.checked(&format!("{place}, label {number}"), defaults))
@@ -113,7 +114,7 @@ pub fn from_json(
     lines
         .map(|(number, line)| {
             let place = format!("{place}, line {number}");
-            serde_json::from_str::<Written>(line)
+            serde_json::from_str::<LabelLine>(line)
                 .map_err(|error| wrong(&place, error))?
                 .checked(&place, defaults)
         })
@@ -125,7 +126,7 @@ pub fn from_json(
 ///
 /// # Errors
 /// When the file is no such label.
-pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<Label>, TaxonomyError> {
+pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<LabelRow>, TaxonomyError> {
     let wrong = |reason: String| TaxonomyError::Label {
         place: place.to_owned(),
         reason,
@@ -142,7 +143,7 @@ pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<Label>, Ta
             ))
         })
     };
-    let label = Written {
+    let label = LabelLine {
         episode_id: said(&file, "episode_id")?,
         class: said(primary, "class")?,
         author: None,
@@ -166,8 +167,8 @@ pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<Label>, Ta
         .map(Some)
 }
 
-impl Written {
-    fn checked(self, place: &str, defaults: Defaults<'_>) -> Result<Label, TaxonomyError> {
+impl LabelLine {
+    fn checked(self, place: &str, defaults: Defaults<'_>) -> Result<LabelRow, TaxonomyError> {
         let wrong = |reason: String| TaxonomyError::Label {
             place: place.to_owned(),
             reason,
@@ -189,7 +190,7 @@ impl Written {
             return Err(wrong("it names no episode".into()));
         }
         let said = |text: Option<String>| text.filter(|text| !text.is_empty());
-        Ok(Label {
+        Ok(LabelRow {
             episode_id: self.episode_id,
             author: said(self.author).unwrap_or_else(|| defaults.author.to_owned()),
             kind: said(self.kind).unwrap_or_else(|| "human".to_owned()),
@@ -204,7 +205,7 @@ impl Written {
 }
 
 /// Labels as CSV, which [`from_csv`] reads.
-pub fn to_csv(labels: &[Label]) -> String {
+pub fn to_csv(labels: &[LabelRow]) -> String {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut write = || -> Result<(), csv::Error> {
         if labels.is_empty() {
@@ -217,7 +218,7 @@ pub fn to_csv(labels: &[Label]) -> String {
 }
 
 /// Labels as one JSON object a line, which [`from_json`] reads.
-pub fn to_json(labels: &[Label]) -> String {
+pub fn to_json(labels: &[LabelRow]) -> String {
     labels
         .iter()
         .map(|label| serde_json::to_string(label).expect("a label is JSON") + "\n")
@@ -227,8 +228,8 @@ pub fn to_json(labels: &[Label]) -> String {
 /// One label an episode: of an author, of a kind, or `agreed`: what was adjudicated, else what all
 /// people say who labelled it. Of several by the same author the latest counts; of several authors
 /// of a kind, the one that was adjudicated or said last.
-pub fn label_set(labels: &[Label], name: &str) -> LabelSet {
-    let mut sorted: Vec<&Label> = labels.iter().collect();
+pub fn label_set(labels: &[LabelRow], name: &str) -> LabelSet {
+    let mut sorted: Vec<&LabelRow> = labels.iter().collect();
     sorted.sort_by(|one, other| (one.at_ms, &one.author).cmp(&(other.at_ms, &other.author)));
     if name != "agreed" {
         let of_set = sorted
@@ -253,8 +254,8 @@ pub fn label_set(labels: &[Label], name: &str) -> LabelSet {
 }
 
 /// Episodes on whose class people disagree and nobody has decided, with what each said last.
-pub fn disputed(labels: &[Label]) -> BTreeMap<String, Vec<Label>> {
-    let mut sorted: Vec<&Label> = labels.iter().collect();
+pub fn disputed(labels: &[LabelRow]) -> BTreeMap<String, Vec<LabelRow>> {
+    let mut sorted: Vec<&LabelRow> = labels.iter().collect();
     sorted.sort_by_key(|label| label.at_ms);
     let open = by_episode(&sorted).into_iter().filter(|(_, labels)| {
         let classes: BTreeSet<&str> = labels.iter().map(|label| label.class.as_str()).collect();
@@ -265,15 +266,15 @@ pub fn disputed(labels: &[Label]) -> BTreeMap<String, Vec<Label>> {
 }
 
 /// What people said, the last word of each, by episode.
-fn by_episode<'a>(sorted: &[&'a Label]) -> BTreeMap<&'a str, Vec<&'a Label>> {
-    let mut last: BTreeMap<(&str, &str, &str), &Label> = BTreeMap::new();
+fn by_episode<'a>(sorted: &[&'a LabelRow]) -> BTreeMap<&'a str, Vec<&'a LabelRow>> {
+    let mut last: BTreeMap<(&str, &str, &str), &LabelRow> = BTreeMap::new();
     for label in sorted
         .iter()
         .filter(|label| label.kind == "human" || label.kind == "adjudicated")
     {
         last.insert((&label.episode_id, &label.author, &label.kind), label);
     }
-    let mut episodes: BTreeMap<&str, Vec<&Label>> = BTreeMap::new();
+    let mut episodes: BTreeMap<&str, Vec<&LabelRow>> = BTreeMap::new();
     for ((episode, ..), label) in last {
         episodes.entry(episode).or_default().push(label);
     }
@@ -292,9 +293,9 @@ mod tests {
         at_ms: 5,
     };
 
-    fn label(episode: &str, author: &str, kind: &str, class: &str, at_ms: i64) -> Label {
+    fn label(episode: &str, author: &str, kind: &str, class: &str, at_ms: i64) -> LabelRow {
         let (sub_class, step, confidence, note) = (None, None, None, None);
-        Label {
+        LabelRow {
             episode_id: episode.into(),
             author: author.into(),
             kind: kind.into(),

@@ -17,7 +17,7 @@ mod stored;
 use std::path::PathBuf;
 
 pub use agreement::{Agreement, ClassAgreement, agreement};
-pub use classify::{Verdicts, classify};
+pub use classify::{Classification, classify};
 pub use drift::{Drift, drift};
 pub use labels::{
     Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json,

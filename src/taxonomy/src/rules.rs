@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path};
 
-use reel_query::RowQuestion;
+use reel_query::RowExpression;
 use reel_world::{Digest, FailureClass};
 use serde::Serialize;
 
@@ -34,7 +34,7 @@ pub struct Rule {
     /// The whole file.
     pub sql: String,
     #[serde(skip)]
-    pub(crate) question: RowQuestion,
+    pub(crate) question: RowExpression,
 }
 
 /// Rules that are applied together.
@@ -193,7 +193,7 @@ impl Rule {
                 "its header does not say in words what it finds".into(),
             ));
         }
-        let question = RowQuestion::parse(&sql).map_err(wrong)?;
+        let question = RowExpression::parse(&sql).map_err(wrong)?;
         Ok(Self {
             class,
             sub_class,

@@ -20,12 +20,12 @@ use serde::de::DeserializeOwned;
 use crate::{
     Timing, Trace, TraceError, codec,
     container::Item,
+    image,
     journal::{
         HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment,
         header_metadata,
     },
-    picture,
-    reader::{Known, Parsed},
+    reader::{DocumentCache, Parsed},
     robot::{CameraImage, RobotLog},
     schema::{
         self,
@@ -56,7 +56,7 @@ impl From<&str> for Refusal {
 pub(crate) struct Assembly<'a> {
     path: &'a Path,
     /// Where pictures are of no use: tasks and scenes that were parsed before.
-    records_only: Option<&'a Known>,
+    records_only: Option<&'a DocumentCache>,
     attachments: BTreeMap<String, Vec<u8>>,
     metadata: Option<BTreeMap<String, String>>,
     recoveries: Vec<BTreeMap<String, String>>,
@@ -119,7 +119,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// Leaves out the pictures.
-    pub(crate) fn records_only(path: &'a Path, known: &'a Known) -> Self {
+    pub(crate) fn records_only(path: &'a Path, known: &'a DocumentCache) -> Self {
         Self {
             records_only: Some(known),
             ..Self::new(path)
@@ -398,7 +398,7 @@ impl<'a> Assembly<'a> {
             }
             schema::REWARD => self.reward(decode(data)?),
             schema::CAMERA if self.records_only.is_some() => Ok(()),
-            schema::CAMERA => match picture::finished(decode(data)?) {
+            schema::CAMERA => match image::finished(decode(data)?) {
                 Some(image) => once(&mut self.image, image.data),
                 None => Ok(()),
             },
@@ -482,7 +482,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// The last message of a moment: makes the record and checks its link of the chain.
-    fn moment(&mut self, moment: codec::Moment) -> Result<(), Refusal> {
+    fn moment(&mut self, moment: codec::DigestMessage) -> Result<(), Refusal> {
         let (at, found) = (moment.step, moment.digests.chain);
         let expected = match moment.step {
             None => {
@@ -603,7 +603,7 @@ impl<'a> Assembly<'a> {
         &self,
         name: &'static str,
         expected: Digest,
-        parsed: fn(&Known) -> &Parsed<T>,
+        parsed: fn(&DocumentCache) -> &Parsed<T>,
     ) -> Result<Arc<T>, TraceError> {
         let Some(json) = self.attachments.get(name) else {
             return Err(self.missing(name));
@@ -635,7 +635,7 @@ impl<'a> Assembly<'a> {
 }
 
 impl Draft {
-    fn into_record(self, step: u32, moment: codec::Moment) -> Result<StepRecord, Refusal> {
+    fn into_record(self, step: u32, moment: codec::DigestMessage) -> Result<StepRecord, Refusal> {
         let (outcome, result) = self.result.ok_or("the result of its step is missing")?;
         Ok(StepRecord {
             step,

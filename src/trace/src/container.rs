@@ -14,7 +14,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, limits::Limits, picture, schema, unpack::Unpacked};
+use crate::{TraceError, image, limits::Limits, schema, unpack::Unpacked};
 
 /// Opcode and length in front of every record.
 pub(crate) const RECORD_PREFIX: usize = 9;
@@ -211,7 +211,7 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
             data,
         } => {
             let data = match topic == schema::CAMERA.topic {
-                true => picture::finished_message(data),
+                true => image::finished_message(data),
                 false => Some(Cow::Borrowed(data)),
             };
             // What is no picture cannot be shown: it is left out.

@@ -13,11 +13,11 @@ use serde::Serialize;
 use crate::{
     TraceError,
     container::{self, At, Closing, Item, Visitor},
-    error::moment,
+    error::position,
     files,
     limits::Limits,
     reader::Reading,
-    schema::{self, Likeness},
+    schema::{self, SchemaMatch},
 };
 
 /// What was found.
@@ -61,7 +61,13 @@ impl std::fmt::Display for Finding {
         if let Some(offset) = self.offset {
             write!(f, " at byte {offset}")?;
         }
-        write!(f, ", {}: {}; {}", moment(self.step), self.what, self.advice)
+        write!(
+            f,
+            ", {}: {}; {}",
+            position(self.step),
+            self.what,
+            self.advice
+        )
     }
 }
 
@@ -121,7 +127,7 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
                 .keys()
                 .filter_map(|step| trace.frame_rgb(*step).err());
             findings.extend(pictures.map(|error| finding(&error, 0, &bytes)));
-            if let Some(origin) = trace.header.backend.origin() {
+            if let Some(origin) = trace.header.backend.not_replayable_reason() {
                 notes.push(format!("recorded {origin}: nothing to re-execute"));
             } else if trace.image_count() == 0 {
                 notes.push(format!(
@@ -217,11 +223,11 @@ impl Visitor for Examiner<'_> {
                         .get(&channel.schema_id)
                         .map_or(&[], Vec::as_slice),
                 ) {
-                    Likeness::Same => {}
-                    Likeness::Extended(what) => content
+                    SchemaMatch::Same => {}
+                    SchemaMatch::Extended(what) => content
                         .notes
                         .push(format!("the schema of {}: {what}", channel.topic)),
-                    Likeness::Other(what) => {
+                    SchemaMatch::Other(what) => {
                         wrong(
                             format!("schema of {}", channel.topic),
                             what,

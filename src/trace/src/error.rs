@@ -153,7 +153,7 @@ pub enum TraceError {
         found: Digest,
     },
     /// A record is not what was recorded: the hash chain does not hold.
-    #[error("the hash chain breaks at {}: expected {expected}, found {found}; the records were changed: {path}", moment(*.step))]
+    #[error("the hash chain breaks at {}: expected {expected}, found {found}; the records were changed: {path}", position(*.step))]
     ChainBroken {
         /// The file.
         path: PathBuf,
@@ -165,7 +165,7 @@ pub enum TraceError {
         found: Digest,
     },
     /// A picture cannot be read or is not the recorded one.
-    #[error("the picture of {} {what}; it was changed or damaged: {path}", moment(*.step))]
+    #[error("the picture of {} {what}; it was changed or damaged: {path}", position(*.step))]
     Image {
         /// The file.
         path: PathBuf,
@@ -240,6 +240,6 @@ fn acknowledged(steps: Option<u32>) -> String {
 }
 
 /// A step in words.
-pub(crate) fn moment(step: Option<u32>) -> String {
+pub(crate) fn position(step: Option<u32>) -> String {
     step.map_or_else(|| "the start".to_owned(), |step| format!("step {step}"))
 }

@@ -21,7 +21,7 @@ use reel_world::{
 };
 
 use crate::{
-    Images, Timing, TraceError, codec, container, encode_webp, picture,
+    Images, Timing, TraceError, codec, container, encode_webp, image,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{self, Channel, foxglove::log::Level},
     viewer,
@@ -45,7 +45,7 @@ pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
 
 /// A picture on its way into a trace.
 #[derive(Clone, Copy)]
-pub(crate) enum Picture<'a> {
+pub(crate) enum FrameSource<'a> {
     /// 8-bit RGB, to be encoded.
     Rgb(&'a [u8]),
     /// Already encoded.
@@ -73,12 +73,12 @@ pub(crate) struct Journal<W: Write + Seek> {
     policy_ns: u64,
     bodies: Vec<BodyState>,
     link: Digest,
-    turn: Turn,
+    turn: Expected,
 }
 
 /// What the recorder waits for.
 #[derive(Debug)]
-enum Turn {
+enum Expected {
     Start,
     InputOrEnd {
         step: u32,
@@ -131,7 +131,7 @@ impl<W: Write + Seek> Journal<W> {
             policy_ns: 0,
             bodies: Vec::new(),
             link: Digest::default(),
-            turn: Turn::Failed,
+            turn: Expected::Failed,
         };
         journal.attach(TASK_ATTACHMENT, &task_json)?;
         journal.attach(SCENE_ATTACHMENT, &scene_json)?;
@@ -153,7 +153,7 @@ impl<W: Write + Seek> Journal<W> {
             journal.message(schema::CALIBRATION, &viewer::calibration(EPOCH_NS))?;
         }
         journal.flush()?;
-        journal.turn = Turn::Start;
+        journal.turn = Expected::Start;
         Ok(journal)
     }
 
@@ -161,9 +161,9 @@ impl<W: Write + Seek> Journal<W> {
     pub(crate) fn start(
         &mut self,
         record: &StartRecord,
-        picture: Option<Picture>,
+        picture: Option<FrameSource>,
     ) -> Result<(), TraceError> {
-        if !matches!(self.turn, Turn::Start) {
+        if !matches!(self.turn, Expected::Start) {
             return Err(self.out_of_turn("the start"));
         }
         self.link(
@@ -171,7 +171,7 @@ impl<W: Write + Seek> Journal<W> {
             chain::start_link(&self.header, record),
             record.digests.chain,
         )?;
-        self.turn = Turn::Failed;
+        self.turn = Expected::Failed;
         self.message(schema::EPISODE, &codec::episode_settled(record))?;
         self.message(
             schema::WORLD_GRAPH,
@@ -201,16 +201,16 @@ impl<W: Write + Seek> Journal<W> {
         let digest = codec::sim_digest(None, 0, &record.bodies, &record.robot, &record.digests);
         self.message(schema::SIM_DIGEST, &digest)?;
         self.flush()?;
-        self.turn = Turn::InputOrEnd { step: 0 };
+        self.turn = Expected::InputOrEnd { step: 0 };
         Ok(())
     }
 
     /// Records the inputs of a step, before they are used.
     pub(crate) fn input(&mut self, step: u32, input: &StepInput) -> Result<(), TraceError> {
-        if !matches!(self.turn, Turn::InputOrEnd { step: next } if next == step) {
+        if !matches!(self.turn, Expected::InputOrEnd { step: next } if next == step) {
             return Err(self.out_of_turn(&format!("the input of step {step}")));
         }
-        self.turn = Turn::Failed;
+        self.turn = Expected::Failed;
         if self.header.backend != Backend::Sim {
             let latency_ns = input
                 .policy
@@ -236,7 +236,7 @@ impl<W: Write + Seek> Journal<W> {
             )?;
         }
         self.flush()?;
-        self.turn = Turn::Step {
+        self.turn = Expected::Step {
             step,
             input: Box::new(input.clone()),
         };
@@ -245,7 +245,7 @@ impl<W: Write + Seek> Journal<W> {
 
     /// Records when the call of the step that is under way was made, and how long it took.
     pub(crate) fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Turn::Step { step: under_way, .. } if *under_way == step) {
+        if !matches!(&self.turn, Expected::Step { step: under_way, .. } if *under_way == step) {
             return Err(self.out_of_turn(&format!("the timing of step {step}")));
         }
         self.message(schema::TIMING, &codec::timing(step, timing))
@@ -307,16 +307,16 @@ impl<W: Write + Seek> Journal<W> {
         }
         self.message(
             schema::CAMERA_ORIGINAL,
-            &viewer::picture(self.time_ns(), &image.format, image.data.clone()),
+            &viewer::image_message(self.time_ns(), &image.format, image.data.clone()),
         )
     }
 
     /// What a robot measured belongs to the step under way, or stands before the start.
     fn expect_moment(&self, step: Option<u32>, what: &str) -> Result<(), TraceError> {
         match (&self.turn, step) {
-            (Turn::Start, None) => Ok(()),
+            (Expected::Start, None) => Ok(()),
             (
-                Turn::Step {
+                Expected::Step {
                     step: under_way, ..
                 },
                 Some(step),
@@ -330,9 +330,9 @@ impl<W: Write + Seek> Journal<W> {
     pub(crate) fn step(
         &mut self,
         record: &StepRecord,
-        picture: Option<Picture>,
+        picture: Option<FrameSource>,
     ) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input)
+        if !matches!(&self.turn, Expected::Step { step, input } if *step == record.step && **input == record.input)
         {
             return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
         }
@@ -341,7 +341,7 @@ impl<W: Write + Seek> Journal<W> {
             chain::step_link(&self.link, record),
             record.digests.chain,
         )?;
-        self.turn = Turn::Failed;
+        self.turn = Expected::Failed;
         self.sim_step = record.sim_step;
         self.message(schema::TOOL_RESULT, &codec::tool_result(record))?;
         if let Some(reply) = &record.reply {
@@ -370,7 +370,7 @@ impl<W: Write + Seek> Journal<W> {
         );
         self.message(schema::SIM_DIGEST, &digest)?;
         self.flush()?;
-        self.turn = Turn::InputOrEnd {
+        self.turn = Expected::InputOrEnd {
             step: record.step + 1,
         };
         Ok(())
@@ -378,11 +378,11 @@ impl<W: Write + Seek> Journal<W> {
 
     /// Records the end.
     pub(crate) fn end(&mut self, record: &EndRecord) -> Result<(), TraceError> {
-        if !matches!(self.turn, Turn::InputOrEnd { step } if step == record.steps) {
+        if !matches!(self.turn, Expected::InputOrEnd { step } if step == record.steps) {
             return Err(self.out_of_turn(&format!("the end after {} steps", record.steps)));
         }
         self.link(record.steps.checked_sub(1), self.link, record.chain)?;
-        self.turn = Turn::Failed;
+        self.turn = Expected::Failed;
         self.message(
             schema::WORLD_GRAPH,
             &codec::world_graphs("end", &record.graphs),
@@ -407,8 +407,8 @@ impl<W: Write + Seek> Journal<W> {
     /// How many steps are whole; none before the start.
     pub(crate) fn steps(&self) -> Option<u32> {
         match self.turn {
-            Turn::InputOrEnd { step } | Turn::Step { step, .. } => Some(step),
-            Turn::Start | Turn::Failed => None,
+            Expected::InputOrEnd { step } | Expected::Step { step, .. } => Some(step),
+            Expected::Start | Expected::Failed => None,
         }
     }
 
@@ -437,7 +437,7 @@ impl<W: Write + Seek> Journal<W> {
     fn derived(
         &mut self,
         step: Option<u32>,
-        picture: Option<Picture>,
+        picture: Option<FrameSource>,
         visible: &[VisibleObject],
         robot: &RobotState,
         bodies: &[BodyState],
@@ -445,11 +445,11 @@ impl<W: Write + Seek> Journal<W> {
         let ns = self.time_ns();
         if let (Images::Full, Some(taken)) = (self.images, picture) {
             let (format, data) = match taken {
-                Picture::Webp(webp) => ("webp", webp.to_vec()),
-                Picture::Rgb(rgb) => ("webp", self.encode(step, rgb)?),
-                Picture::Base64(text) => (picture::BASE64_PNG, text.as_bytes().to_vec()),
+                FrameSource::Webp(webp) => ("webp", webp.to_vec()),
+                FrameSource::Rgb(rgb) => ("webp", self.encode(step, rgb)?),
+                FrameSource::Base64(text) => (image::BASE64_PNG, text.as_bytes().to_vec()),
             };
-            self.message(schema::CAMERA, &viewer::picture(ns, format, data))?;
+            self.message(schema::CAMERA, &viewer::image_message(ns, format, data))?;
             self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;
         }
         let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);
@@ -534,15 +534,15 @@ impl<W: Write + Seek> Journal<W> {
 
     fn out_of_turn(&self, what: &str) -> TraceError {
         let expected = match &self.turn {
-            Turn::Start => "the start".to_owned(),
-            Turn::InputOrEnd { step } => {
+            Expected::Start => "the start".to_owned(),
+            Expected::InputOrEnd { step } => {
                 format!("the input of step {step}, or the end after {step} steps,")
             }
-            Turn::Step { step, input } => format!(
+            Expected::Step { step, input } => format!(
                 "step {step} ({}) with the inputs recorded before",
                 input.call
             ),
-            Turn::Failed => "nothing (writing failed)".to_owned(),
+            Expected::Failed => "nothing (writing failed)".to_owned(),
         };
         TraceError::UnexpectedCall {
             path: self.path.clone(),

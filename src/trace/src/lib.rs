@@ -19,10 +19,10 @@ mod content;
 mod doctor;
 mod error;
 mod files;
+mod image;
 mod journal;
 mod limits;
 mod logprobs;
-mod picture;
 mod reader;
 mod recorder;
 mod recover;
@@ -36,12 +36,12 @@ mod viewer;
 pub use content::content;
 pub use doctor::{DoctorReport, Finding, examine};
 pub use error::TraceError;
+pub use image::{decode_png, decode_webp, encode_png, encode_webp};
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
-pub use picture::{decode_png, decode_webp, encode_png, encode_webp};
 pub use reader::{RecordsReader, Trace};
 pub use recorder::{Durability, Images, RecordOptions, Recorder, Timing, TraceSummary};
-pub use recover::{Recovery, RecoveryStatus, Scoring, recover};
+pub use recover::{Recovery, RecoveryStatus, RestoreScorer, recover};
 pub use remote::{
     FileMetadata, RemoteFs, file_metadata, install_remote_fs, is_remote, list_remote, local_copy,
 };

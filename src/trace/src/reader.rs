@@ -186,7 +186,7 @@ impl Trace {
 #[derive(Default)]
 pub struct RecordsReader {
     limits: Limits,
-    known: Known,
+    known: DocumentCache,
 }
 
 impl RecordsReader {
@@ -208,7 +208,7 @@ impl RecordsReader {
 
 /// Tasks and scenes that were parsed before.
 #[derive(Default)]
-pub(crate) struct Known {
+pub(crate) struct DocumentCache {
     pub tasks: Parsed<Task>,
     pub scenes: Parsed<Scene>,
 }

@@ -16,7 +16,7 @@ use serde::Serialize;
 use crate::{
     TraceError, container,
     files::{self, PART},
-    journal::{Journal, Picture},
+    journal::{FrameSource, Journal},
     limits::Limits,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
 };
@@ -279,7 +279,7 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::start`].
     pub fn start_with_base64(&mut self, record: &StartRecord, png: &str) -> Result<(), TraceError> {
-        let written = self.journal.start(record, Some(Picture::Base64(png)));
+        let written = self.journal.start(record, Some(FrameSource::Base64(png)));
         self.acknowledge(written)
     }
 
@@ -288,7 +288,7 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::step`].
     pub fn step_with_base64(&mut self, record: &StepRecord, png: &str) -> Result<(), TraceError> {
-        let written = self.journal.step(record, Some(Picture::Base64(png)));
+        let written = self.journal.step(record, Some(FrameSource::Base64(png)));
         self.acknowledge(written)
     }
 
@@ -354,6 +354,6 @@ impl Recorder {
     }
 }
 
-fn rgb(frame: Option<&Frame>) -> Option<Picture<'_>> {
-    frame.map(|frame| Picture::Rgb(&frame.rgb))
+fn rgb(frame: Option<&Frame>) -> Option<FrameSource<'_>> {
+    frame.map(|frame| FrameSource::Rgb(&frame.rgb))
 }

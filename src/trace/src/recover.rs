@@ -20,7 +20,7 @@ use serde::Serialize;
 
 use crate::{
     Images, Trace, TraceError, container,
-    error::moment,
+    error::position,
     files::{self, PART},
     journal::Journal,
     limits::Limits,
@@ -68,7 +68,7 @@ pub struct Recovery {
 }
 
 /// Scores what is restored; a trace knows no rewards.
-pub trait Scoring {
+pub trait RestoreScorer {
     /// The metrics of an episode that ended here, with these graphs.
     fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics;
 
@@ -78,7 +78,7 @@ pub trait Scoring {
     }
 }
 
-impl<F: Fn(&Trace, &Graphs) -> Metrics> Scoring for F {
+impl<F: Fn(&Trace, &Graphs) -> Metrics> RestoreScorer for F {
     fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
         self(trace, graphs)
     }
@@ -104,7 +104,7 @@ impl<F: Fn(&Trace, &Graphs) -> Metrics> Scoring for F {
 pub fn recover(
     source: &Path,
     folder: Option<&Path>,
-    score: impl Scoring,
+    score: impl RestoreScorer,
 ) -> Result<Recovery, TraceError> {
     let is_part = source
         .extension()
@@ -234,7 +234,7 @@ fn restored(
     recovery: &Recovery,
     path: &Path,
     spoilt: &BTreeSet<Option<u32>>,
-    score: impl Scoring,
+    score: impl RestoreScorer,
 ) -> Result<Vec<u8>, TraceError> {
     let end = trace.end.clone().unwrap_or_else(|| aborted(trace, score));
     let recoveries: Vec<_> = trace
@@ -257,7 +257,7 @@ fn restored(
 }
 
 /// Adds the call that was under way in a world that is not ours.
-fn complete(trace: &mut Trace, input: &StepInput, score: &impl Scoring) -> bool {
+fn complete(trace: &mut Trace, input: &StepInput, score: &impl RestoreScorer) -> bool {
     if trace.header.backend == Backend::Sim || trace.end.is_some() {
         return false;
     }
@@ -297,7 +297,7 @@ fn complete(trace: &mut Trace, input: &StepInput, score: &impl Scoring) -> bool 
 }
 
 /// The end of an episode that nobody ended.
-fn aborted(trace: &Trace, score: impl Scoring) -> EndRecord {
+fn aborted(trace: &Trace, score: impl RestoreScorer) -> EndRecord {
     let mut graphs = trace.start.graphs.clone();
     for step in &trace.steps {
         graphs.physics.apply(&step.changes.physics);
@@ -321,7 +321,7 @@ fn spoilt_pictures(trace: &Trace) -> BTreeMap<Option<u32>, String> {
         .map(|(step, error)| {
             (
                 step,
-                format!("the picture of {} is left out: {error}", moment(step)),
+                format!("the picture of {} is left out: {error}", position(step)),
             )
         })
         .collect()

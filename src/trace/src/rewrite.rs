@@ -7,7 +7,7 @@ use reel_world::{Digest, record::EndRecord};
 
 use crate::{
     Images, Trace, TraceError, TraceSummary, container, files,
-    journal::{Journal, Picture},
+    journal::{FrameSource, Journal},
     limits::Limits,
 };
 
@@ -118,10 +118,10 @@ pub(crate) enum Encoding {
 }
 
 impl Encoding {
-    fn picture(&self) -> Picture<'_> {
+    fn picture(&self) -> FrameSource<'_> {
         match self {
-            Encoding::Rgb(rgb) => Picture::Rgb(rgb),
-            Encoding::Webp(webp) => Picture::Webp(webp),
+            Encoding::Rgb(rgb) => FrameSource::Rgb(rgb),
+            Encoding::Webp(webp) => FrameSource::Webp(webp),
         }
     }
 }

@@ -119,7 +119,7 @@ fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {
 
 /// How a schema that was found compares with ours.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) enum Likeness {
+pub(crate) enum SchemaMatch {
     /// It is ours.
     Same,
     /// Fields are there on one side only; each side still reads the other.
@@ -129,10 +129,10 @@ pub(crate) enum Likeness {
 }
 
 /// Compares an encoded `FileDescriptorSet` with that of one of our channels.
-pub(crate) fn compare(channel: &Channel, found: &[u8]) -> Likeness {
+pub(crate) fn compare(channel: &Channel, found: &[u8]) -> SchemaMatch {
     let ours = descriptor_set(channel);
     if found == ours {
-        return Likeness::Same;
+        return SchemaMatch::Same;
     }
     let fields = |bytes: &[u8]| {
         let set = FileDescriptorSet::decode(bytes).ok()?;
@@ -145,21 +145,21 @@ pub(crate) fn compare(channel: &Channel, found: &[u8]) -> Likeness {
         Some(fields)
     };
     let (Some(theirs), Some(ours)) = (fields(found), fields(ours)) else {
-        return Likeness::Other("it is no protobuf descriptor".to_owned());
+        return SchemaMatch::Other("it is no protobuf descriptor".to_owned());
     };
     if let Some((field, _)) = theirs
         .iter()
         .find(|(field, kind)| ours.get(*field).is_some_and(|ours| ours != *kind))
     {
         let (name, number) = field;
-        return Likeness::Other(format!(
+        return SchemaMatch::Other(format!(
             "field {number} of {name} is {:?}, but {:?} here",
             theirs[field], ours[field]
         ));
     }
     let only = |a: &Fields, b: &Fields| a.keys().filter(|field| !b.contains_key(*field)).count();
     let (more, less) = (only(&theirs, &ours), only(&ours, &theirs));
-    Likeness::Extended(format!(
+    SchemaMatch::Extended(format!(
         "of another version, with {more} fields more and {less} less than here"
     ))
 }

@@ -54,7 +54,7 @@ pub(crate) fn timestamp(ns: u64) -> Option<Timestamp> {
 }
 
 /// The head camera's picture in a format.
-pub(crate) fn picture(ns: u64, format: &str, data: Vec<u8>) -> CompressedImage {
+pub(crate) fn image_message(ns: u64, format: &str, data: Vec<u8>) -> CompressedImage {
     CompressedImage {
         timestamp: timestamp(ns),
         frame_id: CAMERA.into(),

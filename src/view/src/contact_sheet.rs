@@ -25,7 +25,7 @@ const LINE: usize = 18;
 const NO_PICTURE: Colour = [225, 229, 235];
 
 /// One card of the sheet.
-struct Card {
+struct Cell {
     picture: Option<Vec<u8>>,
     title: String,
     reward: Option<f64>,
@@ -85,8 +85,8 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     Ok(canvas.png()?)
 }
 
-fn cards(trace: &Trace) -> Result<Vec<Card>, ViewError> {
-    let start = Card {
+fn cards(trace: &Trace) -> Result<Vec<Cell>, ViewError> {
+    let start = Cell {
         picture: trace.frame_rgb(None)?,
         title: "start".into(),
         reward: None,
@@ -96,7 +96,7 @@ fn cards(trace: &Trace) -> Result<Vec<Card>, ViewError> {
     };
     let mut cards = vec![start];
     for record in &trace.steps {
-        cards.push(Card {
+        cards.push(Cell {
             picture: trace.frame_rgb(Some(record.step))?,
             title: format!("step {}", record.step),
             reward: Some(record.reward_total()),
@@ -163,7 +163,7 @@ fn verdict(trace: &Trace) -> (String, Colour) {
     )
 }
 
-fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize, height: usize) {
+fn draw(canvas: &mut Canvas, card: &Cell, x: usize, y: usize, height: usize) {
     canvas.fill(x, y, CARD_WIDTH, height, CARD);
     canvas.fill(x, y, CARD_WIDTH, STRIP, card.colour);
     match &card.picture {

@@ -5,24 +5,24 @@
 
 mod canvas;
 mod contact_sheet;
-mod film;
-mod moment;
-mod picture_difference;
+mod image_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
 mod sheet;
 mod side_by_side;
+mod state_text;
 mod transcript;
+mod video;
 
 pub use contact_sheet::contact_sheet;
-pub use film::{Video, VideoSegment};
-pub use moment::state_text;
-pub use picture_difference::image_difference;
+pub use image_difference::image_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
 pub use sheet::{SheetImage, sheet};
 pub use side_by_side::side_by_side;
+pub use state_text::state_text;
 pub use transcript::{step, transcript};
+pub use video::{Video, VideoSegment};
 
 /// Why an episode cannot be shown.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use reel_replay::{CallPair, CallSummary, Comparison, EpisodeTitle};
+use reel_replay::{CallPair, CallSummary, Comparison, EpisodeSummary};
 
 use crate::canvas::wrap;
 
@@ -55,7 +55,7 @@ pub fn side_by_side(beside: &Comparison) -> String {
     text
 }
 
-fn title(episode: &EpisodeTitle, beside: &Comparison) -> String {
+fn title(episode: &EpisodeSummary, beside: &Comparison) -> String {
     let file = episode
         .trace
         .file_name()

@@ -54,7 +54,7 @@ fn header(trace: &Trace, text: &mut String) {
             header.profile.as_str()
         ),
     );
-    match header.backend.origin() {
+    match header.backend.not_replayable_reason() {
         None => line(
             "recorded by",
             &format!("reel {}, simulator {}", header.build, header.sim_version),

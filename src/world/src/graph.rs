@@ -243,7 +243,7 @@ impl WorldGraph {
     }
 
     /// What lies on the floor.
-    pub fn on_floor(&self) -> Vec<InstanceId> {
+    pub fn objects_on_floor(&self) -> Vec<InstanceId> {
         self.objects_on(&FLOOR.into())
     }
 }

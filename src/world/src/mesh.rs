@@ -119,7 +119,7 @@ impl fmt::Debug for Texture {
 
 /// Why something is no mesh.
 #[derive(Clone, PartialEq, Debug, thiserror::Error)]
-pub enum MeshFault {
+pub enum MeshDefect {
     /// Nothing to see.
     #[error("it has no triangles")]
     Empty,
@@ -231,7 +231,7 @@ impl Mesh {
     ///
     /// # Errors
     /// The first thing that is wrong.
-    pub fn new(data: MeshData) -> Result<Self, MeshFault> {
+    pub fn new(data: MeshData) -> Result<Self, MeshDefect> {
         check(&data)?;
         let mut bounds = [data.positions[data.triangles[0].corners[0] as usize]; 2];
         for &corner in data.triangles.iter().flat_map(|triangle| &triangle.corners) {
@@ -244,14 +244,14 @@ impl Mesh {
             .into_iter()
             .fold(0.0, f32::max);
         if !(EXTENT[0]..=EXTENT[1]).contains(&found) {
-            return Err(MeshFault::Extent { found });
+            return Err(MeshDefect::Extent { found });
         }
         if data
             .triangles
             .iter()
             .all(|triangle| has_no_area(&data, triangle))
         {
-            return Err(MeshFault::NoArea {
+            return Err(MeshDefect::NoArea {
                 triangles: data.triangles.len(),
             });
         }
@@ -289,10 +289,10 @@ impl Mesh {
     }
 }
 
-fn check(data: &MeshData) -> Result<(), MeshFault> {
+fn check(data: &MeshData) -> Result<(), MeshDefect> {
     let vertices = data.positions.len();
     if data.triangles.is_empty() {
-        return Err(MeshFault::Empty);
+        return Err(MeshDefect::Empty);
     }
     let decimate = "decimate it, in Blender with the modifier of that name";
     let texels = data
@@ -317,7 +317,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
         ),
     ] {
         if found > limit {
-            return Err(MeshFault::TooMany {
+            return Err(MeshDefect::TooMany {
                 kind: what,
                 found,
                 limit,
@@ -331,7 +331,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
         ("colours", data.colors.len()),
     ] {
         if found != 0 && found != vertices {
-            return Err(MeshFault::Lengths {
+            return Err(MeshDefect::Lengths {
                 kind: what,
                 found,
                 expected: vertices,
@@ -352,7 +352,7 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     )?;
     for (texture, Texture { width, height, rgb }) in data.textures.iter().enumerate() {
         if rgb.is_empty() || rgb.len() as u128 != u128::from(*width) * u128::from(*height) * 3 {
-            return Err(MeshFault::NoTextureImage {
+            return Err(MeshDefect::NoTextureImage {
                 texture,
                 bytes: rgb.len(),
                 width: *width,
@@ -364,11 +364,11 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
         if texture.is_some_and(|texture| {
             usize::from(texture) >= data.textures.len() || data.texture_points.is_empty()
         }) {
-            return Err(MeshFault::NoTexture { material });
+            return Err(MeshDefect::NoTexture { material });
         }
     }
     for (index, triangle) in data.triangles.iter().enumerate() {
-        let outside = |what, index_of: usize, count| MeshFault::OutOfRange {
+        let outside = |what, index_of: usize, count| MeshDefect::OutOfRange {
             triangle: index,
             kind: what,
             index: index_of,
@@ -393,12 +393,12 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
     Ok(())
 }
 
-fn finite<const N: usize>(what: &'static str, list: &[[f32; N]]) -> Result<(), MeshFault> {
+fn finite<const N: usize>(what: &'static str, list: &[[f32; N]]) -> Result<(), MeshDefect> {
     match list
         .iter()
         .position(|values| !values.iter().all(|value| value.is_finite()))
     {
-        Some(index) => Err(MeshFault::NotFinite { kind: what, index }),
+        Some(index) => Err(MeshDefect::NotFinite { kind: what, index }),
         None => Ok(()),
     }
 }

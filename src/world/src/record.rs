@@ -29,7 +29,7 @@ pub enum Backend {
 
 impl Backend {
     /// How an episode was recorded that cannot be executed again, in words; none for our simulator.
-    pub fn origin(self) -> Option<&'static str> {
+    pub fn not_replayable_reason(self) -> Option<&'static str> {
         match self {
             Backend::Sim => None,
             Backend::Robot => Some("on a robot"),

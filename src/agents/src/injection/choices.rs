@@ -3,17 +3,20 @@
 
 use reel_world::{DoorState, ObjectInstance, Receptacle, ReceptacleId, Scene, Task};
 
-use super::{FaultKind, Unfit};
+use super::{FaultKind, InjectionError};
 
 /// The objects that could be taken by a fault of this kind.
-pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectInstance>, Unfit> {
+pub(super) fn wrong_objects(
+    kind: FaultKind,
+    task: &Task,
+) -> Result<Vec<&ObjectInstance>, InjectionError> {
     let social = matches!(
         kind,
         FaultKind::IgnoredAnswer | FaultKind::MissingAsk | FaultKind::ClaimedAnswer
     );
     match (social, task.fuzzy) {
-        (true, false) => return Err(Unfit::Precise { kind }),
-        (false, true) => return Err(Unfit::Underspecified { kind }),
+        (true, false) => return Err(InjectionError::Precise { kind }),
+        (false, true) => return Err(InjectionError::Underspecified { kind }),
         _ => {}
     }
     let target = task.target_object();
@@ -35,7 +38,7 @@ pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectI
     });
     let found: Vec<&ObjectInstance> = others.filter(fits).collect();
     if found.is_empty() {
-        Err(Unfit::NoObject { kind })
+        Err(InjectionError::NoObject { kind })
     } else {
         Ok(found)
     }
@@ -59,7 +62,7 @@ pub(super) fn wrong_receptacles(
     kind: FaultKind,
     task: &Task,
     scene: &Scene,
-) -> Result<Vec<ReceptacleId>, Unfit> {
+) -> Result<Vec<ReceptacleId>, InjectionError> {
     let destination = destination(task);
     let category = scene
         .receptacle(destination)
@@ -77,7 +80,7 @@ pub(super) fn wrong_receptacles(
         .map(|other| other.id.clone())
         .collect();
     if found.is_empty() {
-        Err(Unfit::NoReceptacle {
+        Err(InjectionError::NoReceptacle {
             kind,
             destination: destination.clone(),
         })

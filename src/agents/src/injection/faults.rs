@@ -5,9 +5,9 @@ use reel_world::{ReceptacleId, Scene, Tool, ToolCall};
 use serde_json::json;
 
 use super::{
-    Fault, FaultKind, Unfit, choices,
-    course::{Draft, Insert, Watch},
-    deed::{Deed, Leg, OldTool, Until},
+    Fault, FaultKind, InjectionError, choices,
+    plan::{Draft, FaultTrigger, InsertedCalls},
+    scripted_call::{PlanSegment, ScriptedCall, StaleMarkerTool, Until},
 };
 use crate::{oracle::OracleOptions, random};
 
@@ -26,7 +26,7 @@ pub(super) fn inserts(
     draft: &mut Draft<'_>,
     index: usize,
     fault: &Fault,
-) -> Result<Vec<Insert>, Unfit> {
+) -> Result<Vec<InsertedCalls>, InjectionError> {
     use FaultKind::*;
     Ok(match fault.kind {
         WrongAttribute | WrongInstance | WrongKind | IgnoredAnswer | MissingAsk | ClaimedAnswer => {
@@ -43,7 +43,7 @@ pub(super) fn inserts(
         Circling => turning(draft, index, fault, 3),
         RepeatedFailure => repeated_failure(draft, index, fault),
         PickAgain => {
-            let deed = Deed::PickAny;
+            let deed = ScriptedCall::PickAny;
             again(draft, index, fault, Until::Held, vec![], vec![deed])
         }
         StaleMarker => stale_marker(draft, index, fault),
@@ -53,7 +53,7 @@ pub(super) fn inserts(
             index,
             fault,
             moment(fault, &ANYWHEN),
-            vec![Deed::Nonsense],
+            vec![ScriptedCall::Nonsense],
             fault.strength as usize + 1,
         ),
         Dawdling => {
@@ -70,7 +70,7 @@ pub(super) fn inserts(
                 index,
                 fault,
                 at,
-                vec![Deed::Idle],
+                vec![ScriptedCall::Idle],
                 2 * fault.strength as usize + 2,
             )
         }
@@ -113,39 +113,45 @@ fn moment(fault: &Fault, choices: &[Until]) -> Until {
     choices[index.min(choices.len() - 1)]
 }
 
-fn nav(receptacle: &ReceptacleId) -> Deed {
-    Deed::Call(Tool::NavTo {
+fn nav(receptacle: &ReceptacleId) -> ScriptedCall {
+    ScriptedCall::Call(Tool::NavTo {
         receptacle: receptacle.clone(),
     })
 }
 
-fn look(category: &str) -> Deed {
-    Deed::Call(Tool::ShowObjectByCategory {
+fn look(category: &str) -> ScriptedCall {
+    ScriptedCall::Call(Tool::ShowObjectByCategory {
         category: category.to_owned(),
     })
 }
 
-fn finish() -> Leg {
-    Leg::one(Deed::Call(Tool::Finish))
+fn finish() -> PlanSegment {
+    PlanSegment::one(ScriptedCall::Call(Tool::Finish))
 }
 
-fn idly() -> Leg {
-    Leg::Do {
-        deeds: vec![Deed::Idle],
+fn idly() -> PlanSegment {
+    PlanSegment::Do {
+        calls: vec![ScriptedCall::Idle],
         times: None,
     }
 }
 
 /// One insert: the fault begins with the first of these; it is repaired after them, or `end`
 /// follows and nothing else.
-fn one(index: usize, fault: &Fault, at: Until, mut legs: Vec<Leg>, end: Vec<Leg>) -> Vec<Insert> {
-    legs.insert(0, Leg::Begin(index));
+fn one(
+    index: usize,
+    fault: &Fault,
+    at: Until,
+    mut legs: Vec<PlanSegment>,
+    end: Vec<PlanSegment>,
+) -> Vec<InsertedCalls> {
+    legs.insert(0, PlanSegment::Begin(index));
     if fault.repaired {
-        legs.push(Leg::Repaired(index));
+        legs.push(PlanSegment::Repaired(index));
     } else {
         legs.extend(end);
     }
-    vec![Insert {
+    vec![InsertedCalls {
         at,
         legs,
         last: !fault.repaired,
@@ -157,11 +163,17 @@ fn forever(
     index: usize,
     fault: &Fault,
     at: Until,
-    deeds: Vec<Deed>,
+    deeds: Vec<ScriptedCall>,
     repaired_after: usize,
-) -> Vec<Insert> {
+) -> Vec<InsertedCalls> {
     let times = fault.repaired.then_some(repaired_after);
-    one(index, fault, at, vec![Leg::Do { deeds, times }], vec![])
+    one(
+        index,
+        fault,
+        at,
+        vec![PlanSegment::Do { calls, times }],
+        vec![],
+    )
 }
 
 /// After the first deeds the others again and again, to the horizon or until it gives up.
@@ -170,9 +182,9 @@ fn again(
     index: usize,
     fault: &Fault,
     at: Until,
-    first: Vec<Deed>,
-    deeds: Vec<Deed>,
-) -> Vec<Insert> {
+    first: Vec<ScriptedCall>,
+    deeds: Vec<ScriptedCall>,
+) -> Vec<InsertedCalls> {
     let long = 5 + 2 * fault.strength as usize + draft.draw(3);
     let gives_up = draft.chance(35);
     let times = if fault.repaired {
@@ -184,37 +196,44 @@ fn again(
         index,
         fault,
         at,
-        vec![Leg::Do { deeds, times }],
+        vec![PlanSegment::Do { calls, times }],
         vec![finish()],
     );
-    inserts[0].legs.insert(0, Leg::each(first));
+    inserts[0].legs.insert(0, PlanSegment::each(first));
     inserts
 }
 
-fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
+fn wrong_object(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+) -> Result<Vec<InsertedCalls>, InjectionError> {
     let mut objects = choices::wrong_objects(fault.kind, draft.task)?;
     objects.retain(|object| !draft.engaged.contains(&object.receptacle));
     let object = random::choose(&mut draft.rng, &objects)
         .copied()
         .cloned()
-        .ok_or(Unfit::NoObject { kind: fault.kind })?;
+        .ok_or(InjectionError::NoObject { kind: fault.kind })?;
     draft.engaged.push(object.receptacle.clone());
-    draft.watch(Watch::Picks(index, object.instance.clone()));
+    draft.watch(FaultTrigger::Picks(index, object.instance.clone()));
     let mut inserts = Vec::new();
     let mut insert = |at, legs| {
-        inserts.push(Insert {
+        inserts.push(InsertedCalls {
             at,
             legs,
             last: false,
         })
     };
-    let never_asks = Leg::Habits(OracleOptions {
+    let never_asks = PlanSegment::Options(OracleOptions {
         asks: false,
         ..OracleOptions::default()
     });
-    let believes = Leg::Object(Some(object.clone()));
+    let believes = PlanSegment::Object(Some(object.clone()));
     match fault.kind {
-        FaultKind::IgnoredAnswer => insert(Until::Looking, vec![Leg::Go(Until::Asked), believes]),
+        FaultKind::IgnoredAnswer => insert(
+            Until::Looking,
+            vec![PlanSegment::Go(Until::Asked), believes],
+        ),
         FaultKind::MissingAsk => insert(Until::Start, vec![never_asks, believes]),
         FaultKind::ClaimedAnswer => {
             insert(Until::Start, vec![never_asks, believes]);
@@ -225,7 +244,7 @@ fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
                 format!("the user confirmed the {category}"),
             ];
             let claim = claims[draft.draw(claims.len())].clone();
-            insert(Until::Looking, vec![Leg::Claim(claim)]);
+            insert(Until::Looking, vec![PlanSegment::Claim(claim)]);
         }
         _ => insert(Until::Start, vec![believes]),
     }
@@ -233,7 +252,10 @@ fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
         let mut legs = put_back(draft, index, fault);
         if fault.kind == FaultKind::MissingAsk || fault.kind == FaultKind::ClaimedAnswer {
             let question = format!("Is this {} what you mean?", object.category);
-            legs.insert(0, Leg::one(Deed::Call(Tool::Ask { question })));
+            legs.insert(
+                0,
+                PlanSegment::one(ScriptedCall::Call(Tool::Ask { question })),
+            );
         }
         insert(Until::Held, legs);
     }
@@ -242,21 +264,26 @@ fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
 
 /// It notices on the way that it holds the wrong thing; the oracle puts it back and takes the right
 /// one.
-fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Leg> {
+fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<PlanSegment> {
     let thoughts = [
         "Wait, this is not the one I was told to bring.",
         "Looking at it in my hand, it does not fit the description.",
         "I took the wrong one; I have to put it back.",
     ];
-    let mut legs = vec![Leg::Think(thoughts[draft.draw(thoughts.len())].to_owned())];
+    let mut legs = vec![PlanSegment::Think(
+        thoughts[draft.draw(thoughts.len())].to_owned(),
+    )];
     if fault.strength > 2 {
-        legs.insert(0, Leg::one(nav(&choices::destination(draft.task).clone())));
+        legs.insert(
+            0,
+            PlanSegment::one(nav(&choices::destination(draft.task).clone())),
+        );
     }
     legs.extend([
-        Leg::Repaired(index),
-        Leg::Unclaim,
-        Leg::Object(None),
-        Leg::Habits(OracleOptions::default()),
+        PlanSegment::Repaired(index),
+        PlanSegment::Unclaim,
+        PlanSegment::Object(None),
+        PlanSegment::Options(OracleOptions::default()),
     ]);
     legs
 }
@@ -265,10 +292,10 @@ fn stale_wrong_object(
     draft: &mut Draft<'_>,
     index: usize,
     fault: &Fault,
-) -> Result<Vec<Insert>, Unfit> {
+) -> Result<Vec<InsertedCalls>, InjectionError> {
     choices::wrong_objects(fault.kind, draft.task)?;
     let target = draft.task.target.clone();
-    draft.watch(Watch::PicksOther(index, target.clone()));
+    draft.watch(FaultTrigger::PicksOther(index, target.clone()));
     let category = draft.task.target_object().category.clone();
     let mut looks = [Tool::WalkAround, Tool::ShowObjectByCategory { category }];
     if draft.chance(50) {
@@ -277,46 +304,50 @@ fn stale_wrong_object(
     // Looks until the numbers have changed so that the old one misleads; then it relies on the old
     // one.
     let [first, second] = looks;
-    let renumber = |tool: &Tool| Deed::Renumber {
+    let renumber = |tool: &Tool| ScriptedCall::Renumber {
         object: target.clone(),
         tool: tool.clone(),
     };
-    let old = |tool| Deed::Old {
+    let old = |tool| ScriptedCall::Old {
         object: target.clone(),
         tool,
         other: true,
     };
     let mut maps = vec![
-        Deed::Call(first.clone()),
+        ScriptedCall::Call(first.clone()),
         renumber(&second),
         renumber(&first),
     ];
     maps.extend([
-        Deed::Gaze,
+        ScriptedCall::Gaze,
         renumber(&second),
-        old(OldTool::Gaze),
-        old(OldTool::Pick),
+        old(StaleMarkerTool::Gaze),
+        old(StaleMarkerTool::Pick),
     ]);
-    let mut inserts = vec![Insert {
+    let mut inserts = vec![InsertedCalls {
         at: Until::Looking,
-        legs: vec![Leg::each(maps)],
+        legs: vec![PlanSegment::each(maps)],
         last: false,
     }];
     if fault.repaired {
         // The numbers may not have misled it after all: then it has nothing to say.
-        inserts.push(Insert {
+        inserts.push(InsertedCalls {
             at: Until::Held,
-            legs: vec![Leg::Repaired(index)],
+            legs: vec![PlanSegment::Repaired(index)],
             last: false,
         });
     }
     Ok(inserts)
 }
 
-fn wrong_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
+fn wrong_place(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+) -> Result<Vec<InsertedCalls>, InjectionError> {
     let mut places = choices::wrong_receptacles(fault.kind, draft.task, draft.scene)?;
     places.retain(|place| !draft.engaged.contains(place));
-    let none = || Unfit::NoReceptacle {
+    let none = || InjectionError::NoReceptacle {
         kind: fault.kind,
         destination: choices::destination(draft.task).clone(),
     };
@@ -324,31 +355,35 @@ fn wrong_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec
         .cloned()
         .ok_or_else(none)?;
     draft.engaged.push(place.clone());
-    draft.watch(Watch::PlacesOn(index, place.clone()));
-    let mut inserts = vec![Insert {
+    draft.watch(FaultTrigger::PlacesOn(index, place.clone()));
+    let mut inserts = vec![InsertedCalls {
         at: Until::Start,
-        legs: vec![Leg::Place(Some(place.clone()))],
+        legs: vec![PlanSegment::Place(Some(place.clone()))],
         last: false,
     }];
     let right = choices::destination(draft.task).clone();
     if draft.chance(40) && !choices::is_closed(draft.task, &place) {
         // It was at the right one and did not know it.
         let legs = vec![
-            Leg::Think(format!("Is it {right}? I do not think so.")),
-            Leg::one(nav(&right)),
+            PlanSegment::Think(format!("Is it {right}? I do not think so.")),
+            PlanSegment::one(nav(&right)),
         ];
-        inserts.push(Insert {
+        inserts.push(InsertedCalls {
             at: Until::Held,
             legs,
             last: false,
         });
     }
     if fault.repaired {
-        let think = Leg::Think(format!(
+        let think = PlanSegment::Think(format!(
             "{place} is not where it belongs; I take it from there again."
         ));
-        let legs = vec![think, Leg::Repaired(index), Leg::Place(None)];
-        inserts.push(Insert {
+        let legs = vec![
+            think,
+            PlanSegment::Repaired(index),
+            PlanSegment::Place(None),
+        ];
+        inserts.push(InsertedCalls {
             at: Until::Placed,
             legs,
             last: false,
@@ -357,7 +392,11 @@ fn wrong_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec
     Ok(inserts)
 }
 
-fn missing_open(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
+fn missing_open(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+) -> Result<Vec<InsertedCalls>, InjectionError> {
     let [from, to] = [
         draft.task.target_object().receptacle.clone(),
         choices::destination(draft.task).clone(),
@@ -369,45 +408,45 @@ fn missing_open(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
         (
             Until::AtDestination,
             vec![
-                Leg::each(vec![Deed::Call(Tool::ShowReceptacles)]),
-                Leg::one(Deed::PlaceOn(to.clone())),
+                PlanSegment::each(vec![ScriptedCall::Call(Tool::ShowReceptacles)]),
+                PlanSegment::one(ScriptedCall::PlaceOn(to.clone())),
             ],
         )
     } else if source {
         (
             Until::Looking,
-            vec![Leg::each(vec![
+            vec![PlanSegment::each(vec![
                 look(&category),
-                Deed::Call(Tool::WalkAround),
+                ScriptedCall::Call(Tool::WalkAround),
             ])],
         )
     } else {
-        return Err(Unfit::NoDoor {
+        return Err(InjectionError::NoDoor {
             kind: fault.kind,
             source_id: from,
             destination: to,
         });
     };
     let more = if destination {
-        Deed::PlaceOn(to)
+        ScriptedCall::PlaceOn(to)
     } else {
         look(&category)
     };
     if often > 1 && (!fault.repaired || source) {
-        legs.push(Leg::Do {
-            deeds: vec![more],
+        legs.push(PlanSegment::Do {
+            calls: vec![more],
             times: Some(often - 1),
         });
     }
     let end = if draft.chance(30) { idly() } else { finish() };
-    let sees_doors = Leg::Habits(OracleOptions::default());
+    let sees_doors = PlanSegment::Options(OracleOptions::default());
     let mut inserts = one(index, fault, at, legs, vec![end]);
     inserts[0].legs.push(sees_doors);
-    let blind = Leg::Habits(OracleOptions {
+    let blind = PlanSegment::Options(OracleOptions {
         minds_doors: false,
         ..OracleOptions::default()
     });
-    inserts.push(Insert {
+    inserts.push(InsertedCalls {
         at: Until::Start,
         legs: vec![blind],
         last: false,
@@ -415,13 +454,13 @@ fn missing_open(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
     Ok(inserts)
 }
 
-fn never_looked(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn never_looked(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let to = choices::destination(draft.task).clone();
     let try_to_place = || {
         vec![
             nav(&to),
-            Deed::Call(Tool::ShowReceptacles),
-            Deed::PlaceOn(to.clone()),
+            ScriptedCall::Call(Tool::ShowReceptacles),
+            ScriptedCall::PlaceOn(to.clone()),
         ]
     };
     let (at, deeds) = match draft.draw(4) {
@@ -430,28 +469,28 @@ fn never_looked(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         2 => (
             Until::Looking,
             vec![
-                Deed::Call(Tool::ShowReceptacles),
-                Deed::PickFurniture,
+                ScriptedCall::Call(Tool::ShowReceptacles),
+                ScriptedCall::PickFurniture,
                 nav(&to),
             ],
         ),
         _ => (Until::Looking, try_to_place()),
     };
     let mut legs = vec![
-        Leg::Think(format!("I take it along and bring it to {to}.")),
-        Leg::each(deeds),
+        PlanSegment::Think(format!("I take it along and bring it to {to}.")),
+        PlanSegment::each(deeds),
     ];
     if fault.strength > 1 {
         let others = draft.others(
             &[&to, &draft.task.target_object().receptacle.clone()],
             fault.strength as usize - 1,
         );
-        legs.push(Leg::each(others.iter().map(nav).collect()));
+        legs.push(PlanSegment::each(others.iter().map(nav).collect()));
     }
     one(index, fault, at, legs, vec![finish()])
 }
 
-fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let to = choices::destination(draft.task).clone();
     let category = &draft.task.target_object().category;
     let thoughts = [
@@ -460,8 +499,8 @@ fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         format!("The {category} is here. On to {to}."),
     ];
     let mut legs = vec![
-        Leg::Think(thoughts[draft.draw(3)].clone()),
-        Leg::one(nav(&to)),
+        PlanSegment::Think(thoughts[draft.draw(3)].clone()),
+        PlanSegment::one(nav(&to)),
     ];
     let tries = if fault.repaired {
         1
@@ -469,11 +508,11 @@ fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         draft.draw(fault.strength as usize + 1)
     };
     if tries > 0 {
-        let place = Deed::PlaceOn(to.clone());
+        let place = ScriptedCall::PlaceOn(to.clone());
         legs.extend([
-            Leg::one(Deed::Call(Tool::ShowReceptacles)),
-            Leg::Do {
-                deeds: vec![place],
+            PlanSegment::one(ScriptedCall::Call(Tool::ShowReceptacles)),
+            PlanSegment::Do {
+                calls: vec![place],
                 times: Some(tries),
             },
         ]);
@@ -482,14 +521,14 @@ fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
     one(index, fault, Until::Found, legs, vec![end])
 }
 
-fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let to = choices::destination(draft.task);
     let thoughts = [
         format!("I have brought it to {to}."),
         format!("I am at {to} with it, so the task is done."),
         "It is where it was wanted.".to_owned(),
     ];
-    let think = Leg::Think(thoughts[draft.draw(3)].clone());
+    let think = PlanSegment::Think(thoughts[draft.draw(3)].clone());
     if fault.repaired {
         // It is about to leave with the thing in its hand, and comes back.
         let elsewhere = draft.others(&[&choices::destination(draft.task).clone()], 1);
@@ -497,7 +536,10 @@ fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
             index,
             fault,
             Until::AtDestination,
-            vec![think, Leg::each(elsewhere.iter().map(nav).collect())],
+            vec![
+                think,
+                PlanSegment::each(elsewhere.iter().map(nav).collect()),
+            ],
             vec![],
         );
     }
@@ -505,8 +547,8 @@ fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
     let legs = if looks > 0 {
         vec![
             think,
-            Leg::Do {
-                deeds: vec![Deed::Idle],
+            PlanSegment::Do {
+                calls: vec![ScriptedCall::Idle],
                 times: Some(looks),
             },
         ]
@@ -516,7 +558,7 @@ fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
     one(index, fault, Until::AtDestination, legs, vec![finish()])
 }
 
-fn premature_finish(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn premature_finish(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let [from, to] = [
         draft.task.target_object().receptacle.clone(),
         choices::destination(draft.task).clone(),
@@ -527,7 +569,7 @@ fn premature_finish(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
         let mut inserts = one(index, fault, Until::Held, vec![], vec![finish()]);
         inserts[0]
             .legs
-            .insert(0, Leg::each(others.iter().map(nav).collect()));
+            .insert(0, PlanSegment::each(others.iter().map(nav).collect()));
         return inserts;
     }
     // It looks in the wrong place, finds nothing, and leaves it at that.
@@ -538,19 +580,28 @@ fn premature_finish(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
         .or_else(|| draft.others(&[&to, &from], 1).pop())
         .unwrap_or(to);
     let mut inserts = one(index, fault, Until::Start, vec![], vec![finish()]);
-    let looks = vec![nav(&wrong), look(&category), Deed::Call(Tool::WalkAround)];
+    let looks = vec![
+        nav(&wrong),
+        look(&category),
+        ScriptedCall::Call(Tool::WalkAround),
+    ];
     inserts[0].legs.splice(
         0..0,
         [
-            Leg::Think(format!("It should be on {wrong}.")),
-            Leg::each(looks),
+            PlanSegment::Think(format!("It should be on {wrong}.")),
+            PlanSegment::each(looks),
         ],
     );
     inserts
 }
 
 /// Drives in turn between so many receptacles.
-fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -> Vec<Insert> {
+fn turning(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+    between: usize,
+) -> Vec<InsertedCalls> {
     let at = moment(fault, &[Until::Start, Until::Looking, Until::Held]);
     let [from, to] = [
         draft.task.target_object().receptacle.clone(),
@@ -583,7 +634,7 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
     } else {
         gives_up.then_some(long)
     };
-    let mut deeds: Vec<Deed> = circle.iter().map(nav).collect();
+    let mut deeds: Vec<ScriptedCall> = circle.iter().map(nav).collect();
     // Where a door has to be opened first it is wrong to go to the object at once.
     let door_first =
         at == Until::Start && choices::is_closed(draft.task, choices::destination(draft.task));
@@ -592,7 +643,7 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
             index,
             fault,
             at,
-            vec![Leg::Do { deeds, times }],
+            vec![PlanSegment::Do { calls, times }],
             vec![finish()],
         );
     }
@@ -604,16 +655,16 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
         index,
         fault,
         at,
-        vec![Leg::Do { deeds, times }],
+        vec![PlanSegment::Do { calls, times }],
         vec![finish()],
     );
-    inserts[0].legs.insert(0, Leg::one(rightly));
+    inserts[0].legs.insert(0, PlanSegment::one(rightly));
     inserts
 }
 
-fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let to = choices::destination(draft.task).clone();
-    let furniture = vec![Deed::Call(Tool::ShowReceptacles)];
+    let furniture = vec![ScriptedCall::Call(Tool::ShowReceptacles)];
     let late = fault.position >= 0.5;
     match draft.draw(if late { 2 } else { 4 }) {
         0 => {
@@ -641,7 +692,7 @@ fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
                 fault,
                 if late { Until::Held } else { Until::Start },
                 vec![],
-                vec![Deed::Raw(call)],
+                vec![ScriptedCall::Raw(call)],
             )
         }
         2 => {
@@ -661,7 +712,7 @@ fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
             fault,
             Until::Looking,
             furniture,
-            vec![Deed::OpenDoorless],
+            vec![ScriptedCall::OpenDoorless],
         ),
         _ => again(
             draft,
@@ -669,58 +720,58 @@ fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
             fault,
             Until::Looking,
             furniture,
-            vec![Deed::PickFurniture],
+            vec![ScriptedCall::PickFurniture],
         ),
     }
 }
 
-fn stale_marker(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn stale_marker(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let target = draft.task.target.clone();
     let [from, to] = [
         draft.task.target_object().receptacle.clone(),
         choices::destination(draft.task).clone(),
     ];
-    let old = |tool| Deed::Old {
+    let old = |tool| ScriptedCall::Old {
         object: target.clone(),
         tool,
         other: false,
     };
     let often = fault.strength as usize;
     let (at, first, deeds) = if fault.position < 0.6 {
-        let mut away: Vec<Deed> = if draft.chance(50) {
+        let mut away: Vec<ScriptedCall> = if draft.chance(50) {
             draft.others(&[&from], 1).iter().map(nav).collect()
         } else {
             vec![]
         };
         away.push(nav(&from));
         let deeds = if draft.chance(50) {
-            vec![old(OldTool::Pick), old(OldTool::Gaze)]
+            vec![old(StaleMarkerTool::Pick), old(StaleMarkerTool::Gaze)]
         } else {
-            vec![old(OldTool::Gaze), old(OldTool::Pick)]
+            vec![old(StaleMarkerTool::Gaze), old(StaleMarkerTool::Pick)]
         };
         (Until::Found, away, deeds)
     } else {
         (
             Until::Held,
-            vec![Deed::Call(Tool::ShowReceptacles), nav(&to)],
-            vec![old(OldTool::Place)],
+            vec![ScriptedCall::Call(Tool::ShowReceptacles), nav(&to)],
+            vec![old(StaleMarkerTool::Place)],
         )
     };
     let mut inserts = one(
         index,
         fault,
         at,
-        vec![Leg::Do {
-            deeds,
+        vec![PlanSegment::Do {
+            calls,
             times: Some(often),
         }],
         vec![finish()],
     );
-    inserts[0].legs.insert(0, Leg::each(first));
+    inserts[0].legs.insert(0, PlanSegment::each(first));
     inserts
 }
 
-fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let to = choices::destination(draft.task).clone();
     let category = draft.task.target_object().category.clone();
     let picked = [
@@ -735,10 +786,10 @@ fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
         format!("the {category} is on {to} now"),
         format!("delivered the {category} to {to}"),
     ];
-    let picked = Leg::Claim(picked[draft.draw(4)].clone());
-    let placed = Leg::Claim(placed[draft.draw(4)].clone());
-    let looks = Leg::Do {
-        deeds: vec![Deed::Idle],
+    let picked = PlanSegment::Claim(picked[draft.draw(4)].clone());
+    let placed = PlanSegment::Claim(placed[draft.draw(4)].clone());
+    let looks = PlanSegment::Do {
+        calls: vec![ScriptedCall::Idle],
         times: Some(draft.draw(fault.strength as usize) + 1),
     };
     let at = moment(
@@ -747,18 +798,19 @@ fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
     );
     let mut legs = match at {
         Until::Held => vec![placed, looks],
-        _ if draft.chance(50) => vec![picked, Leg::one(nav(&to)), placed],
-        _ => vec![picked, Leg::one(nav(&to))],
+        _ if draft.chance(50) => vec![picked, PlanSegment::one(nav(&to)), placed],
+        _ => vec![picked, PlanSegment::one(nav(&to))],
     };
     if fault.repaired {
-        let think =
-            Leg::Think("That cannot be: I look at my hand and see that it was not so.".to_owned());
-        legs.extend([Leg::Unclaim, think]);
+        let think = PlanSegment::Think(
+            "That cannot be: I look at my hand and see that it was not so.".to_owned(),
+        );
+        legs.extend([PlanSegment::Unclaim, think]);
     }
     one(index, fault, at, legs, vec![finish()])
 }
 
-fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
+fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<InsertedCalls> {
     let category = draft.task.target_object().category.clone();
     let places = draft.others(
         &[&draft.task.target_object().receptacle.clone()],
@@ -774,8 +826,8 @@ fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert
         deeds.push(nav(place));
         let looks = [
             look(&category),
-            Deed::Call(Tool::WalkAround),
-            Deed::Call(Tool::ShowReceptacles),
+            ScriptedCall::Call(Tool::WalkAround),
+            ScriptedCall::Call(Tool::ShowReceptacles),
         ];
         deeds.push(looks[draft.draw(3)].clone());
         if !fault.repaired && draft.chance(25) {
@@ -788,10 +840,16 @@ fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert
     } else {
         Until::Looking
     };
-    one(index, fault, at, vec![Leg::Do { deeds, times }], vec![])
+    one(
+        index,
+        fault,
+        at,
+        vec![PlanSegment::Do { calls, times }],
+        vec![],
+    )
 }
 
-fn questions(draft: &mut Draft<'_>) -> Vec<Deed> {
+fn questions(draft: &mut Draft<'_>) -> Vec<ScriptedCall> {
     let task = draft.task;
     let category = &task.target_object().category;
     let mut questions = vec![
@@ -806,6 +864,6 @@ fn questions(draft: &mut Draft<'_>) -> Vec<Deed> {
     random::shuffle(&mut draft.rng, &mut questions);
     questions
         .into_iter()
-        .map(|question| Deed::Call(Tool::Ask { question }))
+        .map(|question| ScriptedCall::Call(Tool::Ask { question }))
         .collect()
 }

@@ -12,12 +12,12 @@ use reel_world::{
 };
 
 use super::{
-    FaultLabel, Injection, Label, Primary, Unfit, choices,
-    course::{Course, Watch},
-    deed::{Deed, Leg, Memory, Until},
-    voice::Voice,
+    FaultLabel, Injection, InjectionError, Label, Primary, choices,
+    plan::{FaultTrigger, InjectionPlan},
+    scripted_call::{MarkerMemory, PlanSegment, ScriptedCall, Until},
+    voice::NarrationStyle,
 };
-use crate::{Context, NoAnswer, Oracle, Policy, faults::mistaken_task, policy, random};
+use crate::{Oracle, Policy, PolicyContext, ResponderError, faults::mistaken_task, policy, random};
 
 /// Legs and deeds that may be passed over between two calls; a course has far fewer.
 const PASSES_MAX: usize = 200;
@@ -31,10 +31,10 @@ const NAME: &str = "injected";
 pub struct Injected {
     task: Arc<Task>,
     injection: Injection,
-    legs: VecDeque<Leg>,
-    watches: Vec<Watch>,
+    legs: VecDeque<PlanSegment>,
+    watches: Vec<FaultTrigger>,
     rng: ChaCha8Rng,
-    voice: Voice,
+    voice: NarrationStyle,
     /// Who acts in the leg at hand, where that is the oracle.
     oracle: Option<Oracle>,
     /// Deeds of the leg at hand that were done or passed over, and whether any was done.
@@ -44,10 +44,10 @@ pub struct Injected {
     follows_published_plan: bool,
     /// It looks for what the instruction names even where it takes something else for it.
     by_instruction: bool,
-    memory: Memory,
+    memory: MarkerMemory,
     /// The fault that begins with the next call.
     beginning: Option<usize>,
-    marks: Vec<Mark>,
+    marks: Vec<FaultProgress>,
     /// What it takes for the target since it took it by an old number, and what it ever took so.
     adopted: Option<InstanceId>,
     taken: Option<InstanceId>,
@@ -59,7 +59,7 @@ pub struct Injected {
 
 /// What came of a fault so far.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-struct Mark {
+struct FaultProgress {
     began: Option<u32>,
     repaired: bool,
 }
@@ -69,15 +69,19 @@ impl Injected {
     ///
     /// # Errors
     /// When the task does not admit the injection.
-    pub fn new(task: &Arc<Task>, scene: &Scene, injection: &Injection) -> Result<Self, Unfit> {
-        let Course { legs, watches } = Course::new(task, scene, injection)?;
+    pub fn new(
+        task: &Arc<Task>,
+        scene: &Scene,
+        injection: &Injection,
+    ) -> Result<Self, InjectionError> {
+        let InjectionPlan { legs, watches } = InjectionPlan::new(task, scene, injection)?;
         let mut rng = random::stream(injection.seed, "injected", 0);
         Ok(Self {
             task: task.clone(),
             injection: injection.clone(),
             legs: legs.into(),
             watches,
-            voice: Voice::new(random::below(&mut rng, 3)),
+            voice: NarrationStyle::new(random::below(&mut rng, 3)),
             follows_published_plan: random::below(&mut rng, 2) == 0,
             by_instruction: random::below(&mut rng, 100) < BY_INSTRUCTION,
             rng,
@@ -85,9 +89,9 @@ impl Injected {
             done: 0,
             thought: None,
             asked: false,
-            memory: Memory::default(),
+            memory: MarkerMemory::default(),
             beginning: None,
-            marks: vec![Mark::default(); injection.faults.len()],
+            marks: vec![FaultProgress::default(); injection.faults.len()],
             adopted: None,
             taken: None,
             held: None,
@@ -118,11 +122,13 @@ impl Injected {
         // to notice it is not yet to repair it: what was taken has to be out of the hand, and the
         // target off the wrong place
         let stands = self.watches.iter().any(|watch| match watch {
-            Watch::Picks(other, object) => *other == index && self.held.as_ref() == Some(object),
-            Watch::PicksOther(other, _) => {
+            FaultTrigger::Picks(other, object) => {
+                *other == index && self.held.as_ref() == Some(object)
+            }
+            FaultTrigger::PicksOther(other, _) => {
                 *other == index && self.held.is_some() && self.held == self.taken
             }
-            Watch::PlacesOn(other, place) => {
+            FaultTrigger::PlacesOn(other, place) => {
                 *other == index && self.target_at.as_ref() == Some(place)
             }
         });
@@ -139,16 +145,16 @@ impl Injected {
         }
     }
 
-    fn decide(&mut self, context: &Context<'_>, truth: &Privileged<'_>) -> ToolCall {
+    fn decide(&mut self, context: &PolicyContext<'_>, truth: &Privileged<'_>) -> ToolCall {
         self.memory.learn(truth.markers);
         for _ in 0..PASSES_MAX {
             let Some(leg) = self.legs.front().cloned() else {
                 break;
             };
             match leg {
-                Leg::Follow {
+                PlanSegment::Follow {
                     task,
-                    habits,
+                    options: habits,
                     until,
                 } => {
                     let oracle = self.oracle.get_or_insert_with(|| {
@@ -182,7 +188,10 @@ impl Injected {
                     }
                     self.pass();
                 }
-                Leg::Do { deeds, times } => match self.next_deed(&deeds, times) {
+                PlanSegment::Do {
+                    calls: deeds,
+                    times,
+                } => match self.next_deed(&deeds, times) {
                     Some(deed) => {
                         if let Some(call) = deed.call(context, truth, &self.memory, &mut self.rng) {
                             return call;
@@ -196,32 +205,35 @@ impl Injected {
                         self.pass();
                     }
                 },
-                Leg::Begin(index) => {
+                PlanSegment::Begin(index) => {
                     self.beginning = Some(index);
                     self.pass();
                 }
-                Leg::Repaired(index) => {
+                PlanSegment::Repaired(index) => {
                     self.marks[index].repaired = self.marks[index].began.is_some();
                     if self.watches.iter().any(
-                        |watch| matches!(watch, Watch::PicksOther(other, _) if *other == index),
+                        |watch| matches!(watch, FaultTrigger::PicksOther(other, _) if *other == index),
                     ) {
                         self.adopted = None;
                     }
                     self.pass();
                 }
-                Leg::Claim(claim) => {
+                PlanSegment::Claim(claim) => {
                     self.voice.claim(&claim, context.observation);
                     self.pass();
                 }
-                Leg::Unclaim => {
+                PlanSegment::Unclaim => {
                     self.voice.unclaim();
                     self.pass();
                 }
-                Leg::Think(thought) => {
+                PlanSegment::Think(thought) => {
                     self.pass();
                     self.thought = Some(thought);
                 }
-                Leg::Object(_) | Leg::Place(_) | Leg::Habits(_) | Leg::Go(_) => self.pass(),
+                PlanSegment::Object(_)
+                | PlanSegment::Place(_)
+                | PlanSegment::Options(_)
+                | PlanSegment::Go(_) => self.pass(),
             }
         }
         Tool::Finish.to_call()
@@ -234,7 +246,7 @@ impl Injected {
     }
 
     /// The next deed of the leg at hand.
-    fn next_deed(&mut self, deeds: &[Deed], times: Option<usize>) -> Option<Deed> {
+    fn next_deed(&mut self, deeds: &[ScriptedCall], times: Option<usize>) -> Option<ScriptedCall> {
         if times.is_some_and(|times| self.done >= times) || deeds.is_empty() {
             return None;
         }
@@ -254,7 +266,7 @@ impl Injected {
     }
 
     /// Notes what begins with this call.
-    fn note(&mut self, call: &ToolCall, context: &Context<'_>, truth: &Privileged<'_>) {
+    fn note(&mut self, call: &ToolCall, context: &PolicyContext<'_>, truth: &Privileged<'_>) {
         if let Some(index) = self.beginning.take() {
             self.marks[index].began.get_or_insert(context.step);
         }
@@ -269,11 +281,13 @@ impl Injected {
         };
         for watch in &self.watches {
             let index = match (watch, &tool) {
-                (Watch::Picks(index, object), Tool::Pick { marker }) => match of_number(*marker) {
-                    Some(MarkerTarget::Object(id)) if id == object => *index,
-                    _ => continue,
-                },
-                (Watch::PicksOther(index, object), Tool::Pick { marker }) => {
+                (FaultTrigger::Picks(index, object), Tool::Pick { marker }) => {
+                    match of_number(*marker) {
+                        Some(MarkerTarget::Object(id)) if id == object => *index,
+                        _ => continue,
+                    }
+                }
+                (FaultTrigger::PicksOther(index, object), Tool::Pick { marker }) => {
                     match of_number(*marker) {
                         Some(MarkerTarget::Object(id))
                             if id != object
@@ -287,7 +301,7 @@ impl Injected {
                         _ => continue,
                     }
                 }
-                (Watch::PlacesOn(index, receptacle), Tool::Place { marker }) => {
+                (FaultTrigger::PlacesOn(index, receptacle), Tool::Place { marker }) => {
                     match of_number(*marker) {
                         Some(MarkerTarget::Receptacle(id)) if id == receptacle => *index,
                         _ => continue,
@@ -305,11 +319,11 @@ impl Policy for Injected {
         policy::info(NAME, self.injection.seed)
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         let Some(truth) = context.truth else {
             return Ok(StepInput::from_call(Tool::Finish.to_call()));
         };
@@ -320,7 +334,7 @@ impl Policy for Injected {
         let thought = self.thought.take();
         let output = self
             .voice
-            .tell(&call, thought.as_deref(), context.observation);
+            .narrate(&call, thought.as_deref(), context.observation);
         Ok(StepInput::with_policy_output(call, output))
     }
 

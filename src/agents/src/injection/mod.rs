@@ -7,13 +7,13 @@
 
 mod choices;
 mod clutter;
-mod course;
-mod deed;
 mod faults;
 mod injected;
 mod kind;
 mod label;
+mod plan;
 mod sample;
+mod scripted_call;
 mod voice;
 
 use reel_world::ReceptacleId;
@@ -64,7 +64,7 @@ pub struct Injection {
 
 /// Why a task does not admit an injection.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-pub enum Unfit {
+pub enum InjectionError {
     /// The kind wants an instruction that leaves open what is meant.
     #[error("{kind}: the instruction is precise; take a task with an underspecified one")]
     Precise {

@@ -10,7 +10,7 @@ use reel_world::{Tool, ToolCall, record::PolicyOutput};
 
 /// The history of calls, in one of several manners of speaking.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Voice {
+pub(super) struct NarrationStyle {
     manner: usize,
     done: Vec<String>,
     pending: Option<String>,
@@ -19,7 +19,7 @@ pub(super) struct Voice {
     claims: Vec<usize>,
 }
 
-impl Voice {
+impl NarrationStyle {
     pub fn new(manner: usize) -> Self {
         Self {
             manner,
@@ -52,7 +52,7 @@ impl Voice {
     }
 
     /// Writes down how the last call went, and says why the next one is made.
-    pub fn tell(
+    pub fn narrate(
         &mut self,
         call: &ToolCall,
         think: Option<&str>,

@@ -1,11 +1,11 @@
 //! What a plan costs in tool calls. Never walks or searches: it counts what happens when all goes
 //! well.
 
-use crate::plan::{Intent, Situation, plan};
+use crate::plan::{Intent, PlanningState, plan};
 
 /// How many tool calls the plan from here takes if all goes well, `finish` included; none where the
 /// goal is out of reach.
-pub fn cost_to_go(situation: &Situation<'_>) -> Option<u32> {
+pub fn cost_to_go(situation: &PlanningState<'_>) -> Option<u32> {
     plan(situation).ok().map(|intents| calls(&intents))
 }
 

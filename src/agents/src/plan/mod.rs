@@ -13,7 +13,7 @@ use std::fmt;
 
 use reel_world::{InstanceId, ReceptacleId, Scene, Task, WorldGraph};
 
-pub use belief::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, View};
+pub use belief::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView};
 pub use cost::{calls, cost_to_go};
 pub use planner::plan;
 pub use published::published_plan;
@@ -67,7 +67,7 @@ impl fmt::Display for Intent {
 
 /// A moment to plan from.
 #[derive(Clone, Copy, Debug)]
-pub struct Situation<'a> {
+pub struct PlanningState<'a> {
     /// The task, goal included.
     pub task: &'a Task,
     /// The scene: which receptacles may be placed upon.

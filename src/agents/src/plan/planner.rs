@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use reel_world::{DoorState, FLOOR, InstanceId, ReceptacleId, WorldGraph};
 
-use crate::plan::{Intent, Situation, Unreachable};
+use crate::plan::{Intent, PlanningState, Unreachable};
 
 /// What leads from here to the goal, with `finish` at its end.
 ///
@@ -17,7 +17,7 @@ use crate::plan::{Intent, Situation, Unreachable};
 /// # Errors
 /// When an object of the goal lies on the floor, is nowhere, or has to go where nothing can be
 /// placed.
-pub fn plan(situation: &Situation<'_>) -> Result<Vec<Intent>, Unreachable> {
+pub fn plan(situation: &PlanningState<'_>) -> Result<Vec<Intent>, Unreachable> {
     let mut draft = Draft {
         situation: *situation,
         graph: situation.graph.clone(),
@@ -41,7 +41,7 @@ pub fn plan(situation: &Situation<'_>) -> Result<Vec<Intent>, Unreachable> {
 
 /// A plan being made and the state it leads to.
 struct Draft<'a> {
-    situation: Situation<'a>,
+    situation: PlanningState<'a>,
     graph: WorldGraph,
     held: Option<InstanceId>,
     at: Option<ReceptacleId>,

@@ -7,7 +7,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::plan::{Intent, Situation, calls, cost_to_go, plan, published_plan};
+use crate::plan::{Intent, PlanningState, calls, cost_to_go, plan, published_plan};
 
 /// A table, a desk, a fridge and a washer with doors, and a lid that holds nothing; two apples and
 /// a cup.
@@ -109,7 +109,7 @@ fn words(intents: &[Intent]) -> String {
 fn a_move_between_tables_reads_as_in_the_paper() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
-    let situation = Situation {
+    let situation = PlanningState {
         task: &task,
         scene: &scene,
         graph: &task.initial,
@@ -128,7 +128,7 @@ fn a_move_between_tables_reads_as_in_the_paper() {
 fn doors_are_opened_with_a_free_hand_and_closed_at_the_end() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "fridge_1");
-    let situation = Situation {
+    let situation = PlanningState {
         task: &task,
         scene: &scene,
         graph: &task.initial,
@@ -150,7 +150,7 @@ fn a_full_hand_before_a_closed_door_puts_down_first() {
     let mut now = task.initial.clone();
     now.remove(&"table_1".into(), &held);
     let at: ReceptacleId = "desk_1".into();
-    let intents = plan(&Situation {
+    let intents = plan(&PlanningState {
         task: &task,
         scene: &scene,
         graph: &now,
@@ -171,7 +171,7 @@ fn something_outside_the_goal_goes_back_even_behind_a_door() {
     let held: InstanceId = "cup".into();
     let mut now = task.initial.clone();
     now.remove(&"fridge_1".into(), &held);
-    let intents = plan(&Situation {
+    let intents = plan(&PlanningState {
         task: &task,
         scene: &scene,
         graph: &now,
@@ -188,7 +188,7 @@ fn what_cannot_be_reached_is_named_with_the_reason() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_a", "table_1", FLOOR);
-    let situation = Situation {
+    let situation = PlanningState {
         task: &task,
         scene: &scene,
         graph: &now,
@@ -204,7 +204,7 @@ fn what_cannot_be_reached_is_named_with_the_reason() {
 
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "lid_1");
-    let situation = Situation {
+    let situation = PlanningState {
         task: &task,
         scene: &scene,
         graph: &task.initial,
@@ -223,7 +223,7 @@ fn bystanders_on_the_floor_do_not_matter() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_b", "table_1", FLOOR);
-    let intents = plan(&Situation {
+    let intents = plan(&PlanningState {
         task: &task,
         scene: &scene,
         graph: &now,
@@ -276,7 +276,7 @@ fn every_state_leads_to_every_goal() {
                 let held: Option<InstanceId> = hand.map(|index: usize| objects[index].into());
                 let now = arrangement(start, hand);
                 let at: ReceptacleId = places[(start + goal) % 4].into();
-                let situation = Situation {
+                let situation = PlanningState {
                     task: &task,
                     scene: &scene,
                     graph: &now,

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use reel_agents::{
-    AgentError, EpisodeReport, Matcher, NoAnswer, RecordTo, Responders, User, UserQuestion, policy,
-    run_episode,
+    AgentError, EpisodeReport, Matcher, RecordTo, ResponderError, Responders, User, UserQuestion,
+    policy, run_episode,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
@@ -20,7 +20,7 @@ use reel_world::{
 struct Blunt;
 
 impl User for Blunt {
-    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError> {
         assert!(!asked.question.is_empty());
         Ok(UserReply {
             text: format!("Take {}.", asked.task.target),
@@ -32,8 +32,8 @@ impl User for Blunt {
 struct Nobody;
 
 impl User for Nobody {
-    fn answer(&mut self, _: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
-        Err(NoAnswer::new("nobody is there"))
+    fn answer(&mut self, _: &UserQuestion<'_>) -> Result<UserReply, ResponderError> {
+        Err(ResponderError::new("nobody is there"))
     }
 }
 
@@ -41,7 +41,7 @@ impl User for Nobody {
 struct Blind;
 
 impl Matcher for Blind {
-    fn look_up(&mut self, _: &str, categories: &[&str]) -> Result<Lookup, NoAnswer> {
+    fn look_up(&mut self, _: &str, categories: &[&str]) -> Result<Lookup, ResponderError> {
         assert!(
             categories.windows(2).all(|pair| pair[0] < pair[1]),
             "{categories:?}"

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use reel_agents::{Context, PerceivedItem, Policy};
+use reel_agents::{PerceivedItem, Policy, PolicyContext};
 use reel_episode::{Briefing, Observation, Privileged};
 use reel_world::{
     Attributes, DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool,
@@ -146,9 +146,9 @@ impl Flat {
                     held: self.held.as_ref(),
                     landmark: self.landmark.as_ref(),
                 };
-                let truth = policy.wants_truth().then_some(&privileged);
+                let truth = policy.needs_privileged().then_some(&privileged);
                 policy
-                    .act(&Context {
+                    .act(&PolicyContext {
                         briefing: &briefing,
                         observation: &observation,
                         perceived: &seen,

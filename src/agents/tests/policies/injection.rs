@@ -4,8 +4,8 @@
 use std::{collections::BTreeMap, fs, sync::Arc};
 
 use reel_agents::{
-    Detour, EpisodeReport, Fault, FaultKind, Injected, Injection, Label, Policy, RecordTo,
-    SampleOptions, Unfit, admitted, cluttered, paper_mix, run_injected, sample,
+    Detour, EpisodeReport, Fault, FaultKind, Injected, Injection, InjectionError, Label, Policy,
+    RecordTo, SampleOptions, admitted, cluttered, paper_mix, run_injected, sample,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
@@ -32,7 +32,7 @@ fn one(kind: FaultKind, seed: u64) -> Injection {
     }
 }
 
-fn unfit(task: Task, faults: &[Fault]) -> Unfit {
+fn unfit(task: Task, faults: &[Fault]) -> InjectionError {
     let injection = Injection {
         faults: faults.to_vec(),
         ..Injection::default()
@@ -151,23 +151,23 @@ fn what_a_task_does_not_admit_is_said() {
     let one = |kind| [Fault::new(kind)];
     assert_eq!(
         unfit(tables(), &one(FaultKind::MissingAsk)),
-        Unfit::Precise {
+        InjectionError::Precise {
             kind: FaultKind::MissingAsk
         }
     );
     assert_eq!(
         unfit(fuzzy(), &one(FaultKind::WrongInstance)),
-        Unfit::Underspecified {
+        InjectionError::Underspecified {
             kind: FaultKind::WrongInstance
         }
     );
     assert!(matches!(
         unfit(tables(), &one(FaultKind::MissingOpen)),
-        Unfit::NoDoor { .. }
+        InjectionError::NoDoor { .. }
     ));
     assert!(matches!(
         unfit(fridge(), &one(FaultKind::SimilarFurniture)),
-        Unfit::NoReceptacle { .. }
+        InjectionError::NoReceptacle { .. }
     ));
     let mut alone = tables();
     alone
@@ -175,7 +175,7 @@ fn what_a_task_does_not_admit_is_said() {
         .retain(|object| object.asset != "yellow".into() && object.asset != "cup".into());
     assert_eq!(
         unfit(alone, &one(FaultKind::WrongKind)),
-        Unfit::NoObject {
+        InjectionError::NoObject {
             kind: FaultKind::WrongKind
         }
     );
@@ -185,13 +185,13 @@ fn what_a_task_does_not_admit_is_said() {
     };
     assert_eq!(
         unfit(tables(), &[finish]),
-        Unfit::NotRepairable {
+        InjectionError::NotRepairable {
             kind: FaultKind::PrematureFinish
         }
     );
     let both = [FaultKind::MissingPick, FaultKind::WrongReceptacle].map(Fault::new);
     assert!(
-        matches!(unfit(tables(), &both), Unfit::Conflict { .. }),
+        matches!(unfit(tables(), &both), InjectionError::Conflict { .. }),
         "nothing is placed where nothing is picked"
     );
     let long = Fault {

@@ -247,7 +247,7 @@ fn the_oracle_recovers_and_knows_when_to_stop() {
     let mut oracle = by_name("oracle", &flat, 1);
     flat.play(oracle.as_mut());
     assert!(flat.finished && oracle.gave_up().unwrap().contains("floor"));
-    assert!(flat.graph.on_floor().contains(&flat.task.target));
+    assert!(flat.graph.objects_on_floor().contains(&flat.task.target));
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod data;
 
 use std::sync::Arc;
 
-use reel_agents::{Job, builtin, run_all};
+use reel_agents::{EpisodeJob, builtin, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_sim::{PreparedTask, Simulator, model::Surface};
@@ -43,7 +43,7 @@ fn every(step: usize, profile: Profile, preset: &Preset) {
             .iter()
             .all(|family| spread.iter().any(|task| task.family == *family))
     );
-    let job = |task: &Arc<Task>| Job {
+    let job = |task: &Arc<Task>| EpisodeJob {
         config: EpisodeConfig {
             task: task.clone(),
             scene: scene.clone(),

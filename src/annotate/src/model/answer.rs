@@ -3,7 +3,7 @@
 
 use serde_json::{Deserializer, Map, Value};
 
-use crate::{Note, english};
+use crate::{Annotation, english};
 
 /// Places in a text that are tried as the beginning of a JSON object.
 const TRIES_MAX: usize = 2000;
@@ -11,11 +11,11 @@ const TRIES_MAX: usize = 2000;
 const PART_CHARACTERS_MAX: usize = 6000;
 
 /// Every complete note with its step; of several for one step the last.
-pub(super) fn parse(text: &str) -> Vec<(usize, Note)> {
+pub(super) fn parse(text: &str) -> Vec<(usize, Annotation)> {
     let answer = text
         .rsplit_once("</think>")
         .map_or(text, |(_, answer)| answer);
-    let mut notes: Vec<(usize, Note)> = Vec::new();
+    let mut notes: Vec<(usize, Annotation)> = Vec::new();
     let mut from = 0;
     for (at, _) in answer.match_indices('{').take(TRIES_MAX) {
         if at < from {
@@ -33,7 +33,7 @@ pub(super) fn parse(text: &str) -> Vec<(usize, Note)> {
     notes
 }
 
-fn note(object: &Map<String, Value>) -> Option<(usize, Note)> {
+fn note(object: &Map<String, Value>) -> Option<(usize, Annotation)> {
     let field = |names: &[&str]| {
         let named =
             |key: &str| names.contains(&key.to_lowercase().replace([' ', '_', '-'], "").as_str());
@@ -46,7 +46,7 @@ fn note(object: &Map<String, Value>) -> Option<(usize, Note)> {
         let text = words(field(names)?)?;
         (!text.is_empty() && text.chars().count() <= PART_CHARACTERS_MAX).then_some(text)
     };
-    let note = Note {
+    let note = Annotation {
         reasoning: part(&["reasoning", "think", "thought"])?,
         history: part(&["history"])?,
         schedule: part(&["schedule", "newschedule", "plan"])?,
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn forms_of_an_answer() {
-        let whole = Note {
+        let whole = Annotation {
             reasoning: "r".into(),
             history: "h".into(),
             schedule: "s".into(),

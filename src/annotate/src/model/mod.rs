@@ -19,7 +19,7 @@ use reel_world::Digest;
 pub use prompt::version as prompt_version;
 
 use crate::{
-    AnnotateError, Entry, Note, PrivilegedFacts, Provenance, PublicTask, Step, annotate,
+    AnnotateError, Annotation, Entry, PrivilegedFacts, Provenance, PublicTask, Step, annotate,
     sidecar::{read_some, write_notes},
 };
 
@@ -28,7 +28,7 @@ pub const BATCH: usize = 10;
 
 /// Looks at the History of a decision, given by its index, and says what in it is not so; none if
 /// all of it may be true.
-pub type Check<'a> = dyn Fn(usize, &str) -> Option<String> + 'a;
+pub type HistoryCheck<'a> = dyn Fn(usize, &str) -> Option<String> + 'a;
 
 /// Writes notes by asking a model.
 pub struct ModelAnnotator<'a> {
@@ -37,7 +37,7 @@ pub struct ModelAnnotator<'a> {
     /// Of the rules' words, where they stand in.
     pub seed: u64,
     /// What a History has to pass.
-    pub check: &'a Check<'a>,
+    pub check: &'a HistoryCheck<'a>,
     /// The prompt that the annotated robot acts on, so that the notes fit it.
     pub prompt: Arc<Prompt>,
 }
@@ -121,7 +121,7 @@ impl ModelAnnotator<'_> {
         secrets: &PrivilegedFacts,
         entries: &[Entry],
         batch: std::ops::Range<usize>,
-    ) -> Result<Vec<(usize, Note)>, AnnotateError> {
+    ) -> Result<Vec<(usize, Annotation)>, AnnotateError> {
         let complete = |request: &_| -> Result<Reply, AnnotateError> {
             let error = |source| AnnotateError::Model {
                 from: batch.start,
@@ -143,7 +143,7 @@ impl ModelAnnotator<'_> {
             .push(Message::text(Role::Assistant, first.text));
         request
             .messages
-            .push(Message::text(Role::User, prompt::AGAIN));
+            .push(Message::text(Role::User, prompt::RETRY_PROMPT));
         Ok(answer::parse(&complete(&request)?.text))
     }
 
@@ -151,8 +151,8 @@ impl ModelAnnotator<'_> {
     fn judged(
         &self,
         index: usize,
-        note: Option<&Note>,
-        rules: &Note,
+        note: Option<&Annotation>,
+        rules: &Annotation,
         secrets: &PrivilegedFacts,
         steps: &[Step<'_>],
     ) -> Entry {

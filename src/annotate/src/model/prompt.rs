@@ -17,7 +17,7 @@ use crate::{
 const PROMPT: &str = include_str!("../../prompts/annotate.md");
 
 /// What it is told when nothing in its answer can be read.
-pub(super) const AGAIN: &str = "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
+pub(super) const RETRY_PROMPT: &str = "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
 
 /// The version of a request: the digest of the annotator's prompt file and of the prompt of the
 /// robot that is annotated.

@@ -27,7 +27,7 @@ pub struct RequestWording<'a> {
 
 impl RequestWording<'static> {
     /// The sentences that Reel writes where the published ones are not given.
-    pub const OURS: Self = Self {
+    pub const REEL: Self = Self {
         system: "You write down what a household robot thinks before each of its actions.",
         first_history: "1) The episode began.",
         important: "Use only what the robot has seen or was told so far. Answer with the JSON object alone.",

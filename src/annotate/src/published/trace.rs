@@ -12,7 +12,7 @@ use super::{
     answer::Thought,
     record::{Episode, StreamStep, TaskMeta},
 };
-use crate::Note;
+use crate::Annotation;
 
 /// `<n>_meta.json` of a trace.
 pub fn meta(trace: &Trace) -> TaskMeta {
@@ -66,8 +66,8 @@ pub fn episode(trace: &Trace, number: u32, eval_subset: Option<String>) -> Episo
 
 /// The notes of a trace as a model's answers, one a record: each says what its action rests on, and
 /// as History the result of the action before it. Records without a note have an empty answer.
-pub fn answers(notes: &[Note]) -> Vec<String> {
-    let answer = |(index, note): (usize, &Note)| {
+pub fn answers(notes: &[Annotation]) -> Vec<String> {
+    let answer = |(index, note): (usize, &Annotation)| {
         // The first History says that nothing was done yet.
         let before = if index > 1 {
             notes[index - 1].history.as_str()

@@ -6,10 +6,10 @@ pub(crate) mod reasoning;
 
 use reel_world::Digest;
 
-use crate::voice::Wording;
+use crate::voice::PhraseVariants;
 
 /// Every wording.
-fn all() -> impl Iterator<Item = &'static Wording> {
+fn all() -> impl Iterator<Item = &'static PhraseVariants> {
     history::ALL.iter().chain(plan::ALL).chain(reasoning::ALL)
 }
 

@@ -15,7 +15,7 @@ mod validator;
 
 use std::path::{Path, PathBuf};
 
-use reel_annotate::{Note, PublicTask, Step, annotate};
+use reel_annotate::{Annotation, PublicTask, Step, annotate};
 use reel_trace::Trace;
 
 /// Every trace to test with: the golden ones of all families and several policies, then those of
@@ -42,7 +42,7 @@ pub fn traces() -> Vec<Trace> {
 }
 
 /// What the rules write about a trace.
-pub fn notes(trace: &Trace) -> Vec<Note> {
+pub fn notes(trace: &Trace) -> Vec<Annotation> {
     annotate(
         &PublicTask::of(&trace.task, &trace.scene),
         &Step::all(trace),
@@ -51,7 +51,7 @@ pub fn notes(trace: &Trace) -> Vec<Note> {
 }
 
 /// All words of a note.
-pub fn words(note: &Note) -> String {
+pub fn words(note: &Annotation) -> String {
     [
         &note.reasoning,
         &note.history,

@@ -7,7 +7,7 @@ use reel_annotate::{
     AnnotateError, AnnotatedEpisode, BATCH, ModelAnnotator, PrivilegedFacts, PublicTask, Step,
     annotate, history_check, prompt_version, read_notes,
 };
-use reel_history::{Setting, StepFacts};
+use reel_history::{EpisodeFacts, StepFacts};
 use reel_llm::client::{CallLog, Client, Endpoint};
 use reel_prompt::{Prompt, PromptWording, TEMPLATE};
 use reel_trace::Trace;
@@ -35,7 +35,7 @@ fn run(
     trace: &Trace,
     base_url: &str,
     path: &Path,
-    check: &reel_annotate::Check<'_>,
+    check: &reel_annotate::HistoryCheck<'_>,
 ) -> Result<AnnotatedEpisode, AnnotateError> {
     run_with(Prompt::builtin(), trace, base_url, path, check)
 }
@@ -46,7 +46,7 @@ fn run_with(
     trace: &Trace,
     base_url: &str,
     path: &Path,
-    check: &reel_annotate::Check<'_>,
+    check: &reel_annotate::HistoryCheck<'_>,
 ) -> Result<AnnotatedEpisode, AnnotateError> {
     let endpoint = Endpoint {
         retries: 0,
@@ -326,7 +326,7 @@ fn a_history_is_held_against_the_deeds_before_it() {
         "I placed the {category} on {}.",
         placed.receptacle.as_ref().unwrap()
     );
-    let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+    let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
     assert_eq!(check(placed.step as usize + 1, &history), None);
     let why = check(placed.step as usize, &history).unwrap();

@@ -2,7 +2,7 @@
 //! most are understood.
 
 use reel_annotate::{PublicTask, Step, annotate};
-use reel_history::{Checker, Setting, StepFacts, Verdict};
+use reel_history::{Checker, ClaimVerdict, EpisodeFacts, StepFacts};
 
 use crate::traces;
 
@@ -12,7 +12,7 @@ fn no_history_is_contradicted_by_the_record() {
     for trace in traces() {
         let (task, steps) = (PublicTask::of(&trace.task, &trace.scene), Step::all(&trace));
         for seed in 0..3 {
-            let mut checker = Checker::new(Setting::of(
+            let mut checker = Checker::new(EpisodeFacts::of(
                 &trace.task,
                 &trace.scene,
                 &trace.start.graphs.physics,
@@ -20,7 +20,8 @@ fn no_history_is_contradicted_by_the_record() {
             for (index, note) in annotate(&task, &steps, seed).iter().enumerate() {
                 for claim in checker.check(&note.history) {
                     claims_made += 1;
-                    supported += usize::from(matches!(claim.verdict, Verdict::Supported { .. }));
+                    supported +=
+                        usize::from(matches!(claim.verdict, ClaimVerdict::Supported { .. }));
                     if claim.is_false() {
                         let text = &note.history[claim.span.clone()];
                         refuted.push(format!(

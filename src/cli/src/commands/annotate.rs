@@ -10,7 +10,7 @@ use reel_annotate::{
     Entry, ModelAnnotator, PrivilegedFacts, Provenance, PublicTask, Step, annotate, episode_seed,
     history_check, notes_path, version, write_notes,
 };
-use reel_history::{Setting, StepFacts};
+use reel_history::{EpisodeFacts, StepFacts};
 use reel_llm::client::Client;
 use reel_prompt::Prompt;
 use reel_trace::Trace;
@@ -60,7 +60,7 @@ pub struct Arguments {
 }
 
 /// What came of a trace.
-struct Noted {
+struct TraceResult {
     decisions: usize,
     resumed: usize,
     /// Why the rules' notes stand in a model's place.
@@ -81,7 +81,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         bar.inc(1);
         noted
     };
-    let noted: Vec<anyhow::Result<Noted>> = pool.install(|| paths.par_iter().map(note).collect());
+    let noted: Vec<anyhow::Result<TraceResult>> =
+        pool.install(|| paths.par_iter().map(note).collect());
     bar.finish_and_clear();
     let (mut decisions, mut fallbacks, mut errors) = (0, 0, 0);
     for (path, noted) in paths.iter().zip(noted) {
@@ -95,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                         .iter()
                         .map(|(call, reason)| json!({ "call": call, "reason": reason }))
                         .collect();
-                    let Noted {
+                    let TraceResult {
                         decisions, resumed, ..
                     } = noted;
                     println!(
@@ -133,7 +134,7 @@ fn note(
     client: Option<&Client>,
     prompt: &Arc<Prompt>,
     seed: u64,
-) -> anyhow::Result<Noted> {
+) -> anyhow::Result<TraceResult> {
     let trace = Trace::read(path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
@@ -152,13 +153,13 @@ fn note(
             seed,
         };
         write_notes(&notes, &provenance, &entries)?;
-        return Ok(Noted {
+        return Ok(TraceResult {
             decisions: entries.len(),
             resumed: 0,
             fallbacks: Vec::new(),
         });
     };
-    let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+    let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
     let annotator = ModelAnnotator {
         client,
@@ -174,7 +175,7 @@ fn note(
         &notes,
     )?;
     let fallback = |(call, entry): (usize, Entry)| Some((call, entry.fallback?));
-    Ok(Noted {
+    Ok(TraceResult {
         decisions: written.entries.len(),
         resumed: written.resumed,
         fallbacks: written

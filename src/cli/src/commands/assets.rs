@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use reel_tasks::assets::{FileReport, Folder, Survey, Verdict};
+use reel_tasks::assets::{AssetFolder, FileReport, MeshVerdict, Survey};
 use serde_json::json;
 
 use crate::ExitStatus;
@@ -41,7 +41,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
-    let folder = Folder::open(path).with_context(|| format!("cannot list {}", path.display()))?;
+    let folder =
+        AssetFolder::open(path).with_context(|| format!("cannot list {}", path.display()))?;
     let listed = folder.check();
     if listed.is_empty() {
         bail!(
@@ -56,10 +57,11 @@ fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
             println!("{}", told(file));
         }
     }
-    let count =
-        |wanted: fn(&Verdict) -> bool| listed.iter().filter(|file| wanted(&file.verdict)).count();
-    let loads = count(|verdict| matches!(verdict, Verdict::Loads(_)));
-    let refused = count(|verdict| matches!(verdict, Verdict::Refused { .. }));
+    let count = |wanted: fn(&MeshVerdict) -> bool| {
+        listed.iter().filter(|file| wanted(&file.verdict)).count()
+    };
+    let loads = count(|verdict| matches!(verdict, MeshVerdict::Loads(_)));
+    let refused = count(|verdict| matches!(verdict, MeshVerdict::Refused { .. }));
     if !as_json {
         println!(
             "{loads} of {} files load, {refused} are refused",
@@ -76,9 +78,9 @@ fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
 fn told(file: &FileReport) -> String {
     let name = &file.file;
     match &file.verdict {
-        Verdict::Refused { reason } => format!("{name}: REFUSED {reason}"),
-        Verdict::Hidden { by } => format!("{name}: not used, {by} comes first"),
-        Verdict::Loads(Survey {
+        MeshVerdict::Refused { reason } => format!("{name}: REFUSED {reason}"),
+        MeshVerdict::Hidden { by } => format!("{name}: not used, {by} comes first"),
+        MeshVerdict::Loads(Survey {
             triangles,
             vertices,
             size: [x, y, z],

@@ -12,7 +12,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, EpisodeReport, Job, Participants, RecordTo, run_all};
+use reel_agents::{AgentError, EpisodeJob, EpisodeReport, Participants, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
 use reel_query::statistics::{bootstrap, mcnemar, wilson};
 use reel_reward::Preset;
@@ -27,10 +27,9 @@ use serde_json::{Value, json};
 
 use crate::{
     ExitStatus,
+    agent_arguments::{AgentArguments, AgentSet},
     commands::run::remove_abandoned,
-    inputs,
-    players::{AgentArguments, AgentSet},
-    progress,
+    inputs, progress,
 };
 
 /// Samples of the bootstrap, and its seed.
@@ -152,7 +151,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         } else {
             Images::Full
         };
-        Job {
+        EpisodeJob {
             config: EpisodeConfig {
                 task: task.clone(),
                 scene: scenes
@@ -184,7 +183,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     };
     let seeds = arguments.seed..arguments.seed.saturating_add(arguments.repeat);
-    let jobs: Vec<Job> = seeds
+    let jobs: Vec<EpisodeJob> = seeds
         .flat_map(|seed| tasks.iter().map(move |task| (task, seed)))
         .map(|(task, seed)| job(task, seed))
         .collect();
@@ -207,12 +206,12 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let bar = progress::bar(all, &name);
     bar.set_position(reports.len() as u64);
     let successes = AtomicU64::new(reports.iter().filter(|report| report.success).count() as u64);
-    let workers = if cast.asks_models() {
+    let workers = if cast.uses_model() {
         arguments.jobs.unwrap_or(JOBS_WITH_MODELS)
     } else {
         inputs::workers(arguments.jobs)
     };
-    let seat = |job: &Job| -> Result<Participants, AgentError> {
+    let seat = |job: &EpisodeJob| -> Result<Participants, AgentError> {
         let not_played = |why| AgentError::NotPlayed {
             task: job.config.task.task_id.clone(),
             seed: job.config.seed,
@@ -275,7 +274,11 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 /// The report of an episode that was played before; none where it was not, or did not come to its
 /// end. Another episode of that name is refused: it would be written over.
-fn played(job: &Job, cast: &AgentSet, logprobs: bool) -> anyhow::Result<Option<EpisodeReport>> {
+fn played(
+    job: &EpisodeJob,
+    cast: &AgentSet,
+    logprobs: bool,
+) -> anyhow::Result<Option<EpisodeReport>> {
     let path = &job.record.as_ref().expect("every episode is recorded").path;
     if !path.exists() {
         return Ok(None);

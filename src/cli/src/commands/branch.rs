@@ -8,7 +8,7 @@ use std::{
 use anyhow::{Context, bail};
 use reel_agents::{EpisodeReport, RecordTo};
 use reel_counterfactual::branch::{Branch, Continuation, fork, parse_call, parse_calls};
-use reel_replay::{BranchVerification, Ending, verify_branch};
+use reel_replay::{BranchVerification, EndSummary, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Digest, ToolCall};
 use serde_json::json;
@@ -216,7 +216,7 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
     }
     for (name, trace) in [("parent", parent), ("branch", made)] {
         match &trace.end {
-            Some(end) => println!("{name}: {}", Ending::of(end)),
+            Some(end) => println!("{name}: {}", EndSummary::of(end)),
             None => println!("{name}: broken off after {} calls", trace.steps.len()),
         }
     }

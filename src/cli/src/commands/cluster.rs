@@ -9,9 +9,9 @@ use std::{
 use reel_cluster::{Address, ExecutorOptions, SchedulerOptions, run_executor, run_scheduler};
 
 use crate::{
-    ExitStatus,
+    ExitStatus, cluster_arguments,
     commands::{blame, ingest, replay, reward},
-    elsewhere, inputs,
+    inputs,
 };
 
 /// Work with many machines: one runs the scheduler, each of the others an executor, and
@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 memory_bytes: memory.map(|mib| mib << 20),
                 work: work.clone(),
                 traces: traces.clone(),
-                build: elsewhere::build(),
+                build: cluster_arguments::build_fingerprint(),
                 works,
             };
             eprintln!(

@@ -15,8 +15,8 @@ use reel_world::{Family, Profile, Skills, Task};
 
 use crate::{
     ExitStatus,
+    cluster_arguments::ClusterArguments,
     commands::{blame, ingest, query, run, taxonomy},
-    elsewhere::ClusterArguments,
     inputs, progress,
 };
 

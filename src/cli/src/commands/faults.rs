@@ -155,15 +155,16 @@ fn play(run: &Run) -> anyhow::Result<ExitStatus> {
     } = inputs::tasks(&run.tasks, run.scene.as_deref(), ObjectOrder::AsWritten)?;
     fs::create_dir_all(&run.out)
         .with_context(|| format!("cannot make the folder {}", run.out.display()))?;
-    let wanted: Vec<Wanted> = match run.paper {
+    let wanted: Vec<ExpectedOutcome> = match run.paper {
         true => (0..run.count)
             .map(|number| {
-                paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)
+                paper_mix()[(number % 100) as usize]
+                    .map_or(ExpectedOutcome::Success, ExpectedOutcome::Class)
             })
             .collect(),
-        false => vec![Wanted::Any; run.count as usize],
+        false => vec![ExpectedOutcome::Any; run.count as usize],
     };
-    let maker = Maker {
+    let maker = CorpusWriter {
         run,
         scenes,
         tasks,
@@ -174,7 +175,7 @@ fn play(run: &Run) -> anyhow::Result<ExitStatus> {
         .num_threads(inputs::workers(run.jobs))
         .build()?;
     let results: Vec<anyhow::Result<Option<(EpisodeReport, Label)>>> = pool.install(|| {
-        let episode = |(number, wanted): (usize, &Wanted)| {
+        let episode = |(number, wanted): (usize, &ExpectedOutcome)| {
             let made = maker.episode(number as u64, *wanted);
             bar.inc(1);
             made
@@ -221,25 +222,25 @@ fn play(run: &Run) -> anyhow::Result<ExitStatus> {
 
 /// What an episode shall come to.
 #[derive(Clone, Copy)]
-enum Wanted {
+enum ExpectedOutcome {
     Any,
     Success,
     Class(FailureClass),
 }
 
-struct Maker<'a> {
+struct CorpusWriter<'a> {
     run: &'a Run,
     scenes: Scenes,
     tasks: Vec<Arc<Task>>,
     kinds: Vec<FaultKind>,
 }
 
-impl Maker<'_> {
+impl CorpusWriter<'_> {
     /// Plays one episode; none where no task admits what is wanted.
     fn episode(
         &self,
         number: u64,
-        wanted: Wanted,
+        wanted: ExpectedOutcome,
     ) -> anyhow::Result<Option<(EpisodeReport, Label)>> {
         let mut last = None;
         for attempt in 0..TRIES_MAX {
@@ -252,8 +253,8 @@ impl Maker<'_> {
             let task =
                 cluttered(task, scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
             let kinds = match wanted {
-                Wanted::Class(class) => FaultKind::of_class(class),
-                Wanted::Any | Wanted::Success => self.kinds.clone(),
+                ExpectedOutcome::Class(class) => FaultKind::of_class(class),
+                ExpectedOutcome::Any | ExpectedOutcome::Success => self.kinds.clone(),
             };
             let options = SampleOptions {
                 combinations: self.run.combinations,
@@ -263,12 +264,12 @@ impl Maker<'_> {
             };
             let drawn = sample(&task, scene, seed, &options);
             let injection = match wanted {
-                Wanted::Success => Some(Injection {
+                ExpectedOutcome::Success => Some(Injection {
                     faults: vec![],
                     detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(),
                     seed,
                 }),
-                Wanted::Any | Wanted::Class(_) => drawn,
+                ExpectedOutcome::Any | ExpectedOutcome::Class(_) => drawn,
             };
             let Some(injection) = injection else { continue };
             let path = self.run.out.join(format!(
@@ -277,9 +278,9 @@ impl Maker<'_> {
             ));
             let (report, label) = self.record(task, &injection, &path)?;
             let as_wanted = match wanted {
-                Wanted::Any => true,
-                Wanted::Success => report.success,
-                Wanted::Class(class) => label
+                ExpectedOutcome::Any => true,
+                ExpectedOutcome::Success => report.success,
+                ExpectedOutcome::Class(class) => label
                     .primary
                     .as_ref()
                     .is_some_and(|primary| primary.class == class),

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_replay::{ChangedOutcome, Changes, Ending, corpus, judge_all};
+use reel_replay::{ChangedOutcome, Changes, EndSummary, corpus, replay_outcomes_all};
 use reel_world::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -50,7 +50,7 @@ pub struct Arguments {
 
 /// A line of `reel replay --outcomes --json`, of this build or another.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Line {
+struct OutcomeLine {
     trace: PathBuf,
     verdict: String,
     outcomes: Option<Changes>,
@@ -61,10 +61,10 @@ struct Line {
 
 /// A trace in both builds.
 #[derive(Serialize)]
-struct Row {
+struct TraceComparison {
     trace: PathBuf,
-    this: Line,
-    that: Option<Line>,
+    this: OutcomeLine,
+    that: Option<OutcomeLine>,
 }
 
 /// Runs the command.
@@ -80,14 +80,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let workers = inputs::workers(arguments.jobs);
     let bar = progress::bar(paths.len(), "gate");
-    let judgements = judge_all(&paths, &arguments.assets.open()?, workers, |_, _| {
+    let judgements = replay_outcomes_all(&paths, &arguments.assets.open()?, workers, |_, _| {
         bar.inc(1)
     });
     bar.finish_and_clear();
     let this = judgements
         .iter()
         .map(|judgement| Ok(serde_json::from_value(serde_json::to_value(judgement)?)?));
-    let this: Vec<Line> = this.collect::<anyhow::Result<_>>()?;
+    let this: Vec<OutcomeLine> = this.collect::<anyhow::Result<_>>()?;
     let that = match &arguments.against {
         Some(binary) => ask(binary, &paths, arguments.assets.path(), workers)?
             .into_iter()
@@ -95,11 +95,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             .collect(),
         None => vec![None; paths.len()],
     };
-    let rows: Vec<Row> = paths
+    let rows: Vec<TraceComparison> = paths
         .into_iter()
         .zip(this)
         .zip(that)
-        .map(|((trace, this), that)| Row { trace, this, that })
+        .map(|((trace, this), that)| TraceComparison { trace, this, that })
         .collect();
     if arguments.json {
         for row in &rows {
@@ -110,7 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let exact = rows
         .iter()
-        .all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(Line::is_exact));
+        .all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(OutcomeLine::is_exact));
     Ok(if exact {
         ExitStatus::Success
     } else {
@@ -124,7 +124,7 @@ fn ask(
     paths: &[PathBuf],
     assets: Option<&Path>,
     workers: usize,
-) -> anyhow::Result<Vec<Line>> {
+) -> anyhow::Result<Vec<OutcomeLine>> {
     let name = binary.display();
     let mut lines = BTreeMap::new();
     for group in paths.chunks(TRACES_PER_CALL) {
@@ -159,7 +159,7 @@ fn ask(
             );
         }
         for text in String::from_utf8_lossy(&output.stdout).lines() {
-            let line: Line = serde_json::from_str(text).with_context(|| {
+            let line: OutcomeLine = serde_json::from_str(text).with_context(|| {
                 format!(
                     "{name} is no reel that knows `replay --outcomes`: it printed '{}'",
                     shorten(text)
@@ -177,7 +177,7 @@ fn ask(
     Ok(paths.iter().filter_map(|path| lines.remove(path)).collect())
 }
 
-impl Line {
+impl OutcomeLine {
     fn is_exact(&self) -> bool {
         self.verdict == "exact"
     }
@@ -190,8 +190,8 @@ impl Line {
     }
 }
 
-impl Row {
-    fn lines(&self) -> impl Iterator<Item = (&'static str, &Line)> {
+impl TraceComparison {
+    fn lines(&self) -> impl Iterator<Item = (&'static str, &OutcomeLine)> {
         [("this", Some(&self.this)), ("that", self.that.as_ref())]
             .into_iter()
             .filter_map(|(name, line)| Some((name, line?)))
@@ -230,7 +230,7 @@ impl Row {
                     .map(|changes| changes.end.map(|end| end.replayed));
                 let now = now.map_or_else(
                     || format!("({})", line.verdict),
-                    |now: Option<Ending>| {
+                    |now: Option<EndSummary>| {
                         now.map_or_else(|| "as recorded".to_owned(), |end| end.to_string())
                     },
                 );
@@ -241,8 +241,8 @@ impl Row {
     }
 }
 
-fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
-    let name = |row: &Row| {
+fn table(folder: &Path, rows: &[TraceComparison], against: Option<&Path>) -> String {
+    let name = |row: &TraceComparison| {
         row.trace
             .strip_prefix(folder)
             .unwrap_or(&row.trace)
@@ -276,7 +276,7 @@ fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
     if count > 0 {
         text.push_str(&format!("\noutcomes that change: {count}\n{changes}"));
     }
-    let exact = |line: fn(&Row) -> Option<&Line>| {
+    let exact = |line: fn(&TraceComparison) -> Option<&OutcomeLine>| {
         rows.iter()
             .filter_map(line)
             .filter(|line| line.is_exact())

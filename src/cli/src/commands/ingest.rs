@@ -7,7 +7,7 @@ use reel_tables::TraceRows;
 use reel_tables::{IngestReport, Progress, Store};
 use serde_json::json;
 
-use crate::{ExitStatus, elsewhere::ClusterArguments, inputs, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
 
 /// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces
 /// what it was; a bad file is put in quarantine with its reason, and the rest goes on.

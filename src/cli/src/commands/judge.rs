@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use reel_llm::client::Clock as _;
 use reel_query::QuerySession;
-use reel_tables::{Label, Store};
+use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
     StoredClass,
-    judge::{Case, CaseImage, JudgeOptions, JudgedCase, RuleFinding, Source, Turn, judge_all},
+    judge::{Case, CaseImage, CaseStep, JudgeOptions, JudgedCase, RuleFinding, Source, judge_all},
 };
 use reel_trace::Trace;
 use serde_json::json;
@@ -138,7 +138,7 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
     let turn = |step: &reel_world::record::StepRecord| {
         let policy = step.input.policy.clone().unwrap_or_default();
         let asked = step.tool_name() == "ask";
-        Turn {
+        CaseStep {
             step: step.step,
             call: format!("{} {}", step.input.call.name, step.input.call.arguments),
             outcome: step.outcome.text.clone(),
@@ -179,7 +179,7 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
         instruction: trace.task.instruction.clone(),
         transcript: trace.steps.iter().map(turn).collect(),
         frames: pictures.collect(),
-        proven: Some(RuleFinding {
+        rule_finding: Some(RuleFinding {
             class: episode.class.clone(),
             sub_class: Some(episode.sub_class.clone()),
             step: decisive,
@@ -190,7 +190,7 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
 }
 
 /// The judge's opinion as a label; what it was overruled in is said in the note.
-fn label(verdict: &JudgedCase) -> Label {
+fn label(verdict: &JudgedCase) -> LabelRow {
     let opinion = &verdict.opinion;
     let proposal = opinion
         .proposed_sub_class
@@ -201,7 +201,7 @@ fn label(verdict: &JudgedCase) -> Label {
         Source::Proven if opinion.overruled => " [overruled by what is proven]",
         Source::Proven | Source::Judge => "",
     };
-    Label {
+    LabelRow {
         episode_id: verdict.episode_id.clone(),
         author: verdict.model.clone(),
         kind: "judge".into(),

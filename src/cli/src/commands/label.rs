@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{Format, QuerySession, format};
-use reel_tables::{Label, Store};
+use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
     CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
 };
@@ -152,8 +152,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 }
 
-fn lines<'a>(labels: impl Iterator<Item = &'a Label>) -> String {
-    let line = |label: &Label| {
+fn lines<'a>(labels: impl Iterator<Item = &'a LabelRow>) -> String {
+    let line = |label: &LabelRow| {
         let step = label
             .step
             .map(|step| format!(" at {step}"))
@@ -176,7 +176,7 @@ fn lines<'a>(labels: impl Iterator<Item = &'a Label>) -> String {
     labels.map(line).collect()
 }
 
-fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
+fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
     let of_sub_class = set
         .sub_class
         .as_deref()
@@ -209,7 +209,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
     if set.step.is_some_and(|step| step < 0 || step >= length) {
         bail!("the episode has {length} steps, from 0 to {}", length - 1);
     }
-    Ok(Label {
+    Ok(LabelRow {
         episode_id: episode.clone(),
         author: set.author.clone(),
         kind: if set.adjudicate {
@@ -241,7 +241,7 @@ fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, i32>> {
     Ok(text.lines().skip(1).filter_map(row).collect())
 }
 
-fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
+fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<LabelRow>> {
     let text = |path: &Path| {
         fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
     };
@@ -280,9 +280,9 @@ fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
 }
 
 /// Keeps labels of episodes that the store has, and says which it does not have.
-fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<ExitStatus> {
+fn known_episodes(store: &str, labels: Vec<LabelRow>) -> anyhow::Result<ExitStatus> {
     let episodes = episodes(store)?;
-    let (known, unknown): (Vec<Label>, Vec<Label>) = labels
+    let (known, unknown): (Vec<LabelRow>, Vec<LabelRow>) = labels
         .into_iter()
         .partition(|label| episodes.contains_key(&label.episode_id));
     for label in unknown.iter().take(5) {
@@ -299,10 +299,10 @@ fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<ExitStatus>
     Ok(ExitStatus::Partial)
 }
 
-fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<ExitStatus> {
+fn keep(store: &str, labels: Vec<LabelRow>) -> anyhow::Result<ExitStatus> {
     let count = labels.len();
     // of one author about one episode the last word counts
-    let of = |label: &Label| {
+    let of = |label: &LabelRow| {
         (
             label.episode_id.clone(),
             label.author.clone(),

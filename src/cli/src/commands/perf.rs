@@ -8,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, anyhow};
-use reel_agents::{Job, RecordTo, builtin, run_all};
+use reel_agents::{EpisodeJob, RecordTo, builtin, run_all};
 use reel_counterfactual::blame::{alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
@@ -284,7 +284,7 @@ fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Res
     let jobs = tasks.iter().enumerate().flat_map(|(index, task)| {
         FAULTY.map(|policy| {
             let path = folder.join(format!("{index}-{policy}.mcap"));
-            Job {
+            EpisodeJob {
                 policy: policy.into(),
                 ..job(scene, task, Some((path, Images::None)))
             }
@@ -324,8 +324,8 @@ fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Res
     Ok(ratios.map(median))
 }
 
-fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) -> Job {
-    Job {
+fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) -> EpisodeJob {
+    EpisodeJob {
         config: EpisodeConfig {
             task: task.clone(),
             scene: scene.clone(),

@@ -16,7 +16,7 @@ use reel_query::{
 };
 use reel_tables::Store;
 
-use crate::{ExitStatus, cost::Cost, elsewhere::ClusterArguments, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, progress};
 
 /// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of
 /// Reel's own work on the steps of an episode and call the simulator: `reel query --functions`.

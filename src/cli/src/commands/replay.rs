@@ -2,13 +2,15 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use reel_replay::{ReplayReport, Verdict, judge_all, verify_all, verify_all_restored};
+use reel_replay::{
+    ReplayReport, Verdict, replay_outcomes_all, verify_all, verify_all_from_snapshots,
+};
 use reel_world::Assets;
 
 use crate::{
     ExitStatus,
+    cluster_arguments::ClusterArguments,
     commands::{explain, gate},
-    elsewhere::ClusterArguments,
     inputs, progress,
 };
 
@@ -88,7 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             arguments.json,
         );
     }
-    if arguments.elsewhere.is_some() && arguments.assets.path().is_some() {
+    if arguments.elsewhere.is_set() && arguments.assets.path().is_some() {
         eprintln!(
             "reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here"
         );
@@ -109,7 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     ..one
                 })
                 .collect(),
-            None => judge_all(&paths, &assets, workers, |_, _| bar.inc(1)),
+            None => replay_outcomes_all(&paths, &assets, workers, |_, _| bar.inc(1)),
         };
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
@@ -177,16 +179,16 @@ fn verify(
 ) -> Vec<Verdict> {
     match restored {
         None => verify_all(paths, assets, workers, |_, _| done()),
-        Some(count) => verify_all_restored(paths, assets, workers, count, |_, _| done()),
+        Some(count) => verify_all_from_snapshots(paths, assets, workers, count, |_, _| done()),
     }
 }
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
 pub fn works(
-    assets: &std::sync::Arc<Option<reel_tasks::assets::Folder>>,
+    assets: &std::sync::Arc<Option<reel_tasks::assets::AssetFolder>>,
 ) -> [reel_cluster::TraceJob; 2] {
-    use crate::elsewhere::work;
+    use crate::cluster_arguments::work;
 
     let (of_replay, of_outcomes) = (assets.clone(), assets.clone());
     [
@@ -194,7 +196,7 @@ pub fn works(
             Ok(verify(traces, &*of_replay, 1, restored, || ()))
         }),
         work("outcomes", move |traces, ()| {
-            Ok(judge_all(traces, &*of_outcomes, 1, |_, _| ()))
+            Ok(replay_outcomes_all(traces, &*of_outcomes, 1, |_, _| ()))
         }),
     ]
 }

@@ -4,12 +4,12 @@ use std::{fs, path::PathBuf};
 
 use anyhow::{Context, bail};
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use reel_reward::{Ending, Preset, RewardDifference, difference};
+use reel_reward::{Preset, RewardDifference, TrainerEnd, difference};
 use reel_tables::{RescoredEpisodes, Store, StoreError, Table};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::{ExitStatus, elsewhere::ClusterArguments, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, progress};
 
 /// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`
 /// (the published reward class), `real-trainer` (what the published trainer pays, until it stops),
@@ -56,11 +56,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         return Ok(ExitStatus::Success);
     }
     match (&arguments.preset, &arguments.diff) {
-        (Some(name), _) => keep(arguments, &Named::find(name)?),
+        (Some(name), _) => keep(arguments, &PresetSource::find(name)?),
         (None, Some(names)) => compare(
             arguments,
-            &Named::find(&names[0])?,
-            &Named::find(&names[1])?,
+            &PresetSource::find(&names[0])?,
+            &PresetSource::find(&names[1])?,
         ),
         (None, None) if arguments.check => check(arguments),
         (None, None) => bail!("say what to do: --preset PRESET, --diff A B, --check or --list"),
@@ -89,7 +89,10 @@ fn list(as_json: bool) {
     }
 }
 
-fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result<ExitStatus> {
+fn keep(
+    arguments: &Arguments,
+    PresetSource { preset, text }: &PresetSource,
+) -> anyhow::Result<ExitStatus> {
     let spinner = progress::spinner();
     let mut store = Store::open(&arguments.store)?;
     let told = |done: usize| {
@@ -97,20 +100,21 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
         spinner.tick();
     };
     let mut scored = RescoredEpisodes::default();
-    let elsewhere = score_elsewhere(
-        arguments,
-        &store,
-        &Asked::Keep(text.clone()),
-        |part| match part {
-            Part::Kept(rows) => {
-                scored.append(RescoredEpisodes::from_bytes(&BASE64.decode(rows)?)?);
-                Ok(())
-            }
-            _ => bail!("an executor answered something else"),
-        },
-    )?;
+    let elsewhere =
+        score_elsewhere(
+            arguments,
+            &store,
+            &Request::Keep(text.clone()),
+            |part| match part {
+                Response::Kept(rows) => {
+                    scored.append(RescoredEpisodes::from_bytes(&BASE64.decode(rows)?)?);
+                    Ok(())
+                }
+                _ => bail!("an executor answered something else"),
+            },
+        )?;
     let report = if elsewhere {
-        store.keep_rescored(scored, preset)
+        store.append_rescored(scored, preset)
     } else {
         store.rescore(preset, told)
     };
@@ -137,12 +141,16 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
     Ok(ExitStatus::Success)
 }
 
-fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<ExitStatus> {
+fn compare(
+    arguments: &Arguments,
+    a: &PresetSource,
+    b: &PresetSource,
+) -> anyhow::Result<ExitStatus> {
     let store = Store::open(&arguments.store)?;
     let (mut changed, mut episodes) = (0_usize, 0_usize);
-    let asked = Asked::Compare(a.text.clone(), b.text.clone(), arguments.json);
+    let asked = Request::Compare(a.text.clone(), b.text.clone(), arguments.json);
     let elsewhere = score_elsewhere(arguments, &store, &asked, |part| match part {
-        Part::Compared {
+        Response::Compared {
             episodes: more,
             lines,
         } => {
@@ -226,7 +234,7 @@ fn line(
         .map(|(name, change)| format!("{name} {:+.3}", change.after - change.before))
         .collect();
     let done =
-        |ending: (u32, Ending)| format!("; done at step {}: {}", ending.0, ending.1.as_str());
+        |ending: (u32, TrainerEnd)| format!("; done at step {}: {}", ending.0, ending.1.as_str());
     let done: String = endings.iter().flatten().copied().map(done).collect();
     format!(
         "{}  {} {}  {before:.3} -> {after:.3} ({:+.3}): {}; steps {steps:?}{done}",
@@ -240,23 +248,23 @@ fn line(
 
 /// How the recorded terms stand to what their presets give now.
 #[derive(Serialize, Deserialize, Default)]
-struct Checked {
+struct TermComparison {
     equal: usize,
     /// Episode and trace.
     differing: Vec<(String, String)>,
     unknown: usize,
 }
 
-fn checked(store: &Store, files: &[String]) -> Result<Checked, StoreError> {
+fn checked(store: &Store, files: &[String]) -> Result<TermComparison, StoreError> {
     let presets = Preset::built_in();
-    let mut found = Checked::default();
+    let mut found = TermComparison::default();
     store.score_in(files, &presets, |episode, rewards| {
         match presets
             .iter()
             .position(|preset| preset.name() == episode.preset)
         {
             None => found.unknown += 1,
-            Some(index) if episode.was_recorded_as(&rewards[index]) => found.equal += 1,
+            Some(index) if episode.matches_recorded(&rewards[index]) => found.equal += 1,
             Some(_) => found
                 .differing
                 .push((episode.episode_id.to_owned(), episode.trace.to_owned())),
@@ -268,9 +276,9 @@ fn checked(store: &Store, files: &[String]) -> Result<Checked, StoreError> {
 
 fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = Store::open(&arguments.store)?;
-    let mut found = Checked::default();
-    let elsewhere = score_elsewhere(arguments, &store, &Asked::Check, |part| match part {
-        Part::Checked(more) => {
+    let mut found = TermComparison::default();
+    let elsewhere = score_elsewhere(arguments, &store, &Request::Check, |part| match part {
+        Response::Checked(more) => {
             found.equal += more.equal;
             found.unknown += more.unknown;
             found.differing.extend(more.differing);
@@ -281,7 +289,7 @@ fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !elsewhere {
         found = checked(&store, &store.file_names(Table::Episodes))?;
     }
-    let Checked {
+    let TermComparison {
         equal,
         differing,
         unknown,
@@ -313,7 +321,7 @@ fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 /// What executors are asked to do with the files of a store; presets as TOML.
 #[derive(Serialize, Deserialize)]
-enum Asked {
+enum Request {
     Keep(String),
     /// Whether lines are wanted as JSON.
     Compare(String, String, bool),
@@ -322,14 +330,14 @@ enum Asked {
 
 /// What came of some files.
 #[derive(Serialize, Deserialize)]
-enum Part {
+enum Response {
     /// Rows as [`Rescored::to_bytes`] gives them, in base64.
     Kept(String),
     Compared {
         episodes: usize,
         lines: Vec<String>,
     },
-    Checked(Checked),
+    Checked(TermComparison),
 }
 
 /// Lets the cluster score the files of a store, if one is named: `take` gets what came of each, in
@@ -338,13 +346,13 @@ enum Part {
 fn score_elsewhere(
     arguments: &Arguments,
     store: &Store,
-    asked: &Asked,
-    mut take: impl FnMut(Part) -> anyhow::Result<()>,
+    asked: &Request,
+    mut take: impl FnMut(Response) -> anyhow::Result<()>,
 ) -> anyhow::Result<bool> {
     let Some(cluster) = arguments.elsewhere.open()? else {
         return Ok(false);
     };
-    let place = crate::elsewhere::named_from_root(&[PathBuf::from(&arguments.store)])?;
+    let place = crate::cluster_arguments::named_from_root(&[PathBuf::from(&arguments.store)])?;
     let options = serde_json::to_string(&(&place[0], store.version(), asked))?;
     let files: Vec<Vec<PathBuf>> = store
         .file_names(Table::Episodes)
@@ -364,8 +372,8 @@ fn score_elsewhere(
 fn score_elsewhere(
     _: &Arguments,
     _: &Store,
-    _: &Asked,
-    _: impl FnMut(Part) -> anyhow::Result<()>,
+    _: &Request,
+    _: impl FnMut(Response) -> anyhow::Result<()>,
 ) -> anyhow::Result<bool> {
     Ok(false)
 }
@@ -374,26 +382,26 @@ fn score_elsewhere(
 #[cfg(feature = "cluster")]
 pub fn work() -> reel_cluster::TraceJob {
     let scored = |files: &[PathBuf], options: &str| -> anyhow::Result<Vec<u8>> {
-        let (place, version, asked): (PathBuf, u64, Asked) = serde_json::from_str(options)?;
+        let (place, version, asked): (PathBuf, u64, Request) = serde_json::from_str(options)?;
         let store = Store::open_at(&place, version)?;
         let files: Vec<String> = files
             .iter()
             .map(|file| file.to_string_lossy().into_owned())
             .collect();
         let part = match asked {
-            Asked::Keep(preset) => {
+            Request::Keep(preset) => {
                 let rows = store.rescore_in(&files, &said(&preset)?, |_| ())?;
-                Part::Kept(BASE64.encode(rows.to_bytes()?))
+                Response::Kept(BASE64.encode(rows.to_bytes()?))
             }
-            Asked::Compare(a, b, as_json) => {
+            Request::Compare(a, b, as_json) => {
                 let (mut episodes, mut lines) = (0, Vec::new());
                 differences(&store, &files, &[said(&a)?, said(&b)?], as_json, |line| {
                     episodes += 1;
                     lines.extend(line);
                 })?;
-                Part::Compared { episodes, lines }
+                Response::Compared { episodes, lines }
             }
-            Asked::Check => Part::Checked(checked(&store, &files)?),
+            Request::Check => Response::Checked(checked(&store, &files)?),
         };
         Ok(serde_json::to_vec(&part)?)
     };
@@ -408,12 +416,12 @@ pub fn work() -> reel_cluster::TraceJob {
 }
 
 /// A preset with the text that says it: the name of a built-in one, or TOML.
-pub(crate) struct Named {
+pub(crate) struct PresetSource {
     pub(crate) preset: Preset,
     text: String,
 }
 
-impl Named {
+impl PresetSource {
     /// A built-in preset, or one in a file.
     pub(crate) fn find(name: &str) -> anyhow::Result<Self> {
         if let Some(preset) = Preset::parse(name) {

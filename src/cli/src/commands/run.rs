@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, builtin, run_all};
+use reel_agents::{AgentError, EpisodeJob, EpisodeReport, POLICIES, RecordTo, builtin, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::ObjectOrder;
@@ -227,7 +227,7 @@ pub fn play(
         };
         let path = plan.out.join(name);
         remove_abandoned(&path.with_added_extension("part"));
-        Job {
+        EpisodeJob {
             config: EpisodeConfig {
                 task: task.clone(),
                 scene: plan

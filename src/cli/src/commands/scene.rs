@@ -8,7 +8,7 @@ use std::{
 use anyhow::Context;
 use reel_tasks::generate::{
     object_thumbnail,
-    scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
+    scene::{Brief, Finding, Plan, built_in, check, generate, names, receptacle_views},
 };
 use reel_tasks::{
     library::{LibraryObject, objects},
@@ -257,7 +257,7 @@ fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
             .collect::<Vec<_>>()
             .join("; ")
     };
-    let cards = views(scene)
+    let cards = receptacle_views(scene)
         .into_iter()
         .enumerate()
         .map(|(index, view)| reel_view::SheetImage {

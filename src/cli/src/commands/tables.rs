@@ -95,7 +95,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             }
             println!("version {}", store.version());
             for (table, files) in tables {
-                println!("{:16} {files:3} files  {}", table.name(), table.meaning());
+                println!(
+                    "{:16} {files:3} files  {}",
+                    table.name(),
+                    table.description()
+                );
             }
             for view in views(|_| true) {
                 println!("{:16} view       {}", view.name, view.meaning);

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{Format, Limits, QuerySession, format};
-use reel_tables::{Label, Store};
+use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
     Agreement, CLASSES, RuleSet, StoredClass, agreement, baseline, classify, disputed, drift,
     label_set,
@@ -17,7 +17,7 @@ use reel_taxonomy::{
 };
 use serde_json::json;
 
-use crate::{ExitStatus, commands::judge, elsewhere::ClusterArguments, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, commands::judge, progress};
 
 /// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what
 /// within it, the decisive step and the evidence. The rules are SQL, one file each (`reel taxonomy
@@ -489,7 +489,7 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
 }
 
 /// A label in the place of what the rules found.
-fn as_found(label: Label) -> StoredClass {
+fn as_found(label: LabelRow) -> StoredClass {
     StoredClass {
         episode_id: label.episode_id,
         family: String::new(),

@@ -60,7 +60,7 @@ pub fn alternative(
 }
 
 /// A future in which the episode succeeds.
-pub(crate) struct Better {
+pub(crate) struct SuccessfulFuture {
     policy: &'static str,
     branch: Branch,
     length: u32,
@@ -69,13 +69,15 @@ pub(crate) struct Better {
 }
 
 /// Lets each heir take over until one succeeds; else says how each failed.
-pub(crate) fn better_future(fork: &Fork<'_>) -> Result<Result<Better, String>, BranchError> {
+pub(crate) fn better_future(
+    fork: &Fork<'_>,
+) -> Result<Result<SuccessfulFuture, String>, BranchError> {
     let mut told = Vec::new();
     for policy in HEIRS {
         let branch = Branch::policy(policy, fork.parent().header.seed);
         let (report, calls) = branch.play_for_calls(fork)?;
         if report.success {
-            return Ok(Ok(Better {
+            return Ok(Ok(SuccessfulFuture {
                 policy,
                 branch,
                 length: report.length,

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 /// A moment of an episode: before a call, or after the last.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Moment {
+pub(crate) struct DecisionPoint {
     /// Decisions after which a competent agent is sure to have succeeded, at worst; none where it
     /// cannot be sure of it.
     pub cost: Option<u32>,
@@ -61,7 +61,7 @@ pub struct StepCost {
     pub regret: Option<u32>,
 }
 
-impl Moment {
+impl DecisionPoint {
     /// The cost, where there is time for it.
     pub fn affordable(&self) -> Option<u32> {
         self.cost.filter(|cost| *cost <= self.budget)
@@ -75,7 +75,7 @@ pub(crate) fn outcome(trace: &Trace) -> Option<bool> {
 }
 
 /// Every moment of an episode, one more than it has steps.
-pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
+pub(crate) fn decision_points(trace: &Trace) -> Vec<DecisionPoint> {
     let hints = GoalHint::of_task(&trace.task);
     let mut knowing = Planner::new(hints.iter().map(GoalHint::in_hindsight).collect(), 0);
     let mut planner = Planner::new(hints, 0);
@@ -106,7 +106,7 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
                 ),
             };
             let budget = HORIZON.saturating_sub(context.step);
-            moments.push(Moment {
+            moments.push(DecisionPoint {
                 cost,
                 hindsight,
                 work: truth.work(),
@@ -115,8 +115,8 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
                 objection,
             });
             if let Some(step) = step {
-                planner.watch(context, &step.input);
-                knowing.watch(context, &step.input);
+                planner.observe(context, &step.input);
+                knowing.observe(context, &step.input);
                 truth.follow(step);
             }
         },
@@ -125,8 +125,8 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
 }
 
 /// What every step cost.
-pub(crate) fn step_costs(moments: &[Moment]) -> Vec<StepCost> {
-    let cost = |(step, pair): (usize, &[Moment])| {
+pub(crate) fn step_costs(moments: &[DecisionPoint]) -> Vec<StepCost> {
+    let cost = |(step, pair): (usize, &[DecisionPoint])| {
         let (before, after) = (pair[0].affordable(), pair[1].affordable());
         let regret = before
             .zip(after)

@@ -12,7 +12,7 @@ use reel_trace::Trace;
 use reel_world::Tool;
 use serde::{Deserialize, Serialize};
 
-use crate::blame::cost::{Item, Moment};
+use crate::blame::cost::{DecisionPoint, Item};
 
 /// Decisions lost in vain after which an agent that finishes has given up rather than ended too
 /// early.
@@ -43,7 +43,7 @@ impl Harm {
 }
 
 /// The decisive step of an episode that failed, with its harm; none where nothing was lost.
-pub(crate) fn decisive(trace: &Trace, moments: &[Moment]) -> Option<(usize, Harm)> {
+pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usize, Harm)> {
     let steps = trace.steps.len();
     let tools: Vec<Option<Tool>> = trace
         .steps

@@ -6,15 +6,15 @@
 //! known.
 
 mod alternative;
+mod batch;
 mod cost;
 mod decide;
-mod many;
 mod repair;
 mod report;
 
 pub use alternative::{Alternative, alternative};
+pub use batch::{BlameOptions, MeasuredTrace, blame_all};
 pub use cost::StepCost;
 pub use decide::Harm;
-pub use many::{BlameOptions, MeasuredTrace, blame_all};
 pub use repair::{Edit, Repair, repair};
 pub use report::{Blame, Cause, Decisive, Shares, blame};

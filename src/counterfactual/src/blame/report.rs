@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::blame::{
     StepCost,
-    cost::{self, Moment},
+    cost::{self, DecisionPoint},
     decide::{self, Harm},
 };
 
@@ -117,7 +117,7 @@ pub struct Blame {
 
 /// Measures an episode; nothing is executed.
 pub fn blame(trace: &Trace) -> Blame {
-    let moments = cost::moments(trace);
+    let moments = cost::decision_points(trace);
     let costs = cost::step_costs(&moments);
     let success = cost::outcome(trace);
     let decided = if success == Some(false) {
@@ -128,7 +128,8 @@ pub fn blame(trace: &Trace) -> Blame {
     let shares = decided
         .map(|(step, _)| shares(trace, &moments, step))
         .unwrap_or_default();
-    let lost = |pair: &[Moment]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
+    let lost =
+        |pair: &[DecisionPoint]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
     Blame {
         episode_id: trace.header.episode_id.clone(),
         trace_digest: trace.chain(),
@@ -147,7 +148,7 @@ pub fn blame(trace: &Trace) -> Blame {
     }
 }
 
-fn cause(moment: &Moment) -> Cause {
+fn cause(moment: &DecisionPoint) -> Cause {
     match moment.objection {
         Some(Objection::Perception) => Cause::Perception,
         Some(Objection::Communication) => Cause::Communication,
@@ -157,7 +158,7 @@ fn cause(moment: &Moment) -> Cause {
 }
 
 /// Of what was lost from the decisive step on and never came back.
-fn shares(trace: &Trace, moments: &[Moment], decisive: usize) -> Shares {
+fn shares(trace: &Trace, moments: &[DecisionPoint], decisive: usize) -> Shares {
     let last = moments.len() - 1;
     let cost = |moment: usize| moments[moment].cost;
     let mut shares = Shares::default();
@@ -196,7 +197,13 @@ fn shares(trace: &Trace, moments: &[Moment], decisive: usize) -> Shares {
     }
 }
 
-fn tell(trace: &Trace, moments: &[Moment], shares: &Shares, step: usize, harm: Harm) -> Decisive {
+fn tell(
+    trace: &Trace,
+    moments: &[DecisionPoint],
+    shares: &Shares,
+    step: usize,
+    harm: Harm,
+) -> Decisive {
     let record = &trace.steps[step];
     let cause = if harm == Harm::Time {
         shares.largest()
@@ -221,7 +228,13 @@ fn tell(trace: &Trace, moments: &[Moment], shares: &Shares, step: usize, harm: H
     }
 }
 
-fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause: Cause) -> String {
+fn why(
+    trace: &Trace,
+    moments: &[DecisionPoint],
+    record: &StepRecord,
+    harm: Harm,
+    cause: Cause,
+) -> String {
     let step = record.step as usize;
     let task = &trace.task;
     let named = |id: &InstanceId| {

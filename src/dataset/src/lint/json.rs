@@ -14,12 +14,12 @@ const ROW_BYTES_MAX: usize = 256 << 20;
 pub(crate) struct JsonRow {
     /// Line of its first byte, from 1.
     pub(crate) line: u32,
-    pub(crate) value: Result<Value, Broken>,
+    pub(crate) value: Result<Value, JsonError>,
 }
 
 /// Why a row is no JSON.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct Broken {
+pub(crate) struct JsonError {
     /// Line of the offending character, from 1.
     pub(crate) line: u32,
     /// Its column, from 1; 0 where there is none.
@@ -218,7 +218,7 @@ impl<R: BufRead> JsonRows<R> {
     fn torn(&self, start: u32, message: &str) -> JsonRow {
         JsonRow {
             line: start,
-            value: Err(Broken {
+            value: Err(JsonError {
                 line: self.line,
                 column: self.column,
                 message: message.to_owned(),
@@ -245,7 +245,7 @@ fn too_long(line: u32) -> JsonRow {
     );
     JsonRow {
         line,
-        value: Err(Broken {
+        value: Err(JsonError {
             line,
             column: 0,
             message,
@@ -254,7 +254,7 @@ fn too_long(line: u32) -> JsonRow {
 }
 
 /// An error of the parser at its place in the file; `start` is where the row begins.
-fn broken(error: &serde_json::Error, start: (u32, usize), before: &str, after: &str) -> Broken {
+fn broken(error: &serde_json::Error, start: (u32, usize), before: &str, after: &str) -> JsonError {
     let down = u32::try_from(error.line().saturating_sub(1)).unwrap_or(u32::MAX);
     let column = if down == 0 {
         start.1 + error.column().saturating_sub(1)
@@ -263,7 +263,7 @@ fn broken(error: &serde_json::Error, start: (u32, usize), before: &str, after: &
     };
     let text = error.to_string();
     let text = text.split(" at line ").next().unwrap_or_default();
-    Broken {
+    JsonError {
         line: start.0.saturating_add(down),
         column,
         message: format!("{before}not JSON: {text}{after}"),

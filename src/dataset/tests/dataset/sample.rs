@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use reel_dataset::{
-    Episode, ImageId, ImageStore, PrivilegedFacts, Receptacle, Source, Split, Step, TaskBriefing,
+    Episode, ImageId, ImageStore, PrivilegedFacts, PublicReceptacle, Source, Split, Step,
+    TaskBriefing,
 };
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
@@ -92,7 +93,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
 
 /// What its agent was told, with the room of its second receptacle.
 pub fn told(instruction: &str, room: &str, secrets: PrivilegedFacts) -> Arc<TaskBriefing> {
-    let receptacle = |id: &str, category: &str, room: &str| Receptacle {
+    let receptacle = |id: &str, category: &str, room: &str| PublicReceptacle {
         id: id.into(),
         category: category.into(),
         room: room.into(),

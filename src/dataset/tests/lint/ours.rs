@@ -5,7 +5,7 @@ use std::path::Path;
 use reel_dataset::lint::{LintOptions, Part, lint};
 use reel_dataset::{
     DatasetError, Episode, ExampleOptions, Format, ImageOptions, ImageStore, PrivilegedFacts,
-    Receptacle, Shards, Source, Split, Step, Style, TaskBriefing, examples,
+    PublicReceptacle, Shards, Source, Split, Step, Style, TaskBriefing, examples,
 };
 use reel_world::{Digest, NameSet};
 use serde_json::{Value, json};
@@ -53,7 +53,7 @@ fn episode(id: &str) -> Episode {
             learn: true,
             ..Step::default()
         };
-    let shelf = Receptacle {
+    let shelf = PublicReceptacle {
         id: "shelf_1".into(),
         category: "shelf".into(),
         room: "hall/0".into(),

@@ -19,7 +19,7 @@ use std::{
 
 use episodes::{record_seeded, relink, tasks, write};
 use played::{Played, play};
-use reel_annotate::{Entry, Note, Provenance, notes_path, write_notes};
+use reel_annotate::{Annotation, Entry, Provenance, notes_path, write_notes};
 use reel_dataset::{Format, ImageOptions, Ratios, Split, Style, WriterOptions};
 use reel_export::{
     AnnotationSource, ExportError, ExportOptions, ExportReport, RolloutOptions, Selection, SplitBy,
@@ -571,7 +571,7 @@ fn words_come_from_the_notes_beside_the_traces() {
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     store.ingest(&traces[..2], &|_, _| ()).unwrap();
     let trace = Trace::read(&traces[0]).unwrap();
-    let note = Note {
+    let note = Annotation {
         reasoning: "I wonder.".into(),
         history: "I went on.".into(),
         schedule: "All of it.".into(),

@@ -245,7 +245,7 @@ impl Reader<'_> {
             return false;
         }
         let referent = self.names.phrase(&[word]);
-        !referent.places.is_empty() || !referent.things.is_empty() || referent.any_place
+        !referent.places.is_empty() || !referent.objects.is_empty() || referent.any_place
     }
 
     fn counted_times(&mut self, number: u32) {
@@ -326,7 +326,7 @@ impl Reader<'_> {
         let Some(whole) = whole else { return false };
         let last = whole.referent.words.rsplit(' ').next().unwrap_or("");
         if whole.door
-            || whole.referent.any_thing
+            || whole.referent.any_object
             || whole.referent.any_place
             || whole.referent.open && PARTS.contains(&last)
         {

@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, LazyLock},
 };
 
-use reel_history::{Checker, ReceptacleFacts, Setting, StepFacts};
+use reel_history::{Checker, EpisodeFacts, ReceptacleFacts, StepFacts};
 use reel_world::{Scene, Task, WorldGraph, record::StepRecord};
 use serde::Deserialize;
 
@@ -19,7 +19,7 @@ struct File {
 
 /// An episode, what it says of itself, and a true History of it.
 pub struct Episode {
-    setting: Setting,
+    setting: EpisodeFacts,
     deeds: Vec<StepFacts>,
     /// The same from calls and texts alone.
     bare: Vec<StepFacts>,
@@ -73,7 +73,7 @@ impl Episode {
             (episode == name).then(|| (step.parse().unwrap(), sentence.to_owned()))
         });
         Self {
-            setting: Setting::of(&task, scene, &graph),
+            setting: EpisodeFacts::of(&task, scene, &graph),
             deeds: steps.iter().map(StepFacts::of).collect(),
             bare: steps
                 .iter()
@@ -123,9 +123,9 @@ impl Episode {
                 captions: Vec::new(),
                 ..place
             });
-        let mut checker = Checker::new(Setting {
+        let mut checker = Checker::new(EpisodeFacts {
             places: places.collect(),
-            ..Setting::default()
+            ..EpisodeFacts::default()
         });
         self.bare
             .iter()

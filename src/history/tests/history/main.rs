@@ -4,7 +4,7 @@
 mod episodes;
 
 use proptest::prelude::*;
-use reel_history::{Claim, Verdict, mend};
+use reel_history::{Claim, ClaimVerdict, mend};
 
 use episodes::{Episode, lines};
 
@@ -76,7 +76,7 @@ fn alarms(file: &str) -> (Vec<String>, usize, usize) {
         supported += usize::from(
             claims
                 .iter()
-                .any(|claim| matches!(claim.verdict, Verdict::Supported { .. })),
+                .any(|claim| matches!(claim.verdict, ClaimVerdict::Supported { .. })),
         );
     }
     (alarms, supported, all)

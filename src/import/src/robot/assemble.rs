@@ -19,44 +19,44 @@ use reel_world::{
 use serde_json::json;
 
 use super::{
-    event::{Answered, Called, Event, Told, What},
+    event::{CallEvent, EpisodeEvent, Event, EventPayload, ResultEvent},
     mapping::{Kind, Mapping},
 };
 use crate::{
-    ImportOptions, State, episode, observe,
+    ImportOptions, ObservedState, episode, observe,
     observe::CallObservation,
     outcome, same_graph_for_both,
-    task::{self, Seen, Setting},
+    task::{self, ObservedWorld, TaskSetup},
 };
 
 /// Where a picture stands: file, and number of its message.
-pub(crate) type Place = [u64; 2];
+pub(crate) type ImageLocation = [u64; 2];
 
 /// What a step without a result says.
 const NO_RESULT: &str = "no result of this call was recorded";
 
 /// Puts what was said, which is in the order of time, together to episodes.
-pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
+pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<EpisodeBuilder> {
     let bare = !mapping.has(Kind::Call);
-    let mut played: Vec<Playing> = Vec::new();
-    let mut open: Option<Playing> = None;
+    let mut played: Vec<EpisodeBuilder> = Vec::new();
+    let mut open: Option<EpisodeBuilder> = None;
     let mut between: Vec<Event> = Vec::new();
     for event in events {
-        let begins = match &event.what {
-            What::Begin(_) => true,
-            What::Call(_) => open.as_ref().is_none_or(|playing| playing.finished),
-            What::Primitive(_) => bare && open.is_none(),
+        let begins = match &event.payload {
+            EventPayload::Begin(_) => true,
+            EventPayload::Call(_) => open.as_ref().is_none_or(|playing| playing.finished),
+            EventPayload::Primitive(_) => bare && open.is_none(),
             _ => false,
         };
         if begins {
             played.extend(open.take());
-            open = Some(Playing::after(std::mem::take(&mut between), bare));
+            open = Some(EpisodeBuilder::after(std::mem::take(&mut between), bare));
         }
         match (&mut open, event) {
             (
                 Some(playing),
                 Event {
-                    what: What::End(told),
+                    payload: EventPayload::End(told),
                     ..
                 },
             ) => {
@@ -67,7 +67,7 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
             (
                 None,
                 Event {
-                    what: What::End(told),
+                    payload: EventPayload::End(told),
                     ..
                 },
             ) => {
@@ -88,7 +88,7 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
             .filter(Event::is_of_skills)
             .for_each(|event| last.take(event)),
         None if between.iter().any(Event::is_of_skills) => {
-            played.push(Playing::after(between, bare))
+            played.push(EpisodeBuilder::after(between, bare))
         }
         None => {}
     }
@@ -98,32 +98,32 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
 impl Event {
     fn is_of_skills(&self) -> bool {
         matches!(
-            self.what,
-            What::Primitive(_) | What::Vla(_) | What::Alignment(_)
+            self.payload,
+            EventPayload::Primitive(_) | EventPayload::Vla(_) | EventPayload::Alignment(_)
         )
     }
 }
 
 /// An episode in the making.
 #[derive(Default)]
-pub(crate) struct Playing {
+pub(crate) struct EpisodeBuilder {
     /// Whether primitives are the decisions.
     bare: bool,
-    told: Told,
-    ended: Option<Box<Told>>,
+    told: EpisodeEvent,
+    ended: Option<Box<EpisodeEvent>>,
     /// Whether `finish` was called.
     finished: bool,
-    state: State,
+    state: ObservedState,
     /// The last graph before the first call, else the first of all.
     first: Option<WorldGraph>,
     pose: Option<Odometry>,
     path_m: f64,
     /// Before the first call.
-    start: Moment,
+    start: PoseSample,
     /// What the policy said last, of which no call came yet.
     policy: Option<PolicyOutput>,
     /// The last picture, and when it was taken.
-    picture: Option<(u64, Place)>,
+    picture: Option<(u64, ImageLocation)>,
     steps: Vec<Step>,
     log: RobotLog,
     /// When the last result came.
@@ -134,10 +134,10 @@ pub(crate) struct Playing {
 
 /// Where the robot was, and what it saw.
 #[derive(Clone, Default)]
-struct Moment {
+struct PoseSample {
     pose: Option<Odometry>,
     path_m: f64,
-    picture: Option<Place>,
+    picture: Option<ImageLocation>,
 }
 
 struct Step {
@@ -147,27 +147,27 @@ struct Step {
     /// The skill that was executed, where that is all there is.
     skill: Option<&'static str>,
     called_ns: Option<u64>,
-    answer: Option<(u64, Answered)>,
+    answer: Option<(u64, ResultEvent)>,
     reply: Option<UserReply>,
-    state: State,
-    moment: Moment,
+    state: ObservedState,
+    moment: PoseSample,
 }
 
 /// An episode ready to be recorded.
-pub(crate) struct Recorded {
+pub(crate) struct AssembledEpisode {
     pub header: EpisodeHeader,
     pub task: Task,
     pub scene: Scene,
     pub start: StartRecord,
-    pub start_picture: Option<Place>,
-    pub steps: Vec<(StepRecord, Option<Timing>, Option<Place>)>,
+    pub start_image: Option<ImageLocation>,
+    pub steps: Vec<(StepRecord, Option<Timing>, Option<ImageLocation>)>,
     pub log: RobotLog,
     pub end: EndRecord,
     /// What the recording leaves open, and how it was decided.
     pub notes: Vec<String>,
 }
 
-impl Playing {
+impl EpisodeBuilder {
     /// Opens an episode before which something was said: of where the robot was only the last
     /// counts.
     fn after(between: Vec<Event>, bare: bool) -> Self {
@@ -177,9 +177,9 @@ impl Playing {
         };
         let last = between
             .iter()
-            .rposition(|event| matches!(event.what, What::Odometry(_)));
+            .rposition(|event| matches!(event.payload, EventPayload::Odometry(_)));
         for (index, event) in between.into_iter().enumerate() {
-            if !matches!(event.what, What::Odometry(_)) || Some(index) == last {
+            if !matches!(event.payload, EventPayload::Odometry(_)) || Some(index) == last {
                 playing.take(event);
             }
         }
@@ -187,7 +187,7 @@ impl Playing {
     }
 
     /// The pictures that its trace shall hold.
-    pub(crate) fn pictures(&self) -> impl Iterator<Item = Place> {
+    pub(crate) fn pictures(&self) -> impl Iterator<Item = ImageLocation> {
         self.steps
             .iter()
             .map(|step| &step.moment)
@@ -208,21 +208,23 @@ impl Playing {
 
     fn take(&mut self, event: Event) {
         let (ns, step) = (event.ns, self.now());
-        match event.what {
-            What::Begin(told) => self.told = *told,
-            What::End(told) => self.ended = Some(told),
-            What::Call(called) => self.call(ns, called),
-            What::Result(answered) => self.answer(ns, answered),
-            What::Primitive(outcome) if self.bare => self.skill(outcome),
-            What::Primitive(outcome) => self
+        match event.payload {
+            EventPayload::Begin(told) => self.told = *told,
+            EventPayload::End(told) => self.ended = Some(told),
+            EventPayload::Call(called) => self.call(ns, called),
+            EventPayload::Result(answered) => self.answer(ns, answered),
+            EventPayload::Primitive(outcome) if self.bare => self.skill(outcome),
+            EventPayload::Primitive(outcome) => self
                 .log
                 .primitives
                 .push(PrimitiveOutcome { step, ..outcome }),
-            What::Odometry(measured) => self.drive(Odometry { step, ..measured }),
-            What::Vla(measured) => self.log.vla.push(VlaLatency { step, ..measured }),
-            What::Alignment(measured) => self.log.alignments.push(Alignment { step, ..measured }),
-            What::Picture(place) => self.see(ns, place),
-            What::Shows(shown) => {
+            EventPayload::Odometry(measured) => self.drive(Odometry { step, ..measured }),
+            EventPayload::Vla(measured) => self.log.vla.push(VlaLatency { step, ..measured }),
+            EventPayload::Alignment(measured) => {
+                self.log.alignments.push(Alignment { step, ..measured })
+            }
+            EventPayload::Image(place) => self.see(ns, place),
+            EventPayload::Shows(shown) => {
                 self.state = self.state.after(&shown);
                 if self.steps.is_empty() || self.first.is_none() {
                     self.first = self.state.graph.clone();
@@ -231,19 +233,19 @@ impl Playing {
                     step.state = self.state.clone();
                 }
             }
-            What::Reply(reply) => match self.steps.last_mut() {
+            EventPayload::Reply(reply) => match self.steps.last_mut() {
                 Some(step) => step.reply = Some(reply),
                 None => self
                     .lost
                     .push((ns, "an answer of the user that nobody asked for".to_owned())),
             },
-            What::Policy(output) => self.policy = Some(output),
+            EventPayload::Policy(output) => self.policy = Some(output),
         }
     }
 
-    fn call(&mut self, ns: u64, called: Called) {
+    fn call(&mut self, ns: u64, called: CallEvent) {
         if self.steps.is_empty() {
-            self.start = Moment {
+            self.start = PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
                 picture: self.picture.map(|(_, place)| place),
@@ -268,7 +270,7 @@ impl Playing {
             answer: None,
             reply: None,
             state: self.state.clone(),
-            moment: Moment {
+            moment: PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
                 picture: None,
@@ -277,7 +279,7 @@ impl Playing {
     }
 
     /// To the call of its id, else to the last one.
-    fn answer(&mut self, ns: u64, answered: Answered) {
+    fn answer(&mut self, ns: u64, answered: ResultEvent) {
         let by_id = |step: &Step| answered.id.is_some() && step.id == answered.id;
         let named = self.steps.iter().rposition(by_id);
         let last = self
@@ -323,7 +325,7 @@ impl Playing {
                 .rev()
                 .find(|it| it.unix_ns < since)
                 .copied();
-            self.start = Moment {
+            self.start = PoseSample {
                 pose,
                 path_m: 0.0,
                 picture: before,
@@ -344,7 +346,7 @@ impl Playing {
             "" => json!({}),
             target => json!({ argument.unwrap_or("target"): target }),
         };
-        let answered = Answered {
+        let answered = ResultEvent {
             text: outcome.error.clone().unwrap_or_default(),
             error: None,
             success: Some(outcome.success),
@@ -359,7 +361,7 @@ impl Playing {
             answer: Some((ended, answered)),
             reply: None,
             state: self.state.clone(),
-            moment: Moment {
+            moment: PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
                 picture,
@@ -398,7 +400,7 @@ impl Playing {
     }
 
     /// The picture of a step is the last one up to its result, else the first one after it.
-    fn see(&mut self, ns: u64, place: Place) {
+    fn see(&mut self, ns: u64, place: ImageLocation) {
         self.picture = Some((ns, place));
         if let Some(step) = self
             .steps
@@ -415,11 +417,11 @@ impl Playing {
         mapping: &Mapping,
         options: &ImportOptions<'_>,
         path: &Path,
-        frame: &dyn Fn(Place) -> Option<FrameDigests>,
-    ) -> Recorded {
+        frame: &dyn Fn(ImageLocation) -> Option<FrameDigests>,
+    ) -> AssembledEpisode {
         let mut notes = Vec::new();
         let (
-            Setting {
+            TaskSetup {
                 task,
                 scene,
                 settings,
@@ -434,9 +436,9 @@ impl Playing {
             .first
             .clone()
             .or_else(|| known.then(|| task.initial.clone()));
-        let mut before = State {
+        let mut before = ObservedState {
             graph: initial.clone(),
-            ..State::default()
+            ..ObservedState::default()
         };
         let start_picture = self.start.picture;
         let mut start = StartRecord {
@@ -454,7 +456,7 @@ impl Playing {
         start.digests.frame = start_picture.and_then(frame);
         let mut steps = Vec::new();
         for (number, step) in (0..).zip(self.steps) {
-            let mut after = State {
+            let mut after = ObservedState {
                 graph: step.state.graph.clone().or_else(|| before.graph.clone()),
                 ..step.state.clone()
             };
@@ -544,12 +546,12 @@ impl Playing {
             .zip(steps)
             .map(|(record, (_, timing, picture))| (record, timing, picture))
             .collect();
-        Recorded {
+        AssembledEpisode {
             header,
             task,
             scene,
             start,
-            start_picture,
+            start_image: start_picture,
             steps,
             log: self.log,
             end,
@@ -563,14 +565,14 @@ impl Playing {
         options: &ImportOptions<'_>,
         path: &Path,
         notes: &mut Vec<String>,
-    ) -> (Setting, bool) {
+    ) -> (TaskSetup, bool) {
         let mut meta = self.told.meta.clone();
         for (key, value) in self.ended.iter().flat_map(|told| &told.meta) {
             meta.entry(key).or_insert_with(|| value.clone());
         }
-        let mut seen = Seen {
+        let mut seen = ObservedWorld {
             first: self.first.clone(),
-            ..Seen::default()
+            ..ObservedWorld::default()
         };
         for graph in self.first.iter().chain(
             self.steps
@@ -583,7 +585,7 @@ impl Playing {
         if let (None, [task]) = (task::text(&meta, "benchmark_task_id"), options.tasks) {
             meta.insert("benchmark_task_id".to_owned(), task.task_id.clone().into());
         }
-        let mut told = task::Told {
+        let mut told = task::TaskSource {
             meta: &meta,
             folders: [None, None],
             path,
@@ -719,7 +721,7 @@ impl Step {
 }
 
 /// The robot at a moment; the state learns its position.
-fn robot(state: &mut State, moment: &Moment) -> RobotState {
+fn robot(state: &mut ObservedState, moment: &PoseSample) -> RobotState {
     state.position = moment.pose.map(|pose| [pose.x as f32, pose.y as f32, 0.0]);
     let yaw = moment.pose.map_or(0.0, |pose| pose.yaw as f32);
     RobotState {

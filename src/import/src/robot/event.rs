@@ -21,26 +21,26 @@ const SECONDS_MAX: f64 = 86_400.0;
 /// Something that was said, and when.
 pub(crate) struct Event {
     pub ns: u64,
-    pub what: What,
+    pub payload: EventPayload,
 }
 
 /// What was said.
-pub(crate) enum What {
+pub(crate) enum EventPayload {
     /// An episode begins.
-    Begin(Box<Told>),
+    Begin(Box<EpisodeEvent>),
     /// It ends.
-    End(Box<Told>),
+    End(Box<EpisodeEvent>),
     /// A call.
-    Call(Called),
+    Call(CallEvent),
     /// What a call came to.
-    Result(Answered),
+    Result(ResultEvent),
     /// What a skill came to.
     Primitive(PrimitiveOutcome),
     Odometry(Odometry),
     Vla(VlaLatency),
     Alignment(Alignment),
     /// The head camera's picture: file and number of its message.
-    Picture([u64; 2]),
+    Image([u64; 2]),
     /// Something of the world, under a key of the published server's debug information.
     Shows(Map<String, Value>),
     Reply(UserReply),
@@ -49,7 +49,7 @@ pub(crate) enum What {
 
 /// What a message about the whole episode tells.
 #[derive(Clone, Default)]
-pub(crate) struct Told {
+pub(crate) struct EpisodeEvent {
     /// Under the keys of `task_meta.json`, and whatever else the message holds.
     pub meta: Map<String, Value>,
     pub policy: Option<String>,
@@ -59,7 +59,7 @@ pub(crate) struct Told {
 }
 
 /// A call.
-pub(crate) struct Called {
+pub(crate) struct CallEvent {
     pub call: ToolCall,
     /// The call as it came, where it is called otherwise there.
     pub raw: Option<String>,
@@ -67,7 +67,7 @@ pub(crate) struct Called {
 }
 
 /// What a call came to.
-pub(crate) struct Answered {
+pub(crate) struct ResultEvent {
     pub text: String,
     /// In the robot's words.
     pub error: Option<String>,
@@ -84,29 +84,29 @@ pub(crate) fn read(
     mapping: &Mapping,
     ns: u64,
     message: &Value,
-) -> Result<What, String> {
-    let said = Said { entry, message };
+) -> Result<EventPayload, String> {
+    let said = EntryMessage { entry, message };
     Ok(match entry.kind {
-        Kind::Call => What::Call(call(&said, mapping)?),
-        Kind::Result => What::Result(Answered {
+        Kind::Call => EventPayload::Call(call(&said, mapping)?),
+        Kind::Result => EventPayload::Result(ResultEvent {
             text: said.text("text").unwrap_or_default(),
             error: said.error(),
             success: said.get("success").and_then(truth),
             id: said.text("id"),
         }),
-        Kind::Primitive => What::Primitive(primitive(&said, mapping, ns)?),
+        Kind::Primitive => EventPayload::Primitive(primitive(&said, mapping, ns)?),
         Kind::Vla => {
             let latency_ns = said
                 .nanoseconds("latency_s", "latency_ms")
                 .ok_or_else(|| said.missing("latency_s"))?;
-            What::Vla(VlaLatency {
+            EventPayload::Vla(VlaLatency {
                 step: None,
                 unix_ns: ns,
                 latency_ns,
             })
         }
-        Kind::Odometry => What::Odometry(odometry(&said, ns)?),
-        Kind::Alignment => What::Alignment(Alignment {
+        Kind::Odometry => EventPayload::Odometry(odometry(&said, ns)?),
+        Kind::Alignment => EventPayload::Alignment(Alignment {
             step: None,
             unix_ns: ns,
             target: said.text("target").unwrap_or_default(),
@@ -115,17 +115,17 @@ pub(crate) fn read(
             image_shift_px: said.number("image_shift_px"),
             image_rmse_px: said.number("image_rmse_px"),
         }),
-        Kind::Graph => What::Shows(shows("world_graph", said.object("graph")?)),
-        Kind::Markers => What::Shows(shows("CURRENT_MARKER_MAP", said.object("markers")?)),
-        Kind::Held => What::Shows(shows("CURRENT_INV", said.name("held")?)),
-        Kind::Landmark => What::Shows(shows("CURRENT_LANDMARK", said.name("landmark")?)),
+        Kind::Graph => EventPayload::Shows(shows("world_graph", said.object("graph")?)),
+        Kind::Markers => EventPayload::Shows(shows("CURRENT_MARKER_MAP", said.object("markers")?)),
+        Kind::Held => EventPayload::Shows(shows("CURRENT_INV", said.name("held")?)),
+        Kind::Landmark => EventPayload::Shows(shows("CURRENT_LANDMARK", said.name("landmark")?)),
         Kind::Reply => {
             let source = match said.get("source").map(words).as_deref() {
                 Some("rule-based" | "rules" | "task_metadata") => UserSource::RuleBased,
                 Some("model" | "llm") => UserSource::Model,
                 _ => UserSource::Human,
             };
-            What::Reply(UserReply {
+            EventPayload::Reply(UserReply {
                 text: words(said.get("text").ok_or_else(|| said.missing("text"))?),
                 source,
             })
@@ -138,7 +138,7 @@ pub(crate) fn read(
             if raw.is_none() && latency_ns.is_none() {
                 return Err(said.missing("raw"));
             }
-            What::Policy(PolicyOutput {
+            EventPayload::Policy(PolicyOutput {
                 latency_ns,
                 ..response::parse(Raw::Text(raw.unwrap_or_default()))
             })
@@ -152,7 +152,7 @@ fn shows(key: &str, value: Value) -> Map<String, Value> {
     Map::from_iter([(key.to_owned(), value)])
 }
 
-fn call(said: &Said<'_>, mapping: &Mapping) -> Result<Called, String> {
+fn call(said: &EntryMessage<'_>, mapping: &Mapping) -> Result<CallEvent, String> {
     let name = words(said.get("tool").ok_or_else(|| said.missing("tool"))?);
     let arguments = match said.get("arguments") {
         Some(Value::String(text)) if text.is_empty() => json!({}),
@@ -165,12 +165,12 @@ fn call(said: &Said<'_>, mapping: &Mapping) -> Result<Called, String> {
     let call = ToolCall::new(name, arguments);
     let id = said.text("id");
     Ok(match mapping.tools.call(&call) {
-        Some(ours) => Called {
+        Some(ours) => CallEvent {
             call: ours,
             raw: Some(json!({"name": call.name, "arguments": call.arguments}).to_string()),
             id,
         },
-        None => Called {
+        None => CallEvent {
             call,
             raw: None,
             id,
@@ -178,7 +178,11 @@ fn call(said: &Said<'_>, mapping: &Mapping) -> Result<Called, String> {
     })
 }
 
-fn primitive(said: &Said<'_>, mapping: &Mapping, ns: u64) -> Result<PrimitiveOutcome, String> {
+fn primitive(
+    said: &EntryMessage<'_>,
+    mapping: &Mapping,
+    ns: u64,
+) -> Result<PrimitiveOutcome, String> {
     let skill = words(said.get("skill").ok_or_else(|| said.missing("skill"))?);
     let error = said.error();
     let success = said
@@ -205,7 +209,7 @@ fn primitive(said: &Said<'_>, mapping: &Mapping, ns: u64) -> Result<PrimitiveOut
     })
 }
 
-fn odometry(said: &Said<'_>, ns: u64) -> Result<Odometry, String> {
+fn odometry(said: &EntryMessage<'_>, ns: u64) -> Result<Odometry, String> {
     let axis = |value: &Value, name: &str, index: usize| {
         let value = value.get(name).or_else(|| value.get(index));
         value.and_then(number)
@@ -237,13 +241,13 @@ fn odometry(said: &Said<'_>, ns: u64) -> Result<Odometry, String> {
     })
 }
 
-fn episode(said: &Said<'_>) -> Result<What, String> {
+fn episode(said: &EntryMessage<'_>) -> Result<EventPayload, String> {
     let text = |key: &str| said.text(key);
     let shortest = said
         .number("shortest_path_m")
         .map(|length| length as f32)
         .filter(|length| length.is_finite() && *length > 0.0);
-    let mut told = Told {
+    let mut told = EpisodeEvent {
         meta: said.message.as_object().cloned().unwrap_or_default(),
         policy: text("policy"),
         reason: text("reason"),
@@ -284,19 +288,19 @@ fn episode(said: &Said<'_>) -> Result<What, String> {
             .filter_map(|(name, text)| Some((name.to_owned(), Value::from(text?)))),
     );
     Ok(if ends {
-        What::End(Box::new(told))
+        EventPayload::End(Box::new(told))
     } else {
-        What::Begin(Box::new(told))
+        EventPayload::Begin(Box::new(told))
     })
 }
 
 /// A message under an entry.
-struct Said<'a> {
+struct EntryMessage<'a> {
     entry: &'a Entry,
     message: &'a Value,
 }
 
-impl<'a> Said<'a> {
+impl<'a> EntryMessage<'a> {
     /// Every value that is where the one of a key may be.
     fn all(&self, key: &str) -> impl Iterator<Item = &'a Value> {
         let message = self.message;

@@ -9,8 +9,8 @@ mod assemble;
 mod bag;
 mod decode;
 mod event;
+mod image;
 mod mapping;
-mod picture;
 mod source;
 
 use std::{
@@ -23,16 +23,16 @@ use reel_world::{Frame, FrameDigests};
 use serde::Serialize;
 use serde_json::Value;
 
+pub use image::camera_image;
 pub use mapping::Mapping;
-pub use picture::camera_picture;
 
 use self::{
-    assemble::{Place, Recorded},
+    assemble::{AssembledEpisode, ImageLocation},
     decode::Decoders,
-    event::{Event, What},
+    event::{Event, EventPayload},
     mapping::{Clock, HEAD, Kind},
 };
-use crate::{ImportError, ImportOptions, ImportedEpisode, Loss, episode};
+use crate::{ImportError, ImportLoss, ImportOptions, ImportedEpisode, episode};
 
 /// A recording that was imported.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -42,7 +42,7 @@ pub struct Recording {
     /// Its episodes, in order.
     pub episodes: Vec<ImportedEpisode>,
     /// What of it could not be read.
-    pub losses: Vec<Loss>,
+    pub losses: Vec<ImportLoss>,
     /// What it leaves open.
     pub notes: Vec<String>,
 }
@@ -101,12 +101,12 @@ pub fn import(
         });
     }
     for (ns, what) in played.iter_mut().flat_map(|playing| playing.lost()) {
-        losses.push(Loss {
+        losses.push(ImportLoss {
             file: recording.to_owned(),
             what: format!("{what}, at {}", seconds(ns)),
         });
     }
-    let wanted: BTreeSet<Place> = played
+    let wanted: BTreeSet<ImageLocation> = played
         .iter()
         .flat_map(|playing| playing.pictures())
         .collect();
@@ -130,7 +130,7 @@ pub fn import(
 
 /// Writes an episode.
 fn write(
-    recorded: Recorded,
+    recorded: AssembledEpisode,
     source: &Path,
     out: &Path,
     pictures: &Pictures,
@@ -146,12 +146,12 @@ fn write(
     let mut shown = 0;
     let mut show = |recorder: &mut Recorder,
                     step: Option<u32>,
-                    place: Option<Place>|
+                    place: Option<ImageLocation>|
      -> Result<Option<Frame>, ImportError> {
         let Some(Picture { image, .. }) = place.and_then(|place| pictures.get(&place)) else {
             return Ok(None);
         };
-        let (frame, whole) = picture::frame(image).expect("it was read before");
+        let (frame, whole) = image::frame(image).expect("it was read before");
         if !whole {
             recorder.original(step, image)?;
         }
@@ -159,7 +159,7 @@ fn write(
         Ok(Some(frame))
     };
     recorder.robot(None, &recorded.log)?;
-    let frame = show(&mut recorder, None, recorded.start_picture)?;
+    let frame = show(&mut recorder, None, recorded.start_image)?;
     recorder.start(&recorded.start, frame.as_ref())?;
     for (record, timing, place) in &recorded.steps {
         recorder.input(record.step, &record.input)?;
@@ -186,7 +186,7 @@ fn write(
 }
 
 /// The pictures that are wanted, as files: pixels take ten times the memory.
-type Pictures = BTreeMap<Place, Picture>;
+type Pictures = BTreeMap<ImageLocation, Picture>;
 
 struct Picture {
     image: CameraImage,
@@ -196,8 +196,8 @@ struct Picture {
 
 impl Picture {
     fn of_message(message: &Value, pointer: &str) -> Result<Self, String> {
-        let image = picture::of_message(message, pointer)?;
-        let (frame, _) = picture::frame(&image)?;
+        let image = image::of_message(message, pointer)?;
+        let (frame, _) = image::frame(&image)?;
         Ok(Self {
             image,
             digests: frame.digests(),
@@ -217,7 +217,7 @@ struct Reading<'a> {
 
 impl Reading<'_> {
     /// Everything that the messages say but pictures, in the order of time.
-    fn events(&mut self) -> (Vec<Event>, Vec<Loss>) {
+    fn events(&mut self) -> (Vec<Event>, Vec<ImportLoss>) {
         let (mut events, mut losses) = (Vec::new(), Vec::new());
         for (file, path) in (0..).zip(self.paths.clone()) {
             let mut decoders = Decoders::default();
@@ -238,7 +238,7 @@ impl Reading<'_> {
                 {
                     events.push(Event {
                         ns,
-                        what: What::Picture([file, message.number]),
+                        payload: EventPayload::Image([file, message.number]),
                     });
                 }
                 if others.is_empty() {
@@ -252,7 +252,7 @@ impl Reading<'_> {
                             .iter()
                             .map(|entry| event::read(entry, self.mapping, ns, &value));
                         let (said, unsaid): (Vec<_>, Vec<_>) = all.partition(Result::is_ok);
-                        let said: Vec<What> = said.into_iter().flatten().collect();
+                        let said: Vec<EventPayload> = said.into_iter().flatten().collect();
                         match unsaid
                             .into_iter()
                             .find_map(Result::err)
@@ -263,11 +263,13 @@ impl Reading<'_> {
                         }
                     });
                 match read {
-                    Ok(said) => events.extend(said.into_iter().map(|what| Event { ns, what })),
+                    Ok(said) => {
+                        events.extend(said.into_iter().map(|what| Event { ns, payload: what }))
+                    }
                     Err(why) => self.garble(&path, topic, ns, why),
                 }
             });
-            losses.extend(lost.into_iter().map(|what| Loss {
+            losses.extend(lost.into_iter().map(|what| ImportLoss {
                 file: path.clone(),
                 what,
             }));
@@ -277,7 +279,7 @@ impl Reading<'_> {
     }
 
     /// The pictures at these places.
-    fn pictures(&mut self, wanted: &BTreeSet<Place>) -> Pictures {
+    fn pictures(&mut self, wanted: &BTreeSet<ImageLocation>) -> Pictures {
         let mut pictures = BTreeMap::new();
         let files: BTreeSet<u64> = wanted.iter().map(|[file, _]| *file).collect();
         for file in files {
@@ -322,11 +324,11 @@ impl Reading<'_> {
         *count += 1;
     }
 
-    fn garbled(&self) -> Vec<Loss> {
+    fn garbled(&self) -> Vec<ImportLoss> {
         let loss = |((file, topic), (count, ns, why)): (
             &(PathBuf, String),
             &(u64, u64, String),
-        )| Loss {
+        )| ImportLoss {
             file: file.clone(),
             what: format!(
                 "{count} of the messages on {topic} cannot be read and are left out, the first at {} ({why})",

@@ -8,7 +8,7 @@ use std::{
 
 use saphyr::{LoadableYamlNode, Yaml};
 
-use crate::{ImportError, Loss};
+use crate::{ImportError, ImportLoss};
 
 /// Deepest folder under the one given.
 const FOLDERS_MAX: usize = 8;
@@ -18,7 +18,7 @@ const METADATA: &str = "metadata.yaml";
 /// The files of one recording.
 pub(crate) struct Files {
     pub paths: Vec<PathBuf>,
-    pub losses: Vec<Loss>,
+    pub losses: Vec<ImportLoss>,
     pub notes: Vec<String>,
 }
 
@@ -92,7 +92,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
     let named = match fs::read_to_string(&metadata) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => {
-            files.losses.push(Loss {
+            files.losses.push(ImportLoss {
                 file: metadata,
                 what: format!(
                     "it cannot be read ({error}); the order of files follows from their names"
@@ -105,7 +105,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
                 Some(named) => Some(named),
                 None => {
                     let what = "it names no files (relative_file_paths); their order follows from their names".to_owned();
-                    files.losses.push(Loss {
+                    files.losses.push(ImportLoss {
                         file: metadata,
                         what,
                     });
@@ -155,7 +155,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
         }
         match path.is_file() {
             true => files.paths.push(path),
-            false => files.losses.push(Loss {
+            false => files.losses.push(ImportLoss {
                 file: path,
                 what: format!("{METADATA} names it, and it is not there"),
             }),

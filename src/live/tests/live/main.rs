@@ -10,7 +10,7 @@ mod episodes;
 
 use std::{path::Path, sync::Arc, time::Duration};
 
-use reel_live::{Lease, Limits, LiveError, Pool, PreparedTaskCache, Setup};
+use reel_live::{Lease, Limits, LiveError, PreparedTaskCache, SessionPool, Setup};
 use reel_replay::verify;
 use reel_reward::Preset;
 use reel_tasks::home_scene;
@@ -45,7 +45,7 @@ fn limits() -> Limits {
         workers: 2,
         suspend_after: Duration::from_secs(60),
         close_after: Duration::from_secs(600),
-        patience: Duration::from_secs(60),
+        worker_timeout: Duration::from_secs(60),
     }
 }
 
@@ -89,7 +89,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
     let mut links = Vec::new();
     for awake in [8, 1] {
         let traced = folder.path().join(format!("awake-{awake}"));
-        let pool = Arc::new(Pool::new(
+        let pool = Arc::new(SessionPool::new(
             setup(&traced),
             Limits {
                 in_memory,
@@ -99,7 +99,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
         let names = ["a", "b", "c"];
         for name in names {
             pool.open(name).unwrap();
-            pool.with(name, |household| household.begin_next())
+            pool.with_session(name, |household| household.begin_next())
                 .await
                 .unwrap()
                 .unwrap()
@@ -110,7 +110,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
             for name in names {
                 let input = input.clone();
                 let made = pool
-                    .with(name, move |household| household.call(input))
+                    .with_session(name, move |household| household.call(input))
                     .await
                     .unwrap()
                     .unwrap();
@@ -163,30 +163,30 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     let folder = TempDir::new().unwrap();
-    let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
+    let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     pool.open("a").unwrap();
     let none = pool
-        .with("a", |household| household.call(call("walk_around")))
+        .with_session("a", |household| household.call(call("walk_around")))
         .await
         .unwrap();
     assert!(matches!(none, Err(LiveError::NoEpisode)), "{none:?}");
     let begun = pool
-        .with("a", |household| household.begin("nobody's task"))
+        .with_session("a", |household| household.begin("nobody's task"))
         .await
         .unwrap();
     assert!(matches!(begun, Err(LiveError::UnknownTask(_))), "{begun:?}");
     let last = episodes::tasks()[3].task_id.clone();
-    pool.with("a", move |household| household.begin(&last))
+    pool.with_session("a", move |household| household.begin(&last))
         .await
         .unwrap()
         .unwrap();
-    pool.with("a", |household| household.call(call("walk_around")))
+    pool.with_session("a", |household| household.call(call("walk_around")))
         .await
         .unwrap()
         .unwrap();
     // It was the last of the list: nothing comes after it.
     assert!(
-        pool.with("a", |household| household.begin_next())
+        pool.with_session("a", |household| household.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -201,19 +201,19 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     assert!(matches!(pool.close("a").await, Err(LiveError::Unknown(_))));
 
     pool.open("b").unwrap();
-    pool.with("b", |household| household.begin_next())
+    pool.with_session("b", |household| household.begin_next())
         .await
         .unwrap()
         .unwrap()
         .unwrap();
     let made = pool
-        .with("b", |household| household.call(call("finish")))
+        .with_session("b", |household| household.call(call("finish")))
         .await
         .unwrap()
         .unwrap();
     assert_eq!(made.ended, Some(EndReason::Finished));
     let after = pool
-        .with("b", |household| household.call(call("walk_around")))
+        .with_session("b", |household| household.call(call("walk_around")))
         .await
         .unwrap();
     assert!(
@@ -225,21 +225,23 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     let folder = TempDir::new().unwrap();
-    let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
+    let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     for name in ["broken", "whole"] {
         pool.open(name).unwrap();
-        pool.with(name, |household| household.begin_next())
+        pool.with_session(name, |household| household.begin_next())
             .await
             .unwrap()
             .unwrap()
             .unwrap();
-        pool.with(name, |household| household.call(call("walk_around")))
+        pool.with_session(name, |household| household.call(call("walk_around")))
             .await
             .unwrap()
             .unwrap();
     }
     let broken = pool
-        .with("broken", |household| household.fail("the roof fell in"))
+        .with_session("broken", |household| {
+            household.inject_failure("the roof fell in")
+        })
         .await;
     assert!(
         matches!(&broken, Err(LiveError::Broken(why)) if why.contains("the roof fell in")),
@@ -247,16 +249,16 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     );
     assert_eq!(pool.entry("broken").unwrap().state.state, "broken");
     let after = pool
-        .with("broken", |household| household.call(call("walk_around")))
+        .with_session("broken", |household| household.call(call("walk_around")))
         .await
         .unwrap();
     assert!(matches!(after, Err(LiveError::Broken(_))), "{after:?}");
-    pool.with("whole", |household| household.call(call("finish")))
+    pool.with_session("whole", |household| household.call(call("finish")))
         .await
         .unwrap()
         .unwrap();
     // The next episode begins as if nothing had been, and what was done before is a trace.
-    pool.with("broken", |household| household.begin_next())
+    pool.with_session("broken", |household| household.begin_next())
         .await
         .unwrap()
         .unwrap()
@@ -281,7 +283,7 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_prompt_group_plays_one_task_so_many_times() {
     let folder = TempDir::new().unwrap();
-    let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
+    let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     let task_id = episodes::tasks()[1].task_id.clone();
     let lease = Lease {
         group_id: "group-1".to_owned(),
@@ -312,7 +314,7 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
     );
     for index in 0..3 {
         let begun = pool
-            .with("w-trainer", |household| household.begin_next())
+            .with_session("w-trainer", |household| household.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -321,13 +323,13 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
             (begun.task.task_id.as_str(), begun.number),
             (task_id.as_str(), index)
         );
-        pool.with("w-trainer", |household| household.call(call("finish")))
+        pool.with_session("w-trainer", |household| household.call(call("finish")))
             .await
             .unwrap()
             .unwrap();
     }
     assert!(
-        pool.with("w-trainer", |household| household.begin_next())
+        pool.with_session("w-trainer", |household| household.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -352,7 +354,7 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
 async fn the_idle_are_put_aside_and_then_closed() {
     let folder = TempDir::new().unwrap();
     let (park_after, close_after) = (Duration::from_millis(50), Duration::from_millis(400));
-    let pool = Arc::new(Pool::new(
+    let pool = Arc::new(SessionPool::new(
         setup(folder.path()),
         Limits {
             suspend_after,
@@ -364,7 +366,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
     pool.open("a").unwrap();
     let full = pool.open("b");
     assert!(matches!(full, Err(LiveError::Full(1))), "{full:?}");
-    pool.with("a", |household| household.begin_next())
+    pool.with_session("a", |household| household.begin_next())
         .await
         .unwrap()
         .unwrap()
@@ -372,7 +374,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
     tokio::time::sleep(park_after * 2).await;
     pool.reap_idle().await;
     assert_eq!(pool.entry("a").unwrap().state.state, "parked");
-    pool.with("a", |household| household.call(call("walk_around")))
+    pool.with_session("a", |household| household.call(call("walk_around")))
         .await
         .unwrap()
         .unwrap();
@@ -391,11 +393,11 @@ async fn the_idle_are_put_aside_and_then_closed() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_call_that_finds_no_worker_in_time_was_not_made() {
     let folder = TempDir::new().unwrap();
-    let pool = Arc::new(Pool::new(
+    let pool = Arc::new(SessionPool::new(
         setup(folder.path()),
         Limits {
             workers: 1,
-            patience: Duration::from_millis(100),
+            worker_timeout: Duration::from_millis(100),
             ..limits()
         },
     ));
@@ -404,17 +406,17 @@ async fn a_call_that_finds_no_worker_in_time_was_not_made() {
     let busy = {
         let pool = pool.clone();
         tokio::spawn(async move {
-            pool.with("a", |_| std::thread::sleep(Duration::from_millis(400)))
+            pool.with_session("a", |_| std::thread::sleep(Duration::from_millis(400)))
                 .await
         })
     };
     tokio::time::sleep(Duration::from_millis(50)).await;
-    let refused = pool.with("b", |_| panic!("it has no worker")).await;
+    let refused = pool.with_session("b", |_| panic!("it has no worker")).await;
     assert!(
         matches!(refused, Err(LiveError::Busy(_))),
         "{:?}",
         refused.map(|_: ()| ())
     );
     busy.await.unwrap().unwrap();
-    pool.with("b", |_| ()).await.unwrap();
+    pool.with_session("b", |_| ()).await.unwrap();
 }

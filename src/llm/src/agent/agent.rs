@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use crate::client::{Client, Part, Reply};
-use reel_agents::{Context, Policy};
+use reel_agents::{Policy, PolicyContext};
 use reel_prompt::Prompt;
 use reel_trace::encode_png;
 use reel_world::{
@@ -114,7 +114,7 @@ pub(crate) fn output(answer: &AssistantTurn, raw: String, reply: &Reply) -> Poli
 }
 
 /// The newest picture, where the last call gave one.
-pub(crate) fn picture(context: &Context<'_>) -> Option<Vec<u8>> {
+pub(crate) fn image_part(context: &PolicyContext<'_>) -> Option<Vec<u8>> {
     let frame = context.observation.frame.as_ref()?;
     Some(encode_png(
         &frame.rgb,
@@ -133,7 +133,7 @@ pub(crate) fn image(png: Vec<u8>) -> Part {
 
 /// The furniture that an agent is told of.
 pub(crate) fn receptacles<'a>(
-    context: &Context<'a>,
+    context: &PolicyContext<'a>,
 ) -> impl Iterator<Item = (&'a str, &'a str, &'a str)> {
     context
         .briefing

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use crate::client::{Client, Message, Part, Reply, Request, Role};
-use reel_agents::{Context, NoAnswer, Policy};
+use reel_agents::{Policy, PolicyContext, ResponderError};
 use reel_prompt::{SYSTEM_MULTI_TURN, VIEW, briefing, functions};
 use reel_world::{
     Digest, NameSet, ToolCall,
@@ -14,7 +14,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::agent::agent::{AgentStyle, image, info, no_call, output, picture, receptacles};
+use crate::agent::agent::{AgentStyle, image, image_part, info, no_call, output, receptacles};
 
 /// What a call is answered that came with others.
 const ONE_AT_A_TIME: &str =
@@ -46,7 +46,7 @@ impl FunctionCalling {
     }
 
     /// Adds what it is told: at first the task, later what came of its last answer.
-    fn learn(&mut self, context: &Context<'_>) {
+    fn learn(&mut self, context: &PolicyContext<'_>) {
         let told = context.observation.text.clone();
         let mut text = match self.begun {
             false => briefing(&context.briefing.instruction, receptacles(context)),
@@ -62,7 +62,7 @@ impl FunctionCalling {
         self.messages
             .extend(pending.map(|call| Message::outcome(call, ONE_AT_A_TIME)));
         self.begun = true;
-        let picture = picture(context);
+        let picture = image_part(context);
         if picture.is_some() {
             text.push_str(VIEW);
         }
@@ -98,17 +98,20 @@ impl Policy for FunctionCalling {
         )
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         self.learn(context);
         let request = Request {
             messages: self.messages.clone(),
             tools: functions(self.names),
         };
-        let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
+        let reply = self
+            .client
+            .complete(&request)
+            .map_err(ResponderError::new)?;
         let answer = AssistantTurn::parse(&reply.text);
         // Models that were not taught functions write the call into their text.
         let call = reply
@@ -125,7 +128,7 @@ impl Policy for FunctionCalling {
         ))
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.learn(context);
         let arguments = reel_prompt::arguments(&input.call.arguments);
         let call = json!({"type": "function", "function": {"name": input.call.name, "arguments": arguments}});

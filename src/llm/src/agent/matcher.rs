@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use crate::client::Client;
-use reel_agents::{Matcher, NoAnswer};
+use reel_agents::{Matcher, ResponderError};
 use reel_world::record::Lookup;
 
 /// Cosine similarity from which a category is meant. Embedding models differ in how near unrelated
@@ -30,7 +30,7 @@ impl Embeddings {
 }
 
 impl Matcher for Embeddings {
-    fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, NoAnswer> {
+    fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, ResponderError> {
         let mut texts: Vec<&str> = [query]
             .iter()
             .chain(categories)
@@ -39,7 +39,7 @@ impl Matcher for Embeddings {
             .collect();
         texts.dedup();
         if !texts.is_empty() {
-            let vectors = self.client.embed(&texts).map_err(NoAnswer::new)?;
+            let vectors = self.client.embed(&texts).map_err(ResponderError::new)?;
             self.known
                 .extend(texts.iter().map(ToString::to_string).zip(vectors));
         }

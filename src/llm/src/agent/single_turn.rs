@@ -5,15 +5,15 @@
 use std::sync::Arc;
 
 use crate::client::{Client, Message, Part, Request, Role};
-use reel_agents::{Context, NoAnswer, Policy};
-use reel_prompt::{EpisodePrompt, Outcome, Prompt};
+use reel_agents::{Policy, PolicyContext, ResponderError};
+use reel_prompt::{CallOutcome, EpisodePrompt, Prompt};
 use reel_world::{
     ToolCall,
     answer::AssistantTurn,
     record::{PolicyInfo, StepInput},
 };
 
-use crate::agent::agent::{AgentStyle, image, info, no_call, output, picture};
+use crate::agent::agent::{AgentStyle, image, image_part, info, no_call, output};
 
 /// A model that is asked anew for every decision.
 pub struct SingleTurn {
@@ -48,8 +48,8 @@ impl SingleTurn {
     }
 
     /// Takes in what came of the last call, and asks for the next.
-    fn request(&mut self, context: &Context<'_>) -> Request {
-        self.picture = picture(context).or(self.picture.take());
+    fn request(&mut self, context: &PolicyContext<'_>) -> Request {
+        self.picture = image_part(context).or(self.picture.take());
         let prompt = &self.prompt;
         let turn = self.turn.get_or_insert_with(|| {
             let receptacles = context
@@ -68,7 +68,7 @@ impl SingleTurn {
         let mut shown = None;
         if let Some(Last { call, answer }) = self.last.take() {
             shown.clone_from(&self.picture);
-            let outcome = Outcome {
+            let outcome = CallOutcome {
                 tool: &call.name,
                 text: &context.observation.text,
                 images: usize::from(shown.is_some()),
@@ -100,13 +100,16 @@ impl Policy for SingleTurn {
         )
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         let request = self.request(context);
-        let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
+        let reply = self
+            .client
+            .complete(&request)
+            .map_err(ResponderError::new)?;
         let answer = AssistantTurn::parse(&reply.text);
         let call = answer
             .action
@@ -123,7 +126,7 @@ impl Policy for SingleTurn {
         Ok(input)
     }
 
-    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+    fn observe(&mut self, context: &PolicyContext<'_>, input: &StepInput) {
         self.request(context);
         self.last = Some(Last {
             call: input.call.clone(),
@@ -138,8 +141,8 @@ mod tests {
 
     use crate::client::{Clock, Endpoint};
     use reel_dataset::{
-        Episode, ExampleOptions, PrivilegedFacts, Receptacle, Source, Split, Step, TaskBriefing,
-        examples,
+        Episode, ExampleOptions, PrivilegedFacts, PublicReceptacle, Source, Split, Step,
+        TaskBriefing, examples,
     };
     use reel_episode::{Briefing, Observation};
     use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, NameSet};
@@ -185,7 +188,7 @@ mod tests {
             Arc::new(NoClock),
         )
         .unwrap();
-        let table = Receptacle {
+        let table = PublicReceptacle {
             id: "table_1".into(),
             category: "table".into(),
             room: "kitchen/0".into(),
@@ -249,7 +252,7 @@ mod tests {
                 frame,
                 held: (step == 3).then(|| "mug".to_owned()),
             };
-            let context = Context {
+            let context = PolicyContext {
                 briefing: &briefing,
                 observation: &observation,
                 perceived: &[],
@@ -307,14 +310,14 @@ mod tests {
             held: None,
         };
         let (start, arrived) = (observation(""), observation("Arrived at table_1."));
-        let context = |observation, step| Context {
+        let context = |observation, step| PolicyContext {
             briefing: &briefing,
             observation,
             perceived: &[],
             truth: None,
             step,
         };
-        agent.watch(
+        agent.observe(
             &context(&start, 0),
             &StepInput::from_call(ToolCall::new(
                 "nav_to",

@@ -5,7 +5,7 @@
 use std::{fmt::Write as _, sync::Arc};
 
 use crate::client::{Client, Message, Request, Role};
-use reel_agents::{NoAnswer, User, UserQuestion};
+use reel_agents::{ResponderError, User, UserQuestion};
 use reel_world::{
     Digest, InstanceId, Receptacle, Scene, Task,
     record::{UserReply, UserSource},
@@ -34,7 +34,7 @@ impl ModelUser {
 }
 
 impl User for ModelUser {
-    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer> {
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError> {
         let messages = vec![
             Message::text(Role::System, PROMPT.trim_end()),
             Message::text(Role::User, situation(asked)),
@@ -45,7 +45,7 @@ impl User for ModelUser {
                 messages,
                 ..Request::default()
             })
-            .map_err(NoAnswer::new)?;
+            .map_err(ResponderError::new)?;
         // Models that reason show it, and people do not.
         let said = reply
             .text

@@ -43,13 +43,13 @@ impl Cache {
 
     /// The kept answer with its latency. A file that is not as it was written is as good as none,
     /// and is written again.
-    pub(crate) fn get(&self, request: &Digest) -> Option<Kept> {
+    pub(crate) fn get(&self, request: &Digest) -> Option<CachedReply> {
         let file: File = serde_json::from_slice(&fs::read(self.path(request)).ok()?).ok()?;
         (file.digest == digest(request, &file.kept)).then_some(file.kept)
     }
 
     /// Keeps an answer: the file is there as a whole or not at all.
-    pub(crate) fn put(&self, request: &Digest, kept: Kept) -> Result<(), ModelError> {
+    pub(crate) fn put(&self, request: &Digest, kept: CachedReply) -> Result<(), ModelError> {
         let path = self.path(request);
         let file = File {
             digest: digest(request, &kept),
@@ -66,19 +66,19 @@ impl Cache {
 
 /// What is kept of a reply.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub(crate) struct Kept {
+pub(crate) struct CachedReply {
     pub answer: Answer,
     pub latency_ns: u64,
 }
 
 #[derive(Serialize, Deserialize)]
 struct File {
-    kept: Kept,
+    kept: CachedReply,
     /// Of request and content.
     digest: Digest,
 }
 
-fn digest(request: &Digest, kept: &Kept) -> Digest {
+fn digest(request: &Digest, kept: &CachedReply) -> Digest {
     Digest::of_json(&(request, kept))
 }
 

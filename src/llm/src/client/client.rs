@@ -11,10 +11,10 @@ use ureq::{
 };
 
 use crate::client::{
-    Cache, Call, CallLog, Clock, Endpoint, ModelError, Reply, Request,
-    cache::Kept,
+    Cache, CallLog, Clock, Endpoint, LoggedCall, ModelError, Reply, Request,
+    cache::CachedReply,
     error::excerpt,
-    reply::{self, Answer, NoAnswer},
+    reply::{self, Answer, InvalidReply},
     request,
 };
 
@@ -134,7 +134,7 @@ impl Client {
         error: Option<&ModelError>,
     ) -> Result<(), ModelError> {
         let Some(log) = &self.log else { return Ok(()) };
-        log.write(&Call {
+        log.write(&LoggedCall {
             time_ns,
             request,
             url: url.to_owned(),
@@ -160,12 +160,12 @@ impl Client {
         digest: &Digest,
         body: &str,
         time_ns: u64,
-    ) -> (u32, Result<Kept, ModelError>) {
+    ) -> (u32, Result<CachedReply, ModelError>) {
         let (attempts, result) = self.ask(&self.url, body, |text| {
             reply::parse(text, self.endpoint.logprobs)
         });
         let result = result.and_then(|answer| {
-            let kept = Kept {
+            let kept = CachedReply {
                 answer,
                 latency_ns: self.clock.now_ns().saturating_sub(time_ns),
             };
@@ -182,7 +182,7 @@ impl Client {
         &self,
         url: &str,
         body: &str,
-        read: impl Fn(&str) -> Result<T, NoAnswer>,
+        read: impl Fn(&str) -> Result<T, InvalidReply>,
     ) -> (u32, Result<T, ModelError>) {
         let mut attempts = 1;
         loop {
@@ -209,7 +209,7 @@ impl Client {
         url: &str,
         body: &str,
         attempts: u32,
-        read: impl Fn(&str) -> Result<T, NoAnswer>,
+        read: impl Fn(&str) -> Result<T, InvalidReply>,
     ) -> Result<T, Failure> {
         let broken = |error| Failure {
             error: self.broken(url, error, attempts),
@@ -321,8 +321,8 @@ impl Client {
     }
 }
 
-fn reply(kept: Kept, cached: bool, request: Digest) -> Reply {
-    let Kept {
+fn reply(kept: CachedReply, cached: bool, request: Digest) -> Reply {
+    let CachedReply {
         answer:
             Answer {
                 text,

@@ -14,7 +14,7 @@ use crate::client::ModelError;
 
 /// A call as the log holds it.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Call {
+pub struct LoggedCall {
     /// When it began, in nanoseconds since the Unix epoch.
     pub time_ns: u64,
     /// Of the request's canonical JSON; names the file of the cache.
@@ -64,7 +64,7 @@ impl CallLog {
     }
 
     /// One write a line: lines of several threads, or programs, do not mix.
-    pub(crate) fn write(&self, call: &Call) -> Result<(), ModelError> {
+    pub(crate) fn write(&self, call: &LoggedCall) -> Result<(), ModelError> {
         let mut line = serde_json::to_string(call).expect("a call is always JSON");
         line.push('\n');
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);

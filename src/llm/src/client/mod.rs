@@ -25,6 +25,6 @@ pub use client::Client;
 pub use clock::Clock;
 pub use endpoint::{ApiKey, Endpoint};
 pub use error::ModelError;
-pub use log::{Call, CallLog};
+pub use log::{CallLog, LoggedCall};
 pub use reply::Reply;
 pub use request::{Message, Part, Request, Role};

@@ -43,14 +43,14 @@ pub(crate) struct Answer {
 }
 
 /// Why a body of status 200 is no answer.
-pub(crate) struct NoAnswer {
+pub(crate) struct InvalidReply {
     pub what: String,
     /// Whether it ends too early, so that another try may help.
     pub cut: bool,
 }
 
 /// Reads the body of an answer; `logprobs`: whether log-probabilities were asked for.
-pub(crate) fn parse(body: &str, logprobs: bool) -> Result<Answer, NoAnswer> {
+pub(crate) fn parse(body: &str, logprobs: bool) -> Result<Answer, InvalidReply> {
     let value = json(body)?;
     let choice = value
         .pointer("/choices/0")
@@ -91,7 +91,7 @@ pub(crate) fn parse(body: &str, logprobs: bool) -> Result<Answer, NoAnswer> {
 }
 
 /// The log-probabilities of a choice; `None` if it has none.
-fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, NoAnswer> {
+fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, InvalidReply> {
     #[derive(Deserialize)]
     struct Token {
         token: String,
@@ -103,7 +103,7 @@ fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, NoAnswer> {
     else {
         return Ok(None);
     };
-    let refuse = |what: String| NoAnswer {
+    let refuse = |what: String| InvalidReply {
         what: format!("its log-probabilities (`logprobs.content`) cannot be used: {what}"),
         cut: false,
     };
@@ -121,7 +121,7 @@ fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, NoAnswer> {
 }
 
 /// Reads the vectors of so many texts, in their order.
-pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, NoAnswer> {
+pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, InvalidReply> {
     let value = json(body)?;
     let data = value
         .get("data")
@@ -150,15 +150,15 @@ pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, N
     }
 }
 
-fn json(body: &str) -> Result<Value, NoAnswer> {
-    serde_json::from_str(body).map_err(|error| NoAnswer {
+fn json(body: &str) -> Result<Value, InvalidReply> {
+    serde_json::from_str(body).map_err(|error| InvalidReply {
         what: format!("it is no JSON ({error})"),
         cut: error.classify() == Category::Eof,
     })
 }
 
-fn wrong(what: &str) -> NoAnswer {
-    NoAnswer {
+fn wrong(what: &str) -> InvalidReply {
+    InvalidReply {
         what: what.to_owned(),
         cut: false,
     }

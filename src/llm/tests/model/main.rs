@@ -13,7 +13,7 @@ use std::{
 };
 
 use reel_llm::client::{
-    ApiKey, Cache, Call, CallLog, Client, Endpoint, Message, ModelError, Part, Request, Role,
+    ApiKey, Cache, CallLog, Client, Endpoint, LoggedCall, Message, ModelError, Part, Request, Role,
 };
 use scripted::{Act, Scripted, TestClock, nobody, said};
 use serde_json::json;
@@ -47,7 +47,7 @@ fn ask(text: &str) -> Request {
     }
 }
 
-fn calls(path: &Path) -> Vec<Call> {
+fn calls(path: &Path) -> Vec<LoggedCall> {
     fs::read_to_string(path)
         .unwrap()
         .lines()

@@ -10,11 +10,12 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{Limits, Pool, PreparedTaskCache, Setup};
+use reel_live::{Limits, PreparedTaskCache, SessionPool, Setup};
 use reel_mcp::{ToolServer, ToolServerOptions, Worker};
 use reel_reward::Preset;
 use reel_sim::{
-    Perception, PreparedTask, Segment, Simulator, geometry::Camera, nav::Viewpoint, render::Mark,
+    Perception, PreparedTask, Segment, Simulator, geometry::Camera, nav::Viewpoint,
+    render::OverlayMark,
 };
 use reel_trace::{Images, Trace};
 use reel_vectors::{KeyOrder, Report, difference, items, load, text};
@@ -92,7 +93,7 @@ impl Perception for Tables {
             .map(ToString::to_string)
     }
 
-    fn mark(&self, _: &mut Frame, marks: &[Mark], opacity: f32) {
+    fn mark(&self, _: &mut Frame, marks: &[OverlayMark], opacity: f32) {
         let labels = marks.iter().map(|mark| mark.number.to_string()).collect();
         self.now.lock().unwrap().drawn = Some((labels, opacity));
     }
@@ -253,7 +254,7 @@ struct Table {
     client: Client,
     tables: Arc<Tables>,
     folder: tempfile::TempDir,
-    pool: Arc<Pool>,
+    pool: Arc<SessionPool>,
     _stages: Vec<Arc<PreparedTask>>,
 }
 
@@ -324,9 +325,9 @@ impl Table {
             workers: 1,
             suspend_after: park_after,
             close_after,
-            patience,
+            worker_timeout: patience,
         };
-        let pool = Arc::new(Pool::new(setup, limits));
+        let pool = Arc::new(SessionPool::new(setup, limits));
         let worker = Worker::named("case").unwrap();
         let server = ToolServer::of_worker(
             pool.clone(),

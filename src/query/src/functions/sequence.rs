@@ -234,17 +234,17 @@ impl ScalarUDFImpl for StepFunction {
             }
         };
         let array: ArrayRef = match self.understand(&text, fields)? {
-            Understood::Pattern(pattern) => self.matched(&pattern, &steps)?,
-            Understood::Condition(condition) => Arc::new(first_step(&condition, &steps)?),
-            Understood::Column(column) => Arc::new(values(&column, self.kind, &steps)?),
-            Understood::Nothing => Arc::new(oscillation(&steps)?),
+            ConditionArgument::Pattern(pattern) => self.matched(&pattern, &steps)?,
+            ConditionArgument::Condition(condition) => Arc::new(first_step(&condition, &steps)?),
+            ConditionArgument::Column(column) => Arc::new(values(&column, self.kind, &steps)?),
+            ConditionArgument::Nothing => Arc::new(oscillation(&steps)?),
         };
         Ok(ColumnarValue::Array(array))
     }
 }
 
 /// The second argument.
-enum Understood {
+enum ConditionArgument {
     Pattern(Pattern),
     Condition(Condition),
     Column(String),
@@ -252,7 +252,7 @@ enum Understood {
 }
 
 impl StepFunction {
-    fn understand(&self, text: &str, fields: &Fields) -> Result<Understood> {
+    fn understand(&self, text: &str, fields: &Fields) -> Result<ConditionArgument> {
         let known: Vec<(&str, ColumnKind)> = fields
             .iter()
             .filter_map(|field| Some((field.name().as_str(), kind(field)?)))
@@ -261,20 +261,22 @@ impl StepFunction {
             DataFusionError::Plan(format!("{}: {error}", self.name))
         };
         match self.kind {
-            Kind::Oscillation => Ok(Understood::Nothing),
+            Kind::Oscillation => Ok(ConditionArgument::Nothing),
             Kind::FirstStep => Condition::parse_for(text, &known)
-                .map(Understood::Condition)
+                .map(ConditionArgument::Condition)
                 .map_err(wrong),
             Kind::Match | Kind::Count | Kind::Find => {
                 let pattern = Pattern::parse(text).map_err(wrong)?;
                 pattern.check(&known).map_err(wrong)?;
-                Ok(Understood::Pattern(pattern))
+                Ok(ConditionArgument::Pattern(pattern))
             }
             Kind::Values | Kind::Texts => {
                 let fits =
                     |kind: ColumnKind| (self.kind == Kind::Texts) == (kind == ColumnKind::Text);
                 match known.iter().find(|(name, _)| *name == text) {
-                    Some((_, kind)) if fits(*kind) => Ok(Understood::Column(text.to_owned())),
+                    Some((_, kind)) if fits(*kind) => {
+                        Ok(ConditionArgument::Column(text.to_owned()))
+                    }
                     Some((_, kind)) => plan_err!(
                         "{}: the column '{text}' of the steps holds {kind}",
                         self.name

@@ -52,7 +52,7 @@ pub(crate) const NAMES: [&str; 3] = ["replay", "reward", "frame"];
 
 /// What `replay` says of a trace.
 #[derive(Clone, Debug)]
-pub(crate) struct Row {
+pub(crate) struct ReplayRow {
     verdict: &'static str,
     first_divergence: Option<String>,
     digest: Option<String>,
@@ -92,7 +92,7 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
         let trace = match Trace::read(path) {
             Ok(trace) => trace,
             Err(error) => {
-                return Ok(Row {
+                return Ok(ReplayRow {
                     verdict: "refused",
                     first_divergence: Some(error.to_string()),
                     digest: None,
@@ -135,9 +135,9 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
     ))))
 }
 
-fn row(verdict: &Verdict, digest: Digest) -> Row {
+fn row(verdict: &Verdict, digest: Digest) -> ReplayRow {
     let first_divergence = (!verdict.is_exact()).then(|| verdict.to_string());
-    Row {
+    ReplayRow {
         verdict: verdict.name(),
         first_divergence,
         digest: Some(digest.to_string()),

@@ -38,7 +38,7 @@ impl Automaton {
             return Err(PatternError::TooLarge { positions });
         }
         let mut graph = Graph {
-            places: vec![Place::Accept],
+            places: vec![NfaState::Accept],
         };
         let start = graph.add(node, 0);
         let steps: Vec<(usize, Option<usize>, usize)> = graph
@@ -46,7 +46,7 @@ impl Automaton {
             .iter()
             .enumerate()
             .filter_map(|(index, place)| match place {
-                Place::Step(condition, next) => Some((index, *condition, *next)),
+                NfaState::Step(condition, next) => Some((index, *condition, *next)),
                 _ => None,
             })
             .collect();
@@ -133,10 +133,10 @@ fn written_out(node: &Node) -> usize {
 
 /// Thompson's construction: from place to place without a step, but for [`Place::Step`].
 struct Graph {
-    places: Vec<Place>,
+    places: Vec<NfaState>,
 }
 
-enum Place {
+enum NfaState {
     Accept,
     Step(Option<usize>, usize),
     Begin(usize),
@@ -148,25 +148,25 @@ impl Graph {
     /// Adds what leads through `node` to `next`; returns where it begins.
     fn add(&mut self, node: &Node, next: usize) -> usize {
         match node {
-            Node::Step(condition) => self.push(Place::Step(*condition, next)),
-            Node::Begin => self.push(Place::Begin(next)),
-            Node::End => self.push(Place::End(next)),
+            Node::Step(condition) => self.push(NfaState::Step(*condition, next)),
+            Node::Begin => self.push(NfaState::Begin(next)),
+            Node::End => self.push(NfaState::End(next)),
             Node::Sequence(nodes) => nodes
                 .iter()
                 .rev()
                 .fold(next, |next, node| self.add(node, next)),
             Node::Either(nodes) => {
                 let ways = nodes.iter().map(|node| self.add(node, next)).collect();
-                self.push(Place::Fork(ways))
+                self.push(NfaState::Fork(ways))
             }
             Node::Repeat {
                 node,
                 min,
                 max: None,
             } => {
-                let fork = self.push(Place::Fork(Vec::new()));
+                let fork = self.push(NfaState::Fork(Vec::new()));
                 let again = self.add(node, fork);
-                self.places[fork] = Place::Fork(vec![again, next]);
+                self.places[fork] = NfaState::Fork(vec![again, next]);
                 // of `min` times, the loop is the last; `*` may leave it out
                 if *min == 0 {
                     fork
@@ -181,14 +181,14 @@ impl Graph {
             } => {
                 let optional = (*min..*max).fold(next, |rest, _| {
                     let way = self.add(node, rest);
-                    self.push(Place::Fork(vec![way, next]))
+                    self.push(NfaState::Fork(vec![way, next]))
                 });
                 (0..*min).fold(optional, |next, _| self.add(node, next))
             }
         }
     }
 
-    fn push(&mut self, place: Place) -> usize {
+    fn push(&mut self, place: NfaState) -> usize {
         self.places.push(place);
         self.places.len() - 1
     }
@@ -213,13 +213,13 @@ impl Graph {
                 continue;
             }
             match &self.places[index] {
-                Place::Accept => set[0] |= if at_end { ACCEPT_AT_END } else { ACCEPT },
-                Place::Step(..) if at_end => {}
-                Place::Step(..) => insert(&mut set, position_of[index]),
-                Place::Begin(next) if at_begin => open.push((*next, at_end)),
-                Place::Begin(_) => {}
-                Place::End(next) => open.push((*next, true)),
-                Place::Fork(ways) => open.extend(ways.iter().map(|way| (*way, at_end))),
+                NfaState::Accept => set[0] |= if at_end { ACCEPT_AT_END } else { ACCEPT },
+                NfaState::Step(..) if at_end => {}
+                NfaState::Step(..) => insert(&mut set, position_of[index]),
+                NfaState::Begin(next) if at_begin => open.push((*next, at_end)),
+                NfaState::Begin(_) => {}
+                NfaState::End(next) => open.push((*next, true)),
+                NfaState::Fork(ways) => open.extend(ways.iter().map(|way| (*way, at_end))),
             }
         }
         set

@@ -9,7 +9,7 @@ use crate::facts::{Authority, Change, MarkerReferent, ObjectKey, StepHead};
 #[derive(Clone, PartialEq, Debug)]
 pub struct EpisodeFacts {
     /// The first is the start.
-    rows: Vec<Row>,
+    rows: Vec<StepOffsets>,
     physics: Vec<Change>,
     registry: Vec<Change>,
     seen: Vec<ObjectKey>,
@@ -18,7 +18,7 @@ pub struct EpisodeFacts {
 
 /// A moment, and where what came with it ends in the buffers.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-struct Row {
+struct StepOffsets {
     head: StepHead,
     physics: usize,
     registry: usize,
@@ -36,7 +36,7 @@ pub struct StartFacts<'a> {
     /// From the task's initial graph to the registry.
     pub registry: &'a [Change],
     /// Objects in the first picture.
-    pub seen: &'a [ObjectKey],
+    pub visible: &'a [ObjectKey],
 }
 
 /// One step.
@@ -49,7 +49,7 @@ pub struct StepFacts<'a> {
     /// Changes of the registry.
     pub registry: &'a [Change],
     /// Objects in the picture or told in words. Those seen before may be left out.
-    pub seen: &'a [ObjectKey],
+    pub visible: &'a [ObjectKey],
     /// The marker map after the call; none: as it was before.
     pub markers: Option<&'a [(u32, MarkerReferent)]>,
 }
@@ -57,7 +57,7 @@ pub struct StepFacts<'a> {
 impl Default for EpisodeFacts {
     fn default() -> Self {
         let (rows, physics, registry, seen, markers) =
-            (vec![Row::default()], vec![], vec![], vec![], vec![]);
+            (vec![StepOffsets::default()], vec![], vec![], vec![], vec![]);
         Self {
             rows,
             physics,
@@ -72,7 +72,7 @@ impl EpisodeFacts {
     /// Starts another episode in the same buffers.
     pub(crate) fn clear(&mut self) {
         self.rows.truncate(1);
-        self.rows[0] = Row::default();
+        self.rows[0] = StepOffsets::default();
         self.physics.clear();
         self.registry.clear();
         self.seen.clear();
@@ -81,7 +81,7 @@ impl EpisodeFacts {
 
     /// Opens the next step: what is told from now on belongs to it.
     pub fn step(&mut self, head: StepHead) {
-        self.rows.push(Row {
+        self.rows.push(StepOffsets {
             head,
             marked: false,
             ..self.open()
@@ -136,7 +136,7 @@ impl EpisodeFacts {
         StartFacts {
             physics: &self.physics[..end.physics],
             registry: &self.registry[..end.registry],
-            seen: &self.seen[..end.seen],
+            visible: &self.seen[..end.seen],
         }
     }
 
@@ -150,7 +150,7 @@ impl EpisodeFacts {
                 head: row.head,
                 physics: &self.physics[before.physics..row.physics],
                 registry: &self.registry[before.registry..row.registry],
-                seen: &self.seen[before.seen..row.seen],
+                visible: &self.seen[before.seen..row.seen],
                 markers: row
                     .marked
                     .then(|| &self.markers[before.markers..row.markers]),
@@ -158,7 +158,7 @@ impl EpisodeFacts {
         })
     }
 
-    fn open(&self) -> Row {
+    fn open(&self) -> StepOffsets {
         *self.rows.last().expect("the start is always there")
     }
 
@@ -166,7 +166,7 @@ impl EpisodeFacts {
         let (physics, registry) = (self.physics.len(), self.registry.len());
         let (seen, markers) = (self.seen.len(), self.markers.len());
         let row = self.rows.last_mut().expect("the start is always there");
-        *row = Row {
+        *row = StepOffsets {
             physics,
             registry,
             seen,

@@ -8,7 +8,7 @@ use thiserror::Error;
 use crate::{
     facts::{Authority, Delivery, EpisodeFacts, MarkerReferent, ObjectKey, TaskFacts, ToolKind},
     preset::Preset,
-    real_trainer::{Ending, TrainerState},
+    real_trainer::{TrainerEnd, TrainerState},
     score::{AppliedTerm, Scorer},
     terms::Base,
     trainer::{Categories, Graph, is_not_found, observation},
@@ -227,7 +227,7 @@ impl TrainerRollout {
     }
 
     /// Why the episode is done; `None` if it goes on.
-    pub fn ending(&self) -> Option<Ending> {
+    pub fn ending(&self) -> Option<TrainerEnd> {
         self.scorer.ending()
     }
 

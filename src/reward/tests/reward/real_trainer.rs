@@ -1,7 +1,7 @@
 //! The rules of preset `real-trainer`, one by one.
 
 use reel_reward::{
-    Ending, EpisodeFacts, EpisodeReward, Preset, Scorer, TaskFacts, Term, metrics, rewards,
+    EpisodeFacts, EpisodeReward, Preset, Scorer, TaskFacts, Term, TrainerEnd, metrics, rewards,
     trainer::{ResetError, TrainerRollout, Turn},
 };
 use reel_world::{
@@ -53,7 +53,7 @@ fn worked_example_of_the_trainer() {
     close(metrics.discounted_return, metrics.total_reward); // the trainer adds up
     assert_eq!(
         scored(&Preset::real_trainer(), &worked_example(NAMES_ONE)).ending(),
-        Some((11, Ending::Complete))
+        Some((11, TrainerEnd::Complete))
     );
 }
 
@@ -88,7 +88,7 @@ fn finish_pays_by_what_remains_and_ends_the_episode() {
     );
     assert_eq!(
         scored(&Preset::real_trainer(), &[Pick(RED), Finish]).ending(),
-        Some((1, Ending::Finished))
+        Some((1, TrainerEnd::Finished))
     );
     assert_eq!(scored(&Preset::real_trainer(), &[Pick(RED)]).ending(), None);
     // only a task without targets can be finished complete: with others the episode is done before
@@ -108,7 +108,7 @@ fn limits_cost_one_and_end_the_episode() {
     close(sum(&play_by(&steps, &task().0, &walk()).1[2]), -1.0);
     assert_eq!(
         scored(&steps, &walk()).ending(),
-        Some((2, Ending::StepLimit))
+        Some((2, TrainerEnd::StepLimit))
     );
     // an unreadable answer counts, and does not end the episode itself
     let mut unreadable = walk();
@@ -126,7 +126,7 @@ fn limits_cost_one_and_end_the_episode() {
     );
     assert_eq!(
         scored(&turns, &unreadable).ending(),
-        Some((2, Ending::TurnLimit))
+        Some((2, TrainerEnd::TurnLimit))
     );
     // both at once: the environment ends first
     let both = with("[rules]\nmax_turns = 3\nmax_steps = 3");
@@ -339,7 +339,7 @@ fn a_rollout_follows_a_server_and_refuses_graphs() {
     close(rollout.step(Turn::TimedOut).reward, -0.3);
     assert_eq!(rollout.ending(), None);
     close(rollout.step(Turn::Failed).reward, -1.0);
-    assert_eq!(rollout.ending(), Some(Ending::CallFailed));
+    assert_eq!(rollout.ending(), Some(TrainerEnd::CallFailed));
     close(rollout.step(Turn::Unreadable).reward, 0.0);
     close(rollout.total(), -1.3);
 }

@@ -17,7 +17,7 @@ use utoipa::ToSchema;
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Body, Named},
+    extract::{Body, PathParams},
 };
 use crate::{files::put, service::App};
 
@@ -28,7 +28,7 @@ const PANELS: usize = 24;
 
 #[derive(RustEmbed)]
 #[folder = "../../dashboards/definitions"]
-struct Ours;
+struct BuiltIn;
 
 /// A panel (a question and how its answer is drawn) or a page (panels under one title).
 #[derive(Serialize, Deserialize, ToSchema)]
@@ -105,9 +105,9 @@ pub(super) struct Listed {
     responses((status = 200, body = Vec<Listed>), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>>, ApiError> {
     let found = analyse(&app, |app| {
-        let ours = Ours::iter().filter_map(|file| {
+        let ours = BuiltIn::iter().filter_map(|file| {
             let name = file.strip_suffix(".json")?.to_owned();
-            Some((name, true, Ours::get(&file)?.data.into_owned()))
+            Some((name, true, BuiltIn::get(&file)?.data.into_owned()))
         });
         let mut found: BTreeMap<String, Listed> = ours
             .map(|(name, builtin, text)| (name.clone(), listed(name, builtin, Ok(text))))
@@ -143,7 +143,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>
         (status = 503, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn keep(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
     Body(definition): Body<Definition>,
 ) -> Result<(StatusCode, Json<Definition>), ApiError> {
     definition
@@ -176,7 +176,7 @@ pub(super) async fn keep(
         (status = 507, body = ErrorBody)))]
 pub(super) async fn drop(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
     let gone = analyse(&app, move |app| match fs::remove_file(file(app, &name)?) {
         Ok(()) => Ok(StatusCode::NO_CONTENT),
@@ -255,12 +255,12 @@ mod tests {
 
     #[test]
     fn what_comes_with_reel_can_be_read_and_has_its_panels() {
-        let found: BTreeMap<String, Definition> = Ours::iter()
+        let found: BTreeMap<String, Definition> = BuiltIn::iter()
             .map(|file| {
                 let one = listed(
                     file.to_string(),
                     true,
-                    Ok(Ours::get(&file).unwrap().data.into_owned()),
+                    Ok(BuiltIn::get(&file).unwrap().data.into_owned()),
                 );
                 (
                     file.trim_end_matches(".json").to_owned(),

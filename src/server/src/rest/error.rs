@@ -106,8 +106,8 @@ impl ApiError {
     }
 
     /// The same without the way to the data folder.
-    pub fn hidden(mut self, archive: &Archive) -> Self {
-        self.message = archive.hide(&self.message);
+    pub fn with_path_redacted(mut self, archive: &Archive) -> Self {
+        self.message = archive.redact_path(&self.message);
         self
     }
 

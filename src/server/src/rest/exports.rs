@@ -19,7 +19,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Asked, Named},
+    extract::{PathParams, QueryParams},
 };
 use crate::service::App;
 
@@ -68,13 +68,13 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Export>
         (status = 503, body = ErrorBody)))]
 pub(super) async fn show(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Json<Export>, ApiError> {
     let found = analyse(&app, move |app| {
         let folder = existing(app, &name)?;
         let card = fs::read_to_string(folder.join("README.md"))
             .ok()
-            .map(|card| app.archive.hide(&card));
+            .map(|card| app.archive.redact_path(&card));
         Ok(Export {
             card,
             ..export(&folder).ok_or_else(|| unknown(&name))?
@@ -107,8 +107,8 @@ fn few() -> usize {
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn examples(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
-    Asked(rows): Asked<Rows>,
+    PathParams(name): PathParams<String>,
+    QueryParams(rows): QueryParams<Rows>,
 ) -> Result<Json<Vec<Value>>, ApiError> {
     if !(1..=EXAMPLES_MAX).contains(&rows.limit) {
         return Err(ApiError::bad_request(
@@ -143,13 +143,13 @@ pub(super) async fn examples(
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn findings(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
         let report = lint(&open(app, &name)?, &LintOptions::default(), |_| ());
         let text = serde_json::to_string(&report)
             .map_err(|_| ApiError::internal("the report cannot be written"))?;
-        serde_json::from_str(&app.archive.hide(&text))
+        serde_json::from_str(&app.archive.redact_path(&text))
             .map_err(|_| ApiError::internal("the report cannot be written"))
     });
     found.await.map(Json)

@@ -14,7 +14,7 @@ use tokio_stream::wrappers::WatchStream;
 use super::{
     ApiError,
     error::ErrorBody,
-    extract::{Body, Named},
+    extract::{Body, PathParams},
 };
 use crate::{
     jobs::{Job, Work},
@@ -48,7 +48,7 @@ pub(super) async fn start(
     responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(
     State(app): State<Arc<App>>,
-    Named(id): Named<u64>,
+    PathParams(id): PathParams<u64>,
 ) -> Result<Json<Job>, ApiError> {
     Ok(Json(app.jobs.watch(id)?.borrow().clone()))
 }
@@ -59,7 +59,7 @@ pub(super) async fn show(
         (status = 409, body = ErrorBody)))]
 pub(super) async fn cancel(
     State(app): State<Arc<App>>,
-    Named(id): Named<u64>,
+    PathParams(id): PathParams<u64>,
 ) -> Result<StatusCode, ApiError> {
     app.jobs.cancel(id).map(|()| StatusCode::ACCEPTED)
 }
@@ -70,7 +70,7 @@ pub(super) async fn cancel(
         (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn events(
     State(app): State<Arc<App>>,
-    Named(id): Named<u64>,
+    PathParams(id): PathParams<u64>,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, ApiError> {
     let watched = WatchStream::new(app.jobs.watch(id)?);
     let closing = app.closing.clone();

@@ -12,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Asked, Body},
+    extract::{Body, QueryParams},
     tables::rows,
     told,
 };
@@ -23,18 +23,18 @@ const TEXT_BYTES: usize = 16 << 10;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub(super) struct Which {
+pub(super) struct LabelFilter {
     /// Only those of this episode.
     episode: Option<String>,
 }
 
 /// Labels of episodes.
-#[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(Which),
+#[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(LabelFilter),
     responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(
     State(app): State<Arc<App>>,
-    Asked(which): Asked<Which>,
+    QueryParams(which): QueryParams<LabelFilter>,
 ) -> Result<Json<Value>, ApiError> {
     let labels = analyse(&app, move |app| match which.episode {
         Some(id) => {

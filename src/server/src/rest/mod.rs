@@ -228,7 +228,7 @@ pub(crate) fn broke_down(panic: Box<dyn Any + Send + 'static>) -> Response {
 
 /// An error as clients see it: names, never paths of this machine.
 fn told(app: &App, error: ApiError) -> ApiError {
-    error.hidden(&app.archive)
+    error.with_path_redacted(&app.archive)
 }
 
 /// Does blocking work where few do at a time, and gives its answer.

@@ -8,7 +8,7 @@ use axum::{
     http::{StatusCode, header},
     response::{IntoResponse as _, Response},
 };
-use reel_live::{Entry, Lease, check_name};
+use reel_live::{Lease, SessionEntry, check_name};
 use reel_mcp::Worker;
 use reel_trace::encode_png;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
@@ -19,7 +19,7 @@ use utoipa::ToSchema;
 use super::{
     ApiError,
     error::ErrorBody,
-    extract::{Body, Named},
+    extract::{Body, PathParams},
 };
 use crate::service::App;
 
@@ -42,7 +42,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(
     State(app): State<Arc<App>>,
-    Named(session): Named<String>,
+    PathParams(session): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     Ok(Json(shown(&app, &app.pool.entry(&session)?)))
 }
@@ -54,7 +54,7 @@ pub(super) async fn show(
         (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn frame(
     State(app): State<Arc<App>>,
-    Named(session): Named<String>,
+    PathParams(session): PathParams<String>,
 ) -> Result<Response, ApiError> {
     let frame = app.pool.render_frame(&session).await?;
     let png = encode_png(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
@@ -74,7 +74,7 @@ pub(super) async fn frame(
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn close(
     State(app): State<Arc<App>>,
-    Named(session): Named<String>,
+    PathParams(session): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -84,7 +84,7 @@ pub(super) async fn close(
 #[utoipa::path(get, path = "/api/questions", tag = "sessions", security(("token" = [])),
     responses((status = 200, body = Vec<Object>)))]
 pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
-    Json(json!(app.questions.open()))
+    Json(json!(app.questions.pending()))
 }
 
 /// A person's answer.
@@ -102,7 +102,7 @@ pub(super) struct Answer {
         (status = 422, body = ErrorBody)))]
 pub(super) async fn answer(
     State(app): State<Arc<App>>,
-    Named(session): Named<String>,
+    PathParams(session): PathParams<String>,
     Body(Answer { answer }): Body<Answer>,
 ) -> Result<StatusCode, ApiError> {
     if app.questions.answer(&session, &answer) {
@@ -200,7 +200,7 @@ pub(super) async fn lease(
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn release(
     State(app): State<Arc<App>>,
-    Named(worker): Named<String>,
+    PathParams(worker): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
     let household = Worker::named(&worker)?.session_name();
     if app.pool.entry(&household)?.group_id.is_none() {
@@ -211,7 +211,7 @@ pub(super) async fn release(
 }
 
 /// A session without paths of this machine.
-fn shown(app: &App, entry: &Entry) -> Value {
+fn shown(app: &App, entry: &SessionEntry) -> Value {
     let mut value = json!(entry);
     value["trace"] = json!(
         entry

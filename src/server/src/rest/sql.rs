@@ -20,7 +20,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError,
     error::ErrorBody,
-    extract::{Asked, Body as JsonBody, Named},
+    extract::{Body as JsonBody, PathParams, QueryParams},
     told,
 };
 use crate::{
@@ -133,8 +133,8 @@ pub(super) struct NamedOptions {
         (status = 503, body = ErrorBody)))]
 pub(super) async fn ask_named(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
-    Asked(options): Asked<NamedOptions>,
+    PathParams(name): PathParams<String>,
+    QueryParams(options): QueryParams<NamedOptions>,
 ) -> Result<Response, ApiError> {
     let query = named::by_name(&name).ok_or_else(|| {
         ApiError::not_found(format!(
@@ -186,7 +186,7 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     let asked = app.clone();
     tokio::task::spawn_blocking(move || {
         // Given back also when the query panics.
-        let _place = GiveBack(&asked);
+        let _place = ReturnSession(&asked);
         if let Err(error) = run(&asked, &question, &sender) {
             let _ = sender.blocking_send(Err(error));
         }
@@ -206,9 +206,9 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     }
 }
 
-struct GiveBack<'a>(&'a App);
+struct ReturnSession<'a>(&'a App);
 
-impl Drop for GiveBack<'_> {
+impl Drop for ReturnSession<'_> {
     fn drop(&mut self) {
         self.0.analyses.add_permits(1);
     }
@@ -228,7 +228,7 @@ fn run(
     };
     let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format))
         .unwrap_or_default();
-    if let Some(answer) = app.tables.answered(&newest, &asked) {
+    if let Some(answer) = app.tables.cached_answer(&newest, &asked) {
         let _ = sender.blocking_send(Ok(answer));
         return Ok(());
     }
@@ -251,7 +251,7 @@ fn run(
         reading
     })?;
     if reading && send(encoder.end()) && lasting == CacheScope::StoreVersion {
-        app.tables.keep(stamp.as_ref(), asked, whole.into());
+        app.tables.cache_answer(stamp.as_ref(), asked, whole.into());
     }
     Ok(())
 }

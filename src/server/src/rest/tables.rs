@@ -11,7 +11,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Asked, Named},
+    extract::{PathParams, QueryParams},
     traces::limited,
 };
 use crate::service::App;
@@ -60,7 +60,7 @@ const COLUMNS: &str = "episode_id, run_id, group_id, rollout_index, task_id, fam
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episodes(
     State(app): State<Arc<App>>,
-    Asked(filter): Asked<Filter>,
+    QueryParams(filter): QueryParams<Filter>,
 ) -> Result<Json<Episodes>, ApiError> {
     let limit = limited(filter.limit)?;
     let mut conditions = vec!["episode_id > $after".to_owned()];
@@ -99,7 +99,7 @@ pub(super) async fn episodes(
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episode(
     State(app): State<Arc<App>>,
-    Named(id): Named<String>,
+    PathParams(id): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
         let parameters = Parameters::from([("id".to_owned(), id.clone())]);

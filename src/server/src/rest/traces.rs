@@ -25,7 +25,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Asked, Body as JsonBody, Named},
+    extract::{Body as JsonBody, PathParams, QueryParams},
 };
 use crate::{archive::TraceFile, service::App};
 
@@ -61,7 +61,7 @@ pub(super) struct Traces {
     responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn list(
     State(app): State<Arc<App>>,
-    Asked(page): Asked<Page>,
+    QueryParams(page): QueryParams<Page>,
 ) -> Result<Json<Traces>, ApiError> {
     let limit = limited(page.limit)?;
     let traces = app
@@ -94,13 +94,13 @@ pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
         (status = 422, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn upload(
     State(app): State<Arc<App>>,
-    Named(trace): Named<String>,
+    PathParams(trace): PathParams<String>,
     request: Request,
 ) -> Result<(StatusCode, Json<TraceFile>), ApiError> {
     let limit = (app.config.limits.upload_mib as u64) << 20;
     let file = app
         .archive
-        .take(
+        .receive(
             &trace,
             limit,
             app.read_patience(),
@@ -119,7 +119,7 @@ pub(super) async fn upload(
         (status = 416, body = ErrorBody, headers(("content-range" = String)))))]
 pub(super) async fn download(
     State(app): State<Arc<App>>,
-    Named(trace): Named<String>,
+    PathParams(trace): PathParams<String>,
     request: Request,
 ) -> Result<Response, ApiError> {
     let path = app.archive.existing(&trace)?;
@@ -131,9 +131,9 @@ pub(super) async fn download(
         .and_then(|range| range.to_str().ok());
     let range = match asked.map(|range| range_of(range, size)) {
         // A header that is no range of bytes is passed over, as the protocol wants.
-        None | Some(Asking::Nothing) => None,
-        Some(Asking::Part(from, to)) => Some((from, to)),
-        Some(Asking::Outside) => {
+        None | Some(RangeRequest::Nothing) => None,
+        Some(RangeRequest::Part(from, to)) => Some((from, to)),
+        Some(RangeRequest::Outside) => {
             let headers = [(header::CONTENT_RANGE, format!("bytes */{size}"))];
             return Ok((
                 headers,
@@ -171,7 +171,7 @@ pub(super) async fn download(
 
 /// What a `Range` header asks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Asking {
+enum RangeRequest {
     /// Nothing that is one range of bytes.
     Nothing,
     /// From one byte to another, both included.
@@ -180,12 +180,12 @@ enum Asking {
     Outside,
 }
 
-fn range_of(range: &str, size: u64) -> Asking {
+fn range_of(range: &str, size: u64) -> RangeRequest {
     let Some(range) = range.strip_prefix("bytes=") else {
-        return Asking::Nothing;
+        return RangeRequest::Nothing;
     };
     let Some((from, to)) = range.split_once('-') else {
-        return Asking::Nothing;
+        return RangeRequest::Nothing;
     };
     let number = |text: &str| text.trim().parse::<u64>();
     let (start, end) = match (number(from), number(to)) {
@@ -193,16 +193,16 @@ fn range_of(range: &str, size: u64) -> Asking {
         (Ok(from), Err(_)) if to.trim().is_empty() => {
             (Bound::Included(from), size.saturating_sub(1))
         }
-        (Err(_), Ok(0)) if from.trim().is_empty() => return Asking::Outside,
+        (Err(_), Ok(0)) if from.trim().is_empty() => return RangeRequest::Outside,
         (Err(_), Ok(last)) if from.trim().is_empty() => (
             Bound::Included(size.saturating_sub(last)),
             size.saturating_sub(1),
         ),
-        _ => return Asking::Nothing,
+        _ => return RangeRequest::Nothing,
     };
     match start {
-        Bound::Included(from) if from < size => Asking::Part(from, end),
-        _ => Asking::Outside,
+        Bound::Included(from) if from < size => RangeRequest::Part(from, end),
+        _ => RangeRequest::Outside,
     }
 }
 
@@ -212,7 +212,7 @@ fn range_of(range: &str, size: u64) -> Asking {
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 409, body = ErrorBody)))]
 pub(super) async fn delete(
     State(app): State<Arc<App>>,
-    Named(trace): Named<String>,
+    PathParams(trace): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
     let path = app.archive.existing(&trace)?;
     tokio::fs::remove_file(&path)
@@ -235,7 +235,7 @@ pub(super) async fn delete(
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episode(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
@@ -260,7 +260,7 @@ pub(super) async fn episode(
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn scene(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| Ok(json!(*app.archive.read(&name)?.scene)));
     answer.await.map(Json)
@@ -275,7 +275,7 @@ pub(super) async fn scene(
         (status = 503, body = ErrorBody)))]
 pub(super) async fn recording(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Response, ApiError> {
     let answer = analyse(&app, move |app| {
         let recording = reel_view::rrd(&app.archive.read(&name)?);
@@ -304,8 +304,8 @@ pub(super) struct Steps {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn steps(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
-    Asked(asked): Asked<Steps>,
+    PathParams(name): PathParams<String>,
+    QueryParams(asked): QueryParams<Steps>,
 ) -> Result<Json<Value>, ApiError> {
     let limit = limited(asked.limit)?;
     let answer = analyse(&app, move |app| {
@@ -347,8 +347,8 @@ fn head() -> String {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn frame(
     State(app): State<Arc<App>>,
-    Named((name, moment)): Named<(String, String)>,
-    Asked(camera): Asked<Camera>,
+    PathParams((name, moment)): PathParams<(String, String)>,
+    QueryParams(camera): QueryParams<Camera>,
 ) -> Result<Response, ApiError> {
     let step = match moment.strip_suffix(".png").unwrap_or(&moment) {
         "start" => None,
@@ -378,7 +378,7 @@ pub(super) async fn frame(
             .flatten();
         let rgb = match recorded {
             Some(rgb) => rgb,
-            None => view_at(&trace, step, &viewpoint, Some(app.moments.cache()))
+            None => view_at(&trace, step, &viewpoint, Some(app.snapshots.cache()))
                 .map_err(|verdict| not_executed(&verdict))?,
         };
         Ok(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
@@ -401,7 +401,7 @@ fn not_executed(verdict: &Verdict) -> ApiError {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn replay(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
@@ -442,7 +442,7 @@ pub(super) struct BranchBody {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn branch(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
+    PathParams(name): PathParams<String>,
     JsonBody(body): JsonBody<BranchBody>,
 ) -> Result<(StatusCode, Json<Value>), ApiError> {
     let answer = analyse(&app, move |app| {
@@ -527,8 +527,8 @@ pub(super) struct BlameQuery {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn blame(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
-    Asked(asked): Asked<BlameQuery>,
+    PathParams(name): PathParams<String>,
+    QueryParams(asked): QueryParams<BlameQuery>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let path = app.archive.existing(&name)?;
@@ -560,8 +560,8 @@ pub(super) struct RewardQuery {
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn reward(
     State(app): State<Arc<App>>,
-    Named(name): Named<String>,
-    Asked(asked): Asked<RewardQuery>,
+    PathParams(name): PathParams<String>,
+    QueryParams(asked): QueryParams<RewardQuery>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
@@ -602,21 +602,21 @@ mod tests {
     #[test]
     fn ranges_are_what_the_protocol_says() {
         let cases = [
-            ("bytes=0-9", Asking::Part(0, 9)),
-            ("bytes=90-", Asking::Part(90, 99)),
-            ("bytes=-10", Asking::Part(90, 99)),
-            ("bytes=-1000", Asking::Part(0, 99)),
-            ("bytes=50-1000", Asking::Part(50, 99)),
-            ("bytes=100-", Asking::Outside),
-            ("bytes=-0", Asking::Outside),
-            ("bytes=9-0", Asking::Nothing),
-            ("bytes=0-1,3-4", Asking::Nothing),
-            ("bytes=-", Asking::Nothing),
-            ("items=0-1", Asking::Nothing),
+            ("bytes=0-9", RangeRequest::Part(0, 9)),
+            ("bytes=90-", RangeRequest::Part(90, 99)),
+            ("bytes=-10", RangeRequest::Part(90, 99)),
+            ("bytes=-1000", RangeRequest::Part(0, 99)),
+            ("bytes=50-1000", RangeRequest::Part(50, 99)),
+            ("bytes=100-", RangeRequest::Outside),
+            ("bytes=-0", RangeRequest::Outside),
+            ("bytes=9-0", RangeRequest::Nothing),
+            ("bytes=0-1,3-4", RangeRequest::Nothing),
+            ("bytes=-", RangeRequest::Nothing),
+            ("items=0-1", RangeRequest::Nothing),
         ];
         for (range, expected) in cases {
             assert_eq!(range_of(range, 100), expected, "{range}");
         }
-        assert_eq!(range_of("bytes=0-0", 0), Asking::Outside);
+        assert_eq!(range_of("bytes=0-0", 0), RangeRequest::Outside);
     }
 }

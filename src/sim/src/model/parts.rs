@@ -11,7 +11,7 @@ use super::looks::Paint;
 use crate::geometry::{Part, Pose, Shape};
 
 /// A shape with its pose.
-pub(super) type Placed = (Shape, Pose);
+pub(super) type PosedShape = (Shape, Pose);
 
 /// An axis of the frame things are built in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -38,14 +38,14 @@ impl Axis {
 }
 
 /// A box by its lower and upper corner; a side is at least one millimetre.
-pub(super) fn block(low: [f32; 3], high: [f32; 3]) -> Placed {
+pub(super) fn block(low: [f32; 3], high: [f32; 3]) -> PosedShape {
     let half = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) * 0.5).max(0.0005));
     let center = [0, 1, 2].map(|axis| (high[axis] + low[axis]) * 0.5);
     (Shape::Cuboid { half }, Pose::at(center))
 }
 
 /// A box by its centre and half extents.
-pub(super) fn cuboid(center: [f32; 3], half: [f32; 3]) -> Placed {
+pub(super) fn cuboid(center: [f32; 3], half: [f32; 3]) -> PosedShape {
     (
         Shape::Cuboid {
             half: half.map(|side| side.max(0.0005)),
@@ -55,7 +55,7 @@ pub(super) fn cuboid(center: [f32; 3], half: [f32; 3]) -> Placed {
 }
 
 /// A standing cylinder between two heights.
-pub(super) fn pillar([x, y]: [f32; 2], low_z: f32, high_z: f32, radius: f32) -> Placed {
+pub(super) fn pillar([x, y]: [f32; 2], low_z: f32, high_z: f32, radius: f32) -> PosedShape {
     let shape = Shape::Cylinder {
         radius: radius.max(0.0005),
         half_height: ((high_z - low_z) * 0.5).max(0.0005),
@@ -64,7 +64,7 @@ pub(super) fn pillar([x, y]: [f32; 2], low_z: f32, high_z: f32, radius: f32) -> 
 }
 
 /// A ball.
-pub(super) fn ball(center: [f32; 3], radius: f32) -> Placed {
+pub(super) fn ball(center: [f32; 3], radius: f32) -> PosedShape {
     (
         Shape::Ball {
             radius: radius.max(0.0005),
@@ -74,7 +74,7 @@ pub(super) fn ball(center: [f32; 3], radius: f32) -> Placed {
 }
 
 /// A cylinder along an axis.
-pub(super) fn rod(axis: Axis, center: [f32; 3], half_length: f32, radius: f32) -> Placed {
+pub(super) fn rod(axis: Axis, center: [f32; 3], half_length: f32, radius: f32) -> PosedShape {
     let shape = Shape::Cylinder {
         radius: radius.max(0.0005),
         half_height: half_length.max(0.0005),
@@ -89,7 +89,7 @@ pub(super) fn rod(axis: Axis, center: [f32; 3], half_length: f32, radius: f32) -
 }
 
 /// A capsule along an axis; `half_length` includes the round ends.
-pub(super) fn capsule(axis: Axis, center: [f32; 3], half_length: f32, radius: f32) -> Placed {
+pub(super) fn capsule(axis: Axis, center: [f32; 3], half_length: f32, radius: f32) -> PosedShape {
     let radius = radius.max(0.0005);
     let shape = Shape::Capsule {
         radius,
@@ -111,7 +111,7 @@ pub(super) fn cone(
     center: [f32; 3],
     half_length: f32,
     radius: f32,
-) -> Placed {
+) -> PosedShape {
     let shape = Shape::Cone {
         radius: radius.max(0.0005),
         half_height: half_length.max(0.0005),
@@ -199,12 +199,12 @@ impl Parts {
     }
 
     /// Adds a part that physics knows.
-    pub(super) fn solid(&mut self, placed: Placed, paint: Paint) {
+    pub(super) fn solid(&mut self, placed: PosedShape, paint: Paint) {
         self.push(placed, paint, true);
     }
 
     /// Adds a part that is only seen.
-    pub(super) fn look(&mut self, placed: Placed, paint: Paint) {
+    pub(super) fn look(&mut self, placed: PosedShape, paint: Paint) {
         self.push(placed, paint, false);
     }
 
@@ -213,7 +213,7 @@ impl Parts {
         self.list
     }
 
-    fn push(&mut self, (shape, pose): Placed, paint: Paint, solid: bool) {
+    fn push(&mut self, (shape, pose): PosedShape, paint: Paint, solid: bool) {
         let upright = pose.rotation == Pose::IDENTITY.rotation;
         let (shape, pose) = match shape {
             Shape::Cuboid { half: [x, y, z] } if upright => {

@@ -23,7 +23,7 @@ use crate::{
 };
 use mesh::Tessellation;
 use raster::{CameraFromPart, Visibility};
-use shade::{Place, Surface};
+use shade::{ShadingFrame, Surface};
 use textured::MeshSurface;
 
 pub use overlay::{overlay, overlay_tinted};
@@ -43,7 +43,7 @@ pub struct Drawable<'a> {
 
 /// A number to draw.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Mark {
+pub struct OverlayMark {
     /// The number shown.
     pub number: u32,
     /// What it marks.
@@ -112,7 +112,7 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Fr
             if camera_from_part.sees(model.bound) {
                 let first = surfaces.next_mesh;
                 surfaces.next_mesh += visibility.draw_mesh(model, &camera_from_part, first);
-                let place = Place::new(&drawable.pose, &camera_from_part);
+                let place = ShadingFrame::new(&drawable.pose, &camera_from_part);
                 surfaces
                     .meshes
                     .push(MeshSurface::new(drawable.entity, first, model, place));
@@ -141,7 +141,7 @@ struct Surfaces<'a> {
 }
 
 /// What a code other than 0 stands for: a face of a part or a triangle of a mesh.
-enum Seen<'s, 'a> {
+enum VisibleFace<'s, 'a> {
     Part(&'s Surface, u8),
     Mesh(&'s MeshSurface<'a>, usize),
 }
@@ -157,19 +157,19 @@ impl Default for Surfaces<'_> {
 }
 
 impl<'a> Surfaces<'a> {
-    fn at(&self, code: u32) -> Seen<'_, 'a> {
+    fn at(&self, code: u32) -> VisibleFace<'_, 'a> {
         if code < FIRST_MESH {
             let (surface, face) = surface_of(code);
-            return Seen::Part(&self.parts[surface], face);
+            return VisibleFace::Part(&self.parts[surface], face);
         }
         let mesh = &self.meshes[self.meshes.partition_point(|mesh| mesh.first <= code) - 1];
-        Seen::Mesh(mesh, (code - mesh.first) as usize)
+        VisibleFace::Mesh(mesh, (code - mesh.first) as usize)
     }
 
     fn entity(&self, code: u32) -> u16 {
         match self.at(code) {
-            Seen::Part(surface, _) => surface.entity,
-            Seen::Mesh(mesh, _) => mesh.entity,
+            VisibleFace::Part(surface, _) => surface.entity,
+            VisibleFace::Mesh(mesh, _) => mesh.entity,
         }
     }
 }
@@ -227,8 +227,12 @@ fn color(
             } else {
                 let inverse_depth = &visibility.inverse_depth[span];
                 match surfaces.at(run[0]) {
-                    Seen::Part(surface, face) => surface.shade(face, x, y, inverse_depth, rgb),
-                    Seen::Mesh(mesh, triangle) => mesh.shade(triangle, x, y, inverse_depth, rgb),
+                    VisibleFace::Part(surface, face) => {
+                        surface.shade(face, x, y, inverse_depth, rgb)
+                    }
+                    VisibleFace::Mesh(mesh, triangle) => {
+                        mesh.shade(triangle, x, y, inverse_depth, rgb)
+                    }
                 }
             }
             x += run.len();

@@ -4,7 +4,7 @@
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
 use super::raster::Visibility;
-use super::{FACES, FIRST_MESH, Seen, Surfaces, surface_of};
+use super::{FACES, FIRST_MESH, Surfaces, VisibleFace, surface_of};
 use crate::geometry::FOCAL_PX;
 
 /// Darkens surfaces that look up close to other things at the same depth.
@@ -28,7 +28,7 @@ pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, 
                         receives[usize::from(face)][surface]
                     }
                     code => {
-                        matches!(surfaces.at(code), Seen::Mesh(mesh, triangle) if mesh.receives_contact(triangle))
+                        matches!(surfaces.at(code), VisibleFace::Mesh(mesh, triangle) if mesh.receives_contact(triangle))
                     }
                 };
                 if receives {

@@ -4,18 +4,18 @@
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
 use super::text::{TextSize, blend, draw_text};
-use super::{Mark, Region};
+use super::{OverlayMark, Region};
 
 /// Draws numbered Set-of-Mark overlays into the RGB of a frame; ids and depth stay.
 ///
 /// Entities without a visible pixel get nothing. Labels lie inside the picture and do not overlap,
 /// as long as there is room for all of them.
-pub fn overlay(frame: &mut Frame, marks: &[Mark]) {
+pub fn overlay(frame: &mut Frame, marks: &[OverlayMark]) {
     overlay_tinted(frame, marks, ENTITY_TINT);
 }
 
 /// [`overlay`] with entities tinted to a coverage of 0 to 255.
-pub fn overlay_tinted(frame: &mut Frame, marks: &[Mark], entity_tint: u16) {
+pub fn overlay_tinted(frame: &mut Frame, marks: &[OverlayMark], entity_tint: u16) {
     let masks: Vec<Option<Mask>> = marks
         .iter()
         .map(|mark| Mask::of(mark.region, &frame.ids))
@@ -255,7 +255,7 @@ const LABEL_PADDING: i32 = 5;
 /// Between two labels.
 const LABEL_GAP: i32 = 1;
 
-fn place_labels(marks: &[Mark], masks: &[Option<Mask>]) -> Vec<Label> {
+fn place_labels(marks: &[OverlayMark], masks: &[Option<Mask>]) -> Vec<Label> {
     let mut placed: Vec<Label> = Vec::new();
     for (mark, mask) in marks.iter().zip(masks) {
         let Some(mask) = mask else { continue };
@@ -387,7 +387,7 @@ mod tests {
         frame
     }
 
-    fn labels(frame: &Frame, marks: &[Mark]) -> Vec<Label> {
+    fn labels(frame: &Frame, marks: &[OverlayMark]) -> Vec<Label> {
         let masks: Vec<Option<Mask>> = marks
             .iter()
             .map(|mark| Mask::of(mark.region, &frame.ids))
@@ -418,13 +418,13 @@ mod tests {
         let squares: Vec<(u16, [usize; 4])> = (0..40u16)
             .map(|i| (i + 1, [usize::from(i) * 3, 0, usize::from(i) * 3 + 1, 2]))
             .collect();
-        let mut marks: Vec<Mark> = (1..=40)
-            .map(|i| Mark {
+        let mut marks: Vec<OverlayMark> = (1..=40)
+            .map(|i| OverlayMark {
                 number: i,
                 region: Region::Entity(i as u16),
             })
             .collect();
-        marks.extend((41..=120).map(|number| Mark {
+        marks.extend((41..=120).map(|number| OverlayMark {
             number,
             region: Region::Rectangle([600, 470, 639, 479]),
         }));
@@ -440,7 +440,7 @@ mod tests {
         let frame = frame_with(&[(5, [100, 100, 150, 400]), (5, [100, 350, 400, 400])]);
         let label = &labels(
             &frame,
-            &[Mark {
+            &[OverlayMark {
                 number: 12,
                 region: Region::Entity(5),
             }],
@@ -461,11 +461,11 @@ mod tests {
         overlay(
             &mut after,
             &[
-                Mark {
+                OverlayMark {
                     number: 1,
                     region: Region::Entity(7),
                 },
-                Mark {
+                OverlayMark {
                     number: 2,
                     region: Region::Entity(9),
                 },
@@ -492,9 +492,9 @@ mod tests {
             [0, 0, 0, 0],
             [0, 0, u16::MAX, u16::MAX],
         ];
-        let marks: Vec<Mark> = wild
+        let marks: Vec<OverlayMark> = wild
             .iter()
-            .map(|&r| Mark {
+            .map(|&r| OverlayMark {
                 number: u32::MAX,
                 region: Region::Rectangle(r),
             })

@@ -20,11 +20,11 @@ pub(super) struct Surface {
     accent: [f32; 3],
     /// Colour of mirrored light.
     gloss: [f32; 3],
-    place: Place,
+    place: ShadingFrame,
 }
 
 /// What surrounds a part or a mesh, in its own frame.
-pub(super) struct Place {
+pub(super) struct ShadingFrame {
     /// Right, down and forward of the camera.
     axes: [[f32; 3]; 3],
     /// Position of the camera.
@@ -34,7 +34,7 @@ pub(super) struct Place {
     pub up: [f32; 3],
 }
 
-impl Place {
+impl ShadingFrame {
     /// `pose` takes the frame to the scene.
     pub fn new(pose: &Pose, camera_from_part: &CameraFromPart) -> Self {
         let axes = camera_from_part.rows;
@@ -71,7 +71,7 @@ impl Surface {
             color: part.color.map(to_linear),
             accent: part.accent.map(to_linear),
             gloss: part.accent.map(|channel| 0.4 + 0.6 * to_linear(channel)),
-            place: Place::new(pose, camera_from_part),
+            place: ShadingFrame::new(pose, camera_from_part),
         }
     }
 
@@ -183,7 +183,7 @@ struct Run<'a> {
 }
 
 /// What a pixel sees, in the frame of the part.
-struct Sight {
+struct ShadingPoint {
     point: [f32; 3],
     normal: [f32; 3],
     /// From the eye, of length 1 along the optical axis.
@@ -194,7 +194,7 @@ struct Sight {
 impl Run<'_> {
     /// Lights the colours that `look` gives: of the surface itself and of what it mirrors.
     #[inline(always)]
-    fn shade(&self, rgb: &mut [u8], look: impl Fn(&Sight) -> ([f32; 3], [f32; 3])) {
+    fn shade(&self, rgb: &mut [u8], look: impl Fn(&ShadingPoint) -> ([f32; 3], [f32; 3])) {
         let encode: &Encoder = &LINEAR_TO_SRGB;
         let surface = self.surface;
         let lit = |normal: [f32; 3]| {
@@ -221,7 +221,7 @@ impl Run<'_> {
                 let normal = surface.round_normal(point);
                 (normal, lit(normal))
             });
-            let (own, mirrored) = look(&Sight {
+            let (own, mirrored) = look(&ShadingPoint {
                 point,
                 normal,
                 ray,

@@ -293,15 +293,15 @@ fn frame_digests_are_stable() {
     let digests = frame.digests();
     let mut marked = frame.clone();
     let marks = [
-        Mark {
+        OverlayMark {
             number: 1,
             region: Region::Entity(4),
         },
-        Mark {
+        OverlayMark {
             number: 2,
             region: Region::Entity(9),
         },
-        Mark {
+        OverlayMark {
             number: 17,
             region: Region::Rectangle([40, 60, 200, 160]),
         },

@@ -5,7 +5,7 @@
 use reel_world::mesh::{Texture, Triangle};
 
 use super::shade::{
-    Encoder, LINEAR_TO_SRGB, Place, falloff, light, pixels_per_metre, scaled, to_linear,
+    Encoder, LINEAR_TO_SRGB, ShadingFrame, falloff, light, pixels_per_metre, scaled, to_linear,
 };
 use crate::{
     geometry::{add, cross, dot, sub},
@@ -18,7 +18,7 @@ pub(super) struct MeshSurface<'a> {
     /// Code of its first triangle.
     pub first: u32,
     model: &'a MeshModel,
-    place: Place,
+    place: ShadingFrame,
 }
 
 /// A triangle with what all of its pixels share.
@@ -44,7 +44,7 @@ struct Texels<'a> {
 }
 
 impl<'a> MeshSurface<'a> {
-    pub fn new(entity: u16, first: u32, model: &'a MeshModel, place: Place) -> Self {
+    pub fn new(entity: u16, first: u32, model: &'a MeshModel, place: ShadingFrame) -> Self {
         Self {
             entity,
             first,
@@ -194,8 +194,8 @@ impl Texels<'_> {
         let [p, q, r] = &self.points;
         let [u, v] = [0, 1].map(|axis| p[axis] * a + q[axis] * b + r[axis] * c);
         let (x, y) = (
-            Between::new(u, texture.width),
-            Between::new(v, texture.height),
+            TexelSpan::new(u, texture.width),
+            TexelSpan::new(v, texture.height),
         );
         let texel = |x: u32, y: u32, channel: usize| {
             u32::from(texture.rgb[(y * texture.width + x) as usize * 3 + channel])
@@ -210,14 +210,14 @@ impl Texels<'_> {
 }
 
 /// Between two neighbouring texels of a row or column that repeats.
-struct Between {
+struct TexelSpan {
     first: u32,
     second: u32,
     /// Of 256, of the second one.
     share: u32,
 }
 
-impl Between {
+impl TexelSpan {
     #[inline]
     fn new(position: f32, size: u32) -> Self {
         // What is no number is 0: casts saturate, and the remainder keeps it inside.

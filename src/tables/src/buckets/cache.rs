@@ -29,7 +29,7 @@ pub struct Cache {
 
 /// What a name stood for.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(crate) struct Known {
+pub(crate) struct CachedName {
     /// By which the store tells contents apart.
     pub etag: String,
     /// Of the content.
@@ -48,8 +48,9 @@ impl Cache {
     }
 
     /// What a name stood for when it was fetched last, if its copy is still there and whole.
-    pub(crate) fn known(&self, name: &str) -> Option<(Known, PathBuf)> {
-        let known: Known = serde_json::from_slice(&fs::read(self.name_file(name)).ok()?).ok()?;
+    pub(crate) fn known(&self, name: &str) -> Option<(CachedName, PathBuf)> {
+        let known: CachedName =
+            serde_json::from_slice(&fs::read(self.name_file(name)).ok()?).ok()?;
         let copy = self.copy(known.digest);
         if Digest::of(&fs::read(&copy).ok()?) != known.digest {
             let _ = fs::remove_file(&copy);
@@ -63,7 +64,7 @@ impl Cache {
     /// # Errors
     /// When the folder cannot be written.
     pub(crate) fn keep(&self, name: &str, etag: String, content: &[u8]) -> io::Result<PathBuf> {
-        let known = Known {
+        let known = CachedName {
             etag,
             digest: Digest::of(content),
         };

@@ -6,8 +6,8 @@
 //! Knows nothing of what is in the files.
 
 mod cache;
-mod patient;
 mod remote;
+mod retrying_store;
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +22,7 @@ use object_store::{
 };
 use url::Url;
 
-use crate::buckets::patient::RetryingStore;
+use crate::buckets::retrying_store::RetryingStore;
 
 pub use cache::Cache;
 pub use remote::{Buckets, UploadOutcome};

@@ -125,7 +125,7 @@ impl Table {
     }
 
     /// What a row is.
-    pub fn meaning(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Table::Episodes => "One row an episode, all that belongs to it nested.",
             Table::Tasks => "One row a task, however many episodes play it.",
@@ -308,7 +308,7 @@ pub fn document() -> String {
          belongs to an episode is nested in its row; the views below are its flat forms.\n",
     );
     for table in Table::ALL {
-        let _ = write!(page, "\n## `{}`\n{}\n\n", table.name(), table.meaning());
+        let _ = write!(page, "\n## `{}`\n{}\n\n", table.name(), table.description());
         document_columns(table.columns(), &mut page);
     }
     for (title, columns) in NESTED {

@@ -24,7 +24,7 @@ use super::{
     Refused, SIDE, Store, StoreError, TRIES_MAX,
     location::absolute,
     parts::{Merge, parts},
-    reading::{DocumentSet, Key, Read, TraceRows, key},
+    reading::{DocumentSet, Key, TraceKey, TraceRows, key},
 };
 use crate::{Table, rows::Rows};
 
@@ -54,7 +54,7 @@ pub struct IngestReport {
 }
 
 /// What the store holds.
-struct Known {
+struct StoreContents {
     /// Trace digest by episode id.
     episodes: HashMap<Key, Key>,
     /// Files as they were when they were read.
@@ -188,7 +188,7 @@ impl Store {
         &mut self,
         portion: Portion,
         paths: &BTreeSet<PathBuf>,
-        known: &mut Known,
+        known: &mut StoreContents,
         report: &mut IngestReport,
     ) -> Result<(), StoreError> {
         for _ in 0..TRIES_MAX {
@@ -219,7 +219,7 @@ impl Store {
         &mut self,
         portion: &Portion,
         paths: &BTreeSet<PathBuf>,
-        known: &mut Known,
+        known: &mut StoreContents,
         report: &mut IngestReport,
     ) -> Result<bool, Refused> {
         let verdicts = self.judge(portion, paths, known, report)?;
@@ -277,7 +277,7 @@ impl Store {
         &self,
         portion: &Portion,
         paths: &BTreeSet<PathBuf>,
-        known: &Known,
+        known: &StoreContents,
         report: &mut IngestReport,
     ) -> Result<Verdicts, StoreError> {
         let mut last: HashMap<&str, (usize, usize)> = HashMap::new();
@@ -501,7 +501,7 @@ impl Store {
         Ok(actions)
     }
 
-    fn known(&self) -> Result<Known, StoreError> {
+    fn known(&self) -> Result<StoreContents, StoreError> {
         let (mut episodes, mut files, mut paths) = (HashMap::new(), HashSet::new(), HashMap::new());
         let columns = [
             "episode_id",
@@ -541,7 +541,7 @@ impl Store {
         )?;
         let tasks = self.keys(&self.tables[&Table::Tasks], column_of(Table::Tasks))?;
         let scenes = self.keys(&self.tables[&Table::Scenes], column_of(Table::Scenes))?;
-        Ok(Known {
+        Ok(StoreContents {
             episodes,
             files,
             paths,
@@ -630,7 +630,7 @@ struct Verdicts {
 
 impl Portion {
     /// The episodes whose reading fulfils a condition.
-    fn ids(&self, wanted: impl Fn(&Read) -> bool) -> BTreeSet<String> {
+    fn ids(&self, wanted: impl Fn(&TraceKey) -> bool) -> BTreeSet<String> {
         let reads = self
             .batches
             .iter()

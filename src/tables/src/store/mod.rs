@@ -9,9 +9,9 @@
 //! lie.
 
 mod ingest;
+mod judgements;
 mod location;
 mod maintenance;
-mod opinions;
 mod parts;
 mod reading;
 mod rescored;
@@ -37,9 +37,9 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 pub use ingest::{IngestReport, Progress};
+pub use judgements::{BlameRow, ClassRow, Finding, LabelRow};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
-pub use opinions::{BlameRow, ClassRow, Finding, Label};
 pub use reading::{DocumentSet, TraceRows};
 pub use rescored::{RescoreReport, RescoredEpisodes};
 pub use verdicts::TraceVerdict;
@@ -178,7 +178,7 @@ pub enum StoreError {
     )]
     Document {
         /// `task` or `scene`.
-        what: &'static str,
+        problem: &'static str,
         /// Its digest.
         digest: String,
         /// What is wrong.
@@ -536,7 +536,7 @@ async fn create(location: &Location) -> Result<(), StoreError> {
         let made = CreateBuilder::new()
             .with_log_store(location.log(table.name())?)
             .with_table_name(table.name())
-            .with_comment(table.meaning())
+            .with_comment(table.description())
             .with_columns(schema.fields().cloned())
             .with_configuration_property(
                 deltalake::TableProperty::DataSkippingNumIndexedCols,

@@ -25,7 +25,7 @@ pub(super) type Key = u128;
 /// Rows of some traces.
 pub struct TraceRows {
     pub(super) episodes: RecordBatch,
-    pub(super) read: Vec<Read>,
+    pub(super) read: Vec<TraceKey>,
     /// Files that are no sound traces, with the reason.
     pub(super) bad: Vec<(PathBuf, String)>,
     pub(super) tasks: Vec<(Key, RecordBatch)>,
@@ -34,7 +34,7 @@ pub struct TraceRows {
 
 /// A row of episodes.
 #[derive(Clone, Serialize, Deserialize)]
-pub(super) struct Read {
+pub(super) struct TraceKey {
     pub path: String,
     pub episode_id: String,
     pub digest: String,
@@ -60,7 +60,7 @@ impl DocumentSet {
 /// What goes before the batches of [`TraceRows::to_bytes`].
 #[derive(Serialize, Deserialize)]
 struct Head {
-    read: Vec<Read>,
+    read: Vec<TraceKey>,
     bad: Vec<(PathBuf, String)>,
     tasks: Vec<Key>,
     scenes: Vec<Key>,
@@ -118,7 +118,7 @@ impl TraceRows {
                 rest.scenes.append(&mut rows.scenes);
                 return Ok(rest);
             }
-            rows.read.push(Read {
+            rows.read.push(TraceKey {
                 path: path.display().to_string(),
                 episode_id: trace.header.episode_id.clone(),
                 digest: trace.chain().to_string(),

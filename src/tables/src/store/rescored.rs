@@ -103,7 +103,7 @@ impl Store {
     ) -> Result<RescoreReport, StoreError> {
         self.reload()?;
         let scored = self.rescore_in(&self.file_names(Table::Episodes), preset, progress)?;
-        self.keep_rescored(scored, preset)
+        self.append_rescored(scored, preset)
     }
 
     /// Scores the episodes in some files that are not scored under a preset yet, and keeps nothing.
@@ -122,7 +122,7 @@ impl Store {
         let (mut rows, mut count) = (Rows::new(preset.name(), &version), 0_usize);
         self.score_in(files, std::slice::from_ref(preset), |episode, rewards| {
             // what was recorded under the preset stands in its own rows already
-            let recorded = episode.preset == preset.name() && episode.was_recorded_as(&rewards[0]);
+            let recorded = episode.preset == preset.name() && episode.matches_recorded(&rewards[0]);
             if recorded || known.contains(episode.trace_digest) {
                 scored.unchanged += 1;
                 return true;
@@ -147,7 +147,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn keep_rescored(
+    pub fn append_rescored(
         &mut self,
         scored: RescoredEpisodes,
         preset: &Preset,

@@ -37,7 +37,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn keep_verdicts(&self, verdicts: &[TraceVerdict]) -> Result<(), StoreError> {
+    pub fn append_verdicts(&self, verdicts: &[TraceVerdict]) -> Result<(), StoreError> {
         if verdicts.is_empty() {
             return Ok(());
         }

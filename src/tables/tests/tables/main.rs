@@ -13,7 +13,7 @@ use arrow::{
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
 use reel_tables::{
-    DocumentSet, Label, RescoredEpisodes, Store, StoreError, Table, TraceRows, TraceVerdict,
+    DocumentSet, LabelRow, RescoredEpisodes, Store, StoreError, Table, TraceRows, TraceVerdict,
     episode_batch,
 };
 use reel_trace::Images;
@@ -499,7 +499,7 @@ fn labels_of_two_at_a_time_stay() {
     let dir = TempDir::new().unwrap();
     let folder = &dir.path().join("store");
     Store::open_or_create(folder).unwrap();
-    let label = |author: &str, episode: usize| Label {
+    let label = |author: &str, episode: usize| LabelRow {
         episode_id: format!("e{episode}"),
         author: author.into(),
         kind: "human".into(),
@@ -515,7 +515,7 @@ fn labels_of_two_at_a_time_stay() {
             scope.spawn(move || {
                 let mut store = Store::open(folder).unwrap();
                 for episode in 0..4 {
-                    let said = |mut before: Vec<Label>| {
+                    let said = |mut before: Vec<LabelRow>| {
                         before.push(label(author, episode));
                         before
                     };
@@ -557,7 +557,11 @@ fn verdicts_belong_to_no_version() {
         for writer in 0..3 {
             let store = &store;
             scope.spawn(move || {
-                (0..4).for_each(|file| store.keep_verdicts(&[verdict(4 * writer + file)]).unwrap())
+                (0..4).for_each(|file| {
+                    store
+                        .append_verdicts(&[verdict(4 * writer + file)])
+                        .unwrap()
+                })
             });
         }
     });
@@ -642,6 +646,6 @@ fn rows_survive_the_way_from_another_machine() {
         assert!(RescoredEpisodes::from_bytes(&bytes[..bytes.len() / 2]).is_err());
         scored.append(RescoredEpisodes::from_bytes(&bytes).unwrap());
     }
-    assert_eq!(store.keep_rescored(scored, &preset).unwrap().scored, 5);
+    assert_eq!(store.append_rescored(scored, &preset).unwrap().scored, 5);
     assert_eq!(store.rescore(&preset, |_| ()).unwrap().unchanged, 5);
 }

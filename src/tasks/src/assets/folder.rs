@@ -16,7 +16,7 @@ use crate::assets::{MeshError, MeshFormat, SiblingFiles, Survey, limits::FILE_BY
 /// A folder of meshes, each file named by its asset. Only the folder itself is looked into, not
 /// what lies in folders below.
 #[derive(Debug)]
-pub struct Folder {
+pub struct AssetFolder {
     /// Without links.
     path: PathBuf,
     files: BTreeMap<AssetId, (MeshFormat, PathBuf)>,
@@ -37,13 +37,13 @@ pub struct FileReport {
     pub asset: String,
     /// Whether it is a mesh.
     #[serde(flatten)]
-    pub verdict: Verdict,
+    pub verdict: MeshVerdict,
 }
 
 /// Whether a file is a mesh.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 #[serde(rename_all = "snake_case", tag = "verdict")]
-pub enum Verdict {
+pub enum MeshVerdict {
     /// It is.
     Loads(Survey),
     /// It is not.
@@ -58,7 +58,7 @@ pub enum Verdict {
     },
 }
 
-impl Folder {
+impl AssetFolder {
     /// Lists a folder.
     ///
     /// # Errors
@@ -130,8 +130,8 @@ impl Folder {
         };
         let read = |(asset, (kind, file)): (&AssetId, &(MeshFormat, PathBuf))| {
             let verdict = match self.read_file(*kind, file) {
-                Ok(mesh) => Verdict::Loads(Survey::of(&mesh)),
-                Err(reason) => Verdict::Refused {
+                Ok(mesh) => MeshVerdict::Loads(Survey::of(&mesh)),
+                Err(reason) => MeshVerdict::Refused {
                     reason: reason.to_string(),
                 },
             };
@@ -155,7 +155,7 @@ impl Folder {
             FileReport {
                 file: name(file),
                 asset,
-                verdict: Verdict::Hidden { by },
+                verdict: MeshVerdict::Hidden { by },
             }
         }));
         listed.sort_by(|a, b| a.file.cmp(&b.file));
@@ -218,13 +218,13 @@ impl Folder {
     }
 }
 
-impl SiblingFiles for Folder {
+impl SiblingFiles for AssetFolder {
     fn read(&self, name: &str) -> Result<Vec<u8>, MeshError> {
         self.bytes(name)
     }
 }
 
-impl Assets for Folder {
+impl Assets for AssetFolder {
     fn mesh(&self, asset: &AssetId) -> Option<Arc<Mesh>> {
         self.load(asset).ok().flatten()
     }

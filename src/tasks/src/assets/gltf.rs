@@ -15,7 +15,7 @@ use gltf::{
 use reel_world::mesh::{Material, MeshData, TRIANGLES_MAX, Triangle, VERTICES_MAX};
 
 use crate::assets::{
-    DECIMATE, MeshError, SiblingFiles, color::clamped, limits::NODES_MAX, picture::Pictures,
+    DECIMATE, MeshError, SiblingFiles, color::clamped, limits::NODES_MAX, texture::TextureSet,
     upright,
 };
 
@@ -69,7 +69,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, 
         buffers: buffers(document.as_json(), binary, beside)?,
         document: &document,
         beside,
-        pictures: Pictures::default(),
+        pictures: TextureSet::default(),
         materials: Vec::new(),
         textured: false,
         data: MeshData::default(),
@@ -172,7 +172,7 @@ struct Reader<'a> {
     document: &'a Document,
     buffers: Vec<Vec<u8>>,
     beside: &'a dyn SiblingFiles,
-    pictures: Pictures,
+    pictures: TextureSet,
     /// Those of the document, then the default.
     materials: Vec<Material>,
     textured: bool,

@@ -10,12 +10,12 @@ mod folder;
 mod gltf;
 pub mod limits;
 mod obj;
-mod picture;
 mod survey;
+mod texture;
 
-use reel_world::mesh::{Mesh, MeshFault, TRIANGLES_MAX};
+use reel_world::mesh::{Mesh, MeshDefect, TRIANGLES_MAX};
 
-pub use folder::{FileReport, Folder, Verdict};
+pub use folder::{AssetFolder, FileReport, MeshVerdict};
 pub use survey::Survey;
 
 /// Where a parser gets the files that a file names.
@@ -106,7 +106,7 @@ pub enum MeshError {
     },
     /// No sound mesh.
     #[error(transparent)]
-    Mesh(#[from] MeshFault),
+    Mesh(#[from] MeshDefect),
     /// In a file that it names.
     #[error("in {file}: {reason}")]
     In {

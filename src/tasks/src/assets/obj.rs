@@ -13,7 +13,7 @@ use crate::assets::{
     MeshError, SiblingFiles,
     color::{clamped, linear},
     limits::LINE_BYTES_MAX,
-    picture::Pictures,
+    texture::TextureSet,
     upright,
 };
 
@@ -38,7 +38,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, 
     let mut materials = Materials {
         list: vec![Material::default()],
         names: BTreeMap::new(),
-        pictures: Pictures::default(),
+        pictures: TextureSet::default(),
     };
     let mut faces: Vec<([Corner; 3], u16)> = Vec::new();
     let mut material = 0;
@@ -163,7 +163,7 @@ fn joined(
 struct Materials {
     list: Vec<Material>,
     names: BTreeMap<String, u16>,
-    pictures: Pictures,
+    pictures: TextureSet,
 }
 
 impl Materials {

@@ -5,9 +5,9 @@
 //! Reads no file and knows no clock; whether a task can be done in a scene is found out by running
 //! it.
 
-mod portrait;
 pub mod scene;
 pub mod social;
 pub mod task;
+mod thumbnail;
 
-pub use portrait::object_thumbnail;
+pub use thumbnail::object_thumbnail;

@@ -58,7 +58,7 @@ pub struct Evidence {
 
 /// What task files say of a receptacle.
 #[derive(Default)]
-struct Known {
+struct ReceptacleEvidence {
     room: Option<String>,
     door: bool,
     /// Footprint and height of the surface below each placed object.
@@ -70,7 +70,7 @@ pub(super) fn rebuild(
     scene_id: &str,
     files: &[(&Path, Field<'_>)],
 ) -> Result<RebuiltScene, TaskError> {
-    let mut known: BTreeMap<String, Known> = BTreeMap::new();
+    let mut known: BTreeMap<String, ReceptacleEvidence> = BTreeMap::new();
     let mut orders: Vec<Vec<String>> = Vec::new();
     for (path, root) in files {
         let read = read_file(root, &mut known)
@@ -119,7 +119,7 @@ pub(super) fn rebuild(
     let mut taken: Vec<Rect> = pieces.iter().map(|piece| piece.rect).collect();
     let (mut receptacles, mut evidence) = (Vec::new(), Vec::new());
     for id in &order {
-        let Known { door, placed, .. } = &known[id];
+        let ReceptacleEvidence { door, placed, .. } = &known[id];
         let (rect, height) = surfaces.get(id).copied().unwrap_or_else(|| {
             let rect = floor::place(room_index(id), ASSUMED_SIDE_M, &tiles, &taken);
             taken.push(rect);
@@ -182,7 +182,7 @@ pub(super) fn rebuild(
 /// Adds what one file says, and gives its receptacles in their order.
 fn read_file(
     root: &Field<'_>,
-    known: &mut BTreeMap<String, Known>,
+    known: &mut BTreeMap<String, ReceptacleEvidence>,
 ) -> Result<Vec<String>, Problem> {
     let objects = root.get("objects")?;
     let mut order = Vec::new();

@@ -10,5 +10,6 @@ mod write;
 
 pub(crate) use read::{is_proc, read};
 pub use write::{
-    ProcEpisode, ProcFile, ProcKind, ProcObject, Source, bare, export, group, paths, purpose_group,
+    ProcEpisode, ProcFile, ProcKind, ProcObject, Source, export, group, paths, purpose_group,
+    strip_underscore,
 };

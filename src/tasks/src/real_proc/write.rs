@@ -191,7 +191,7 @@ fn document(episodes: &[ProcEpisode]) -> Value {
             let key = format!("obj_{}", objects.len());
             placements.insert(
                 key.clone(),
-                json!({ "original_id": bare(&object.asset), "furniture": object.furniture }),
+                json!({ "original_id": strip_underscore(&object.asset), "furniture": object.furniture }),
             );
             objects.insert(key, object_entry(object));
         }
@@ -208,7 +208,7 @@ fn document(episodes: &[ProcEpisode]) -> Value {
 
 fn object_entry(object: &ProcObject) -> Value {
     json!({
-        "original_id": bare(&object.asset),
+        "original_id": strip_underscore(&object.asset),
         "category": object.category,
         "usd_path": object.usd_path,
         "usd_scale": object.usd_scale,
@@ -223,7 +223,11 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
     put("task_id", json!(format!("task_{index}")));
     put("task_type", json!(episode.kind.as_str()));
     put("task_description", json!(episode.instruction));
-    let targets: Vec<&str> = episode.targets.iter().map(|asset| bare(asset)).collect();
+    let targets: Vec<&str> = episode
+        .targets
+        .iter()
+        .map(|asset| strip_underscore(asset))
+        .collect();
     let route = |put: &mut dyn FnMut(&str, Value) -> Option<Value>| {
         put("src", json!(episode.src));
         put("dest", json!(episode.dest));
@@ -236,7 +240,7 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
                 episode
                     .distractors
                     .iter()
-                    .map(|(asset, _)| bare(asset))
+                    .map(|(asset, _)| strip_underscore(asset))
                     .collect::<Vec<_>>()
             ),
         );
@@ -302,7 +306,10 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
         }
     }
     let meta = |(asset, category): &(String, String)| {
-        (bare(asset).to_owned(), json!({ "category": category }))
+        (
+            strip_underscore(asset).to_owned(),
+            json!({ "category": category }),
+        )
     };
     put(
         "obj_distractor_meta",
@@ -314,7 +321,7 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
             episode
                 .plan
                 .iter()
-                .map(|(step, asset)| step.to_text(bare(asset)))
+                .map(|(step, asset)| step.to_text(strip_underscore(asset)))
                 .collect::<Vec<_>>()
         ),
     );
@@ -475,7 +482,7 @@ fn kind(task: &Task, scene: &Scene, moved: &[InstanceId]) -> ProcKind {
 }
 
 /// An id as it stands in files: without the `_` that some begin with.
-pub fn bare(id: &str) -> &str {
+pub fn strip_underscore(id: &str) -> &str {
     id.trim_start_matches('_')
 }
 

@@ -9,7 +9,7 @@ use std::{
 };
 
 use proptest::{prelude::*, sample::Index};
-use reel_tasks::assets::{Folder, MeshError, MeshFormat, NoSiblings, Verdict, parse};
+use reel_tasks::assets::{AssetFolder, MeshError, MeshFormat, MeshVerdict, NoSiblings, parse};
 use reel_world::{AssetId, Assets};
 
 #[test]
@@ -17,7 +17,7 @@ fn every_file_loads_or_is_refused_with_its_reason() {
     let folder = tempfile::tempdir().unwrap();
     let expected = samples::write(folder.path());
     assert!(expected.len() > 40);
-    let listed = Folder::open(folder.path()).unwrap().check();
+    let listed = AssetFolder::open(folder.path()).unwrap().check();
     let names: Vec<&str> = listed.iter().map(|file| file.file.as_str()).collect();
     assert_eq!(names.len(), expected.len(), "{names:?}");
     for (name, refused) in expected {
@@ -26,8 +26,8 @@ fn every_file_loads_or_is_refused_with_its_reason() {
             .find(|file| file.file == name)
             .unwrap_or_else(|| panic!("{name} is not listed"));
         match (&file.verdict, refused) {
-            (Verdict::Loads(_), None) => {}
-            (Verdict::Refused { reason }, Some(part)) => {
+            (MeshVerdict::Loads(_), None) => {}
+            (MeshVerdict::Refused { reason }, Some(part)) => {
                 assert!(reason.contains(part), "{name} is refused: {reason}")
             }
             (verdict, wanted) => panic!("{name}: {verdict:?}, not {wanted:?}"),
@@ -51,17 +51,17 @@ fn the_first_kind_of_file_hides_the_others() {
     .unwrap();
     fs::write(folder.path().join("notes.txt"), "not an asset").unwrap();
     fs::create_dir(folder.path().join("below.obj")).unwrap();
-    let folder = Folder::open(folder.path()).unwrap();
+    let folder = AssetFolder::open(folder.path()).unwrap();
     let listed = folder.check();
     assert_eq!(listed.len(), 3);
     assert!(
-        matches!(&listed[0].verdict, Verdict::Refused { reason } if reason.contains("no file")),
+        matches!(&listed[0].verdict, MeshVerdict::Refused { reason } if reason.contains("no file")),
         "{listed:?}"
     );
-    assert!(matches!(&listed[1].verdict, Verdict::Loads(survey) if survey.triangles == 12));
+    assert!(matches!(&listed[1].verdict, MeshVerdict::Loads(survey) if survey.triangles == 12));
     assert_eq!(
         listed[2].verdict,
-        Verdict::Hidden {
+        MeshVerdict::Hidden {
             by: "mug.glb".into()
         }
     );
@@ -84,14 +84,14 @@ fn what_is_said_of_a_mesh_is_true() {
     let survey = |name: &str| {
         let folder = tempfile::tempdir().unwrap();
         samples::write(folder.path());
-        let listed = Folder::open(folder.path()).unwrap().check();
+        let listed = AssetFolder::open(folder.path()).unwrap().check();
         match listed
             .into_iter()
             .find(|file| file.file == name)
             .unwrap()
             .verdict
         {
-            Verdict::Loads(survey) => survey,
+            MeshVerdict::Loads(survey) => survey,
             other => panic!("{name}: {other:?}"),
         }
     };
@@ -144,7 +144,7 @@ fn links_lead_nowhere_else() {
         folder.path().join("cube.obj"),
     )
     .unwrap();
-    let folder = Folder::open(folder.path()).unwrap();
+    let folder = AssetFolder::open(folder.path()).unwrap();
     let refusal = folder.load(&"cube".into()).unwrap_err();
     assert!(matches!(&*refusal, MeshError::Outside { .. }), "{refusal}");
 }

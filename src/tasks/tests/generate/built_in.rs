@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_tasks::generate::scene::{Plan, built_in, check, names, views};
+use reel_tasks::generate::scene::{Plan, built_in, check, names, receptacle_views};
 use reel_world::Scene;
 
 /// The paper's table of training scenes, then what it says of the scene to be evaluated in: kinds
@@ -135,7 +135,7 @@ fn all_pass_the_check() {
 fn every_receptacle_is_seen_and_no_label_of_a_plan_covers_another() {
     for name in names() {
         let scene = scene(name);
-        let views = views(&scene);
+        let views = receptacle_views(&scene);
         assert!(views.iter().all(|view| view.frame.is_some()), "{name}");
         let plan = Plan::of(&scene);
         assert_eq!(plan.crossings(), 0, "{name}");

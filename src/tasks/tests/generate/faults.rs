@@ -1,6 +1,6 @@
 //! Each sort of fault, planted in two rooms that are fine, is found where it is.
 
-use reel_tasks::generate::scene::{Fault, Finding, check};
+use reel_tasks::generate::scene::{Finding, SceneFault, check};
 use reel_world::Scene;
 use serde_json::{Value, json};
 
@@ -52,7 +52,7 @@ fn found(scene: &Value) -> Vec<Finding> {
 }
 
 /// That a fault is found of something, and how it is told.
-fn assert_found(scene: &Value, fault: Fault, at: &str, told: &str) {
+fn assert_found(scene: &Value, fault: SceneFault, at: &str, told: &str) {
     let findings = found(scene);
     let hit = findings
         .iter()
@@ -79,10 +79,10 @@ fn overlap() {
     second["surface_min"] = json!([1.5, 0.3, 0.71]);
     second["surface_max"] = json!([2.5, 1.0, 0.74]);
     scene["receptacles"].as_array_mut().unwrap().push(second);
-    assert_found(&scene, Fault::Overlap, "table_2", "stands in table_1");
+    assert_found(&scene, SceneFault::Overlap, "table_2", "stands in table_1");
     let overlap = found(&scene)
         .into_iter()
-        .find(|finding| finding.fault == Fault::Overlap)
+        .find(|finding| finding.fault == SceneFault::Overlap)
         .unwrap();
     assert!(
         (overlap.place[0] - 1.75).abs() < 0.03 && (overlap.place[1] - 0.55).abs() < 0.03,
@@ -95,8 +95,8 @@ fn overlap_with_a_wall_and_out_of_the_room() {
     let mut scene = two_rooms(DOORWAY);
     scene["receptacles"][0]["surface_min"] = json!([3.2, 0.1, 0.71]);
     scene["receptacles"][0]["surface_max"] = json!([4.4, 0.8, 0.74]);
-    assert_found(&scene, Fault::Overlap, "table_1", "stands in a wall");
-    assert_found(&scene, Fault::OutOfRoom, "table_1", "kitchen/0");
+    assert_found(&scene, SceneFault::Overlap, "table_1", "stands in a wall");
+    assert_found(&scene, SceneFault::OutOfRoom, "table_1", "kitchen/0");
 }
 
 #[test]
@@ -104,18 +104,23 @@ fn unreachable() {
     let scene = two_rooms([4.0, 4.0]);
     assert_found(
         &scene,
-        Fault::Unreachable,
+        SceneFault::Unreachable,
         "bedroom/0",
         "cannot get into this room",
     );
-    assert_found(&scene, Fault::Unreachable, "cupboard_1", "cannot come near");
+    assert_found(
+        &scene,
+        SceneFault::Unreachable,
+        "cupboard_1",
+        "cannot come near",
+    );
 }
 
 #[test]
 fn narrow() {
     assert_found(
         &two_rooms([1.5, 2.15]),
-        Fault::Narrow,
+        SceneFault::Narrow,
         "cupboard_1",
         "narrower than 0.9 m",
     );
@@ -128,7 +133,12 @@ fn door_into_a_wall() {
         .as_array_mut()
         .unwrap()
         .push(wall([6.8, 1.0], [6.8, 2.8]));
-    assert_found(&scene, Fault::Door, "cupboard_1", "its door hits a wall");
+    assert_found(
+        &scene,
+        SceneFault::Door,
+        "cupboard_1",
+        "its door hits a wall",
+    );
 }
 
 #[test]
@@ -137,7 +147,12 @@ fn door_into_furniture() {
     scene["receptacles"][0]["room"] = json!("bedroom/0");
     scene["receptacles"][0]["surface_min"] = json!([6.2, 1.4, 0.71]);
     scene["receptacles"][0]["surface_max"] = json!([6.9, 2.3, 0.84]);
-    assert_found(&scene, Fault::Door, "cupboard_1", "its door hits table_1");
+    assert_found(
+        &scene,
+        SceneFault::Door,
+        "cupboard_1",
+        "its door hits table_1",
+    );
 }
 
 #[test]
@@ -145,7 +160,12 @@ fn no_sight() {
     let mut above_the_eyes = two_rooms(DOORWAY);
     above_the_eyes["receptacles"][0]["surface_min"][2] = json!(1.77);
     above_the_eyes["receptacles"][0]["surface_max"][2] = json!(1.8);
-    assert_found(&above_the_eyes, Fault::NoSight, "table_1", "0 of 5 points");
+    assert_found(
+        &above_the_eyes,
+        SceneFault::NoSight,
+        "table_1",
+        "0 of 5 points",
+    );
 
     let mut behind_a_wall = two_rooms(DOORWAY);
     behind_a_wall["walls"]
@@ -154,7 +174,7 @@ fn no_sight() {
         .push(wall([7.1, 0.9], [7.1, 2.8]));
     assert_found(
         &behind_a_wall,
-        Fault::NoSight,
+        SceneFault::NoSight,
         "cupboard_1",
         "something stands before it",
     );
@@ -167,11 +187,11 @@ fn captions_that_mislead() {
         json!({ "The White Table": 1.0, "the green cupboard": 1.0 });
     assert_found(
         &scene,
-        Fault::Caption,
+        SceneFault::Caption,
         "cupboard_1",
         "is said of table_1 too",
     );
-    assert_found(&scene, Fault::Caption, "cupboard_1", "says green");
+    assert_found(&scene, SceneFault::Caption, "cupboard_1", "says green");
     scene["receptacles"][1]["captions"] = json!({});
-    assert_found(&scene, Fault::Caption, "cupboard_1", "no caption");
+    assert_found(&scene, SceneFault::Caption, "cupboard_1", "no caption");
 }

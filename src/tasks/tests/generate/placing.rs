@@ -8,8 +8,8 @@ use reel_sim::{
     model::scene_model,
 };
 use reel_tasks::generate::task::{
-    Ground, Side, Site,
-    placement::{Misfit, Placement, is_valid, nearest_side, static_filter},
+    SceneSites, Side, Site,
+    placement::{Placement, PlacementError, is_valid, nearest_side, static_filter},
 };
 use reel_tasks::{Stream, home_scene, library::objects};
 
@@ -69,7 +69,7 @@ fn meets(part: &Part, centre: [f64; 2], radius: f64, [from, to]: [f64; 2]) -> bo
 
 #[test]
 fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
-    let ground = Ground::survey(Arc::new(home_scene()));
+    let ground = SceneSites::survey(Arc::new(home_scene()));
     let model = scene_model(&ground.scene, &BTreeSet::new());
     let solid = |part: &&Part| part.solid;
     let mut placed = 0;
@@ -174,7 +174,7 @@ fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
             placed += 1;
         }
     }
-    assert!(misfits.contains(&Misfit::OutOfReach), "{misfits:?}");
+    assert!(misfits.contains(&PlacementError::OutOfReach), "{misfits:?}");
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn nobody_reaches_over_an_edge_that_something_stands_at() {
             scene.receptacles[other].surface_min[1],
             scene.receptacles[other].surface_max[1],
         ) = (ys[0], ys[1]);
-        let ground = Ground::survey(Arc::new(scene));
+        let ground = SceneSites::survey(Arc::new(scene));
         let site = ground
             .sites
             .iter()
@@ -217,7 +217,7 @@ fn nobody_reaches_over_an_edge_that_something_stands_at() {
 
 #[test]
 fn what_stands_behind_a_door_is_reached_through_it() {
-    let ground = Ground::survey(Arc::new(home_scene()));
+    let ground = SceneSites::survey(Arc::new(home_scene()));
     let (behind, free): (Vec<&Site>, Vec<&Site>) = ground
         .sites
         .iter()
@@ -251,7 +251,7 @@ fn what_stands_behind_a_door_is_reached_through_it() {
 
 #[test]
 fn later_objects_stand_as_far_from_the_others_as_they_can() {
-    let ground = Ground::survey(Arc::new(home_scene()));
+    let ground = SceneSites::survey(Arc::new(home_scene()));
     let site = ground
         .sites
         .iter()
@@ -271,7 +271,7 @@ fn later_objects_stand_as_far_from_the_others_as_they_can() {
 
 #[test]
 fn the_static_filter_says_what_is_wrong() {
-    let ground = Ground::survey(Arc::new(home_scene()));
+    let ground = SceneSites::survey(Arc::new(home_scene()));
     let site = |id: &str| {
         ground
             .sites
@@ -285,14 +285,14 @@ fn the_static_filter_says_what_is_wrong() {
     assert_eq!(filter("table_2", &[[0.1, 0.1, 0.1]; 3]), Ok(()));
     assert_eq!(
         filter("table_2", &[[0.95, 0.2, 0.1]]),
-        Err(Misfit::TooLarge)
+        Err(PlacementError::TooLarge)
     );
     assert_eq!(
         filter("microwave_1", &[[0.1, 0.1, 0.3]]),
-        Err(Misfit::TooTall)
+        Err(PlacementError::TooTall)
     );
     assert_eq!(
         filter("table_2", &[[0.2, 0.2, 0.1]; 30]),
-        Err(Misfit::TriesExceeded)
+        Err(PlacementError::TriesExceeded)
     );
 }

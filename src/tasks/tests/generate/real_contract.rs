@@ -84,7 +84,7 @@ fn wordings() {
         report.compare(
             "strip",
             &case["stripped"],
-            &json!(reel_tasks::real_proc::bare(text(&case["id"]))),
+            &json!(reel_tasks::real_proc::strip_underscore(text(&case["id"]))),
         );
     }
     report.finish();

@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, sync::Arc};
 use reel_tasks::generate::{
     scene::{built_in, names},
     task::{
-        Compatibility, GenerateOptions, GenerateReport, Ground, Placing, Rejection, TaskType,
-        Unfit, Unsettled, can_be_approached, compatibility, make, real, settle, spawn,
+        Compatibility, DraftError, GenerateOptions, GenerateReport, Placing, Rejection, SceneSites,
+        SettleError, TaskType, can_be_approached, compatibility, make, real, settle, spawn,
     },
 };
 use reel_tasks::{home_scene, library::objects};
@@ -135,10 +135,10 @@ fn what_falls_flies_or_rests_elsewhere_is_rejected() {
     for (at, expected) in [
         (
             [x, y, elsewhere.surface_height() + 0.1],
-            Unsettled::RestsElsewhere,
+            SettleError::RestsElsewhere,
         ),
-        ([start[0] + 0.5, start[1], 1.2], Unsettled::Fell),
-        ([500.0, 500.0, 1.0], Unsettled::FlewAway),
+        ([start[0] + 0.5, start[1], 1.2], SettleError::Fell),
+        ([500.0, 500.0, 1.0], SettleError::FlewAway),
     ] {
         let mut moved = task.clone();
         moved.objects[0].position = at;
@@ -208,7 +208,7 @@ fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
     assert!(
         made.statistics
             .rejected
-            .contains_key(&Rejection::Draft(Unfit::SpeaksOfOthers)),
+            .contains_key(&Rejection::Draft(DraftError::SpeaksOfOthers)),
         "{:?}",
         made.statistics
     );
@@ -286,7 +286,7 @@ fn the_table_speaks_of_every_object_and_receptacle() {
             );
         }
     }
-    let pairs = Ground::survey(Arc::new(home_scene()))
+    let pairs = SceneSites::survey(Arc::new(home_scene()))
         .triplets(objects(), table)
         .len();
     assert!(pairs >= 200, "{pairs} pairs in one scene");

@@ -168,13 +168,13 @@ fn confidence(value: Option<&Value>) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::Turn, *};
+    use super::{super::CaseStep, *};
 
     fn parsed(text: &str) -> Result<Opinion, String> {
         let transcript = (0..10)
-            .map(|step| Turn {
+            .map(|step| CaseStep {
                 step,
-                ..Turn::default()
+                ..CaseStep::default()
             })
             .collect();
         parse(

@@ -6,7 +6,7 @@ use reel_llm::client::{Message, Part, Request, Role};
 use reel_world::Digest;
 use serde_json::json;
 
-use super::{Case, CaseImage, JudgeOptions, Turn};
+use super::{Case, CaseImage, CaseStep, JudgeOptions};
 
 /// What the judge is told before it gets a record.
 pub(super) const PROMPT: &str = include_str!("../../prompts/judge.md");
@@ -64,7 +64,7 @@ pub(super) fn request(case: &Case, options: &JudgeOptions) -> Request {
 }
 
 /// What the model is told about an answer that cannot be read.
-pub(super) fn again(what: &str) -> String {
+pub(super) fn retry_prompt(what: &str) -> String {
     format!(
         "Your answer cannot be used: {what}. Answer again, with the one JSON object and nothing else."
     )
@@ -116,9 +116,9 @@ fn without_middle(case: &Case, first: String, lines: &[String], bytes_max: usize
     format!("{first}{before}{}\n{after}", json!({"note": note}))
 }
 
-fn line(turn: &Turn, text_max: usize) -> String {
+fn line(turn: &CaseStep, text_max: usize) -> String {
     let short = |text: &str| shortened(text, text_max);
-    let turn = Turn {
+    let turn = CaseStep {
         step: turn.step,
         call: short(&turn.call),
         outcome: short(&turn.outcome),
@@ -180,11 +180,11 @@ mod tests {
     use super::*;
 
     fn case(steps: u32, words: &str) -> Case {
-        let turn = |step| Turn {
+        let turn = |step| CaseStep {
             step,
             call: "finish()".to_owned(),
             reasoning: words.to_owned(),
-            ..Turn::default()
+            ..CaseStep::default()
         };
         Case {
             instruction: format!("bring me the mug {words}"),

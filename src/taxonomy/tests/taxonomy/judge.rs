@@ -7,8 +7,8 @@ use std::{
 
 use reel_llm::client::{Cache, Client, Endpoint};
 use reel_taxonomy::judge::{
-    Case, CaseImage, JudgeError, JudgeOptions, JudgedCase, REFUSED_MAX, RuleFinding, Source, Turn,
-    judge, judge_all, prompt_version,
+    Case, CaseImage, CaseStep, JudgeError, JudgeOptions, JudgedCase, REFUSED_MAX, RuleFinding,
+    Source, judge, judge_all, prompt_version,
 };
 use serde_json::{Value, json};
 
@@ -25,12 +25,12 @@ fn client(base_url: &str) -> Client {
 
 /// An episode that goes to and fro, with a word that tells it from others.
 fn case(word: &str) -> Case {
-    let turn = |step| Turn {
+    let turn = |step| CaseStep {
         step,
         call: format!("nav_to({})", ["sofa", "bed"][step as usize % 2]),
         outcome: "you are there".to_owned(),
         history: format!("looking for the {word}"),
-        ..Turn::default()
+        ..CaseStep::default()
     };
     Case {
         episode_id: format!("episode-{word}"),
@@ -79,7 +79,7 @@ fn shown(received: &Received) -> String {
 #[test]
 fn agreement() {
     let case = Case {
-        proven: proven("Lost Memory", "oscillation"),
+        rule_finding: proven("Lost Memory", "oscillation"),
         ..case("mug")
     };
     let (verdict, received) = judged(&case, &answer("Lost Memory", Some("oscillation"), 4));
@@ -130,7 +130,7 @@ fn what_is_proven_cannot_be_overturned() {
         ("Other", "physical_failure"),
     ] {
         let case = Case {
-            proven: proven(class, sub_class),
+            rule_finding: proven(class, sub_class),
             ..case("mug")
         };
         let verdict = judged(&case, &answer("Object Confusion", Some("wrong_kind"), 7))
@@ -152,7 +152,7 @@ fn what_is_proven_cannot_be_overturned() {
             (verdict.opinion.class.as_str(), verdict.opinion.step),
             ("Object Confusion", 7)
         );
-        assert_eq!(verdict.proven, case.proven);
+        assert_eq!(verdict.proven, case.rule_finding);
     }
 }
 
@@ -160,7 +160,7 @@ fn what_is_proven_cannot_be_overturned() {
 fn where_nothing_is_proven_it_proposes() {
     for proven in [None, proven("Other", "timeout")] {
         let case = Case {
-            proven: proven.clone(),
+            rule_finding: proven.clone(),
             reduced: true,
             ..case("mug")
         };
@@ -191,7 +191,7 @@ fn a_new_sub_class_is_proposed() {
     let says = json!({"class": "Lost Memory", "sub_class": null, "proposed_sub_class": "chased its own history", "step": 2,
         "comment": "steps 2 to 6", "confidence": 0.4});
     let case = Case {
-        proven: proven("Lost Memory", "oscillation"),
+        rule_finding: proven("Lost Memory", "oscillation"),
         ..case("mug")
     };
     let verdict = judged(&case, &says.to_string()).0.unwrap();
@@ -333,11 +333,11 @@ fn words_of_an_episode_are_data() {
 
 #[test]
 fn a_long_episode_is_cut_in_the_middle_and_pictures_are_chosen() {
-    let turn = |step| Turn {
+    let turn = |step| CaseStep {
         step,
         call: "walk_around()".to_owned(),
         reasoning: "where is it? ".repeat(400),
-        ..Turn::default()
+        ..CaseStep::default()
     };
     let picture = |step| CaseImage {
         step,

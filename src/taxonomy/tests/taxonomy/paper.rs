@@ -4,7 +4,7 @@
 
 use std::{path::Path, sync::Arc};
 
-use reel_agents::{Context, NoAnswer, Policy, RecordTo, Responders, run_episode};
+use reel_agents::{Policy, PolicyContext, RecordTo, ResponderError, Responders, run_episode};
 use reel_episode::EpisodeConfig;
 use reel_query::QuerySession;
 use reel_reward::Preset;
@@ -49,11 +49,11 @@ impl Policy for Script {
         }
     }
 
-    fn wants_truth(&self) -> bool {
+    fn needs_privileged(&self) -> bool {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+    fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         let truth = context.truth.expect("a script is shown the truth");
         let number = |wanted: &dyn Fn(&MarkerTarget) -> bool| {
             let marker = truth.markers.iter().find(|marker| wanted(&marker.target));

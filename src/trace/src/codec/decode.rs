@@ -25,7 +25,7 @@ use crate::{
 type Read<T> = Result<T, String>;
 
 /// What `/sim/digest` holds.
-pub(crate) struct Moment {
+pub(crate) struct DigestMessage {
     pub step: Option<u32>,
     pub sim_step: u64,
     pub bodies: Vec<BodyState>,
@@ -240,7 +240,7 @@ pub(crate) fn read_reward(terms: Vec<reel::RewardTerm>) -> Read<Vec<RewardTerm>>
     terms.into_iter().map(term).collect()
 }
 
-pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<Moment> {
+pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<DigestMessage> {
     let robot = message.robot.ok_or("robot is missing")?;
     let robot = RobotState {
         base: array(robot.base)?,
@@ -263,7 +263,7 @@ pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<Moment> {
         chain: digest(&message.chain)?,
     };
     let bodies: Read<Vec<BodyState>> = message.bodies.into_iter().map(body).collect();
-    Ok(Moment {
+    Ok(DigestMessage {
         step: message.step,
         sim_step: message.sim_step,
         bodies: bodies?,

@@ -15,8 +15,8 @@ use std::{
 };
 
 use reel_trace::{
-    Durability, Images, RecordOptions, Recorder, Recovery, RecoveryStatus, Scoring, Timing, Trace,
-    TraceError, encode_png, examine, recover,
+    Durability, Images, RecordOptions, Recorder, Recovery, RecoveryStatus, RestoreScorer, Timing,
+    Trace, TraceError, encode_png, examine, recover,
 };
 use reel_world::{
     ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame,
@@ -625,7 +625,7 @@ fn a_call_under_way_is_named_and_kept_as_evidence() {
 /// Stands for a preset, which gives terms too.
 struct Scored;
 
-impl Scoring for Scored {
+impl RestoreScorer for Scored {
     fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
         score(trace, graphs)
     }

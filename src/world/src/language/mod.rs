@@ -141,7 +141,7 @@ pub fn quotes(text: &str, caption: &str) -> bool {
 /// speaks of no object rules nothing out, but with a `purpose` (SUL tasks) the object must at least
 /// serve it.
 pub fn fits(text: &str, object: &ObjectInstance, purpose: Option<&str>) -> bool {
-    let thing = Thing::of(object);
+    let thing = ObjectWords::of(object);
     if object
         .caption
         .as_deref()
@@ -249,7 +249,7 @@ const EMPTY: [&str; 66] = [
 ];
 
 /// What is known of an object, in comparable words.
-struct Thing {
+struct ObjectWords {
     lineage: BTreeSet<String>,
     described: bool,
     words: BTreeSet<String>,
@@ -257,7 +257,7 @@ struct Thing {
     kinds: BTreeMap<String, BTreeSet<String>>,
 }
 
-impl Thing {
+impl ObjectWords {
     fn of(object: &ObjectInstance) -> Self {
         let mut text = object.caption.clone().unwrap_or_default();
         for word in object.attributes.values().flatten() {

@@ -50,7 +50,7 @@ struct Sighting {
 
 /// What is in the picture, or was told, after a call.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct View {
+pub struct PerceivedView {
     /// Things, with their places and whether the words fit them.
     pub objects: Vec<(ObjectIndex, Option<ReceptacleId>, Vec<bool>)>,
     /// Those of them that have a number.
@@ -184,7 +184,7 @@ impl Belief {
     }
 
     /// Takes in what is in view, without a call: before the first, or after one that failed.
-    pub fn see(&mut self, view: &View) {
+    pub fn see(&mut self, view: &PerceivedView) {
         for (thing, place, fits) in &view.objects {
             let known = self.things.entry(*thing);
             let sighting = known.or_insert_with(|| Sighting {
@@ -203,7 +203,7 @@ impl Belief {
     }
 
     /// Takes in what a call did, and what is in view then.
-    pub fn learn(&mut self, deed: &CallEffect, view: &View) {
+    pub fn learn(&mut self, deed: &CallEffect, view: &PerceivedView) {
         let before = self.at.clone();
         self.see(view);
         match deed {

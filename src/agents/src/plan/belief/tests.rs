@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use reel_world::ReceptacleId;
 
-use super::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, View};
+use super::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView};
 
 /// Two things: what is meant, and one like it that the vague words fit too.
 const MEANT: ObjectIndex = 0;
@@ -73,13 +73,13 @@ impl World {
             .collect()
     }
 
-    fn view(&self) -> View {
+    fn view(&self) -> PerceivedView {
         let seen = self
             .here()
             .into_iter()
             .filter(|thing| !self.hidden || self.numbered.contains(thing));
         let fits = |thing: ObjectIndex| thing == MEANT || (self.errand.vague && !self.told);
-        View {
+        PerceivedView {
             objects: seen
                 .map(|thing| (thing, self.at[thing as usize].clone(), vec![fits(thing)]))
                 .collect(),
@@ -317,7 +317,7 @@ fn of_two_equal_things_it_takes_the_one_that_can_be_taken() {
     let both = [MEANT, LIKE]
         .map(|thing| (thing, Some(source.clone()), vec![true]))
         .to_vec();
-    let view = View {
+    let view = PerceivedView {
         objects: both,
         numbered: [MEANT, LIKE].into(),
         receptacles: BTreeSet::new(),

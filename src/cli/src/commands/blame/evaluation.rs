@@ -9,7 +9,7 @@ use reel_trace::Trace;
 
 /// What came of one kind of fault.
 #[derive(Default)]
-struct Row {
+struct FaultKindRow {
     episodes: usize,
     right: usize,
     earlier: usize,
@@ -22,8 +22,8 @@ struct Row {
 
 /// Prints how often the decisive step is the call with which the first unrepaired fault began.
 pub fn print(measured: &[MeasuredTrace]) -> anyhow::Result<()> {
-    let mut rows: BTreeMap<&'static str, Row> = BTreeMap::new();
-    let (mut total, mut without, mut verified) = (Row::default(), Vec::new(), 0);
+    let mut rows: BTreeMap<&'static str, FaultKindRow> = BTreeMap::new();
+    let (mut total, mut without, mut verified) = (FaultKindRow::default(), Vec::new(), 0);
     for one in measured
         .iter()
         .filter(|one| one.blame.success == Some(false))

@@ -11,7 +11,7 @@ use reel_counterfactual::blame::{Blame, BlameOptions, Cause, MeasuredTrace, blam
 use reel_tables::{BlameRow, Store};
 use reel_trace::Trace;
 
-use crate::{ExitStatus, elsewhere::ClusterArguments, inputs, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
 
 /// What stands for paths.
 #[cfg(feature = "analytics")]
@@ -149,7 +149,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 /// What an executor says of a trace: what was measured, and the branch that was to be kept.
 #[derive(serde::Serialize, serde::Deserialize)]
-struct Answered {
+struct ExecutorReply {
     measured: Result<MeasuredTrace, String>,
     /// The file of the branch, in base64.
     branch: Option<String>,
@@ -163,7 +163,7 @@ fn asked(options: &BlameOptions) -> (bool, bool) {
 
 /// What an executor said, with trace and branch where they are here.
 fn received(
-    answer: Answered,
+    answer: ExecutorReply,
     trace: &Path,
     options: &BlameOptions,
 ) -> anyhow::Result<Result<MeasuredTrace, String>> {
@@ -190,7 +190,7 @@ fn received(
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
 pub fn work() -> reel_cluster::TraceJob {
-    crate::elsewhere::work("blame", |traces, (alternatives, branches): (bool, bool)| {
+    crate::cluster_arguments::work("blame", |traces, (alternatives, branches): (bool, bool)| {
         let folder = branches
             .then(tempfile::tempdir)
             .transpose()
@@ -209,7 +209,7 @@ pub fn work() -> reel_cluster::TraceJob {
                 .transpose()
                 .map_err(|error| error.to_string())?
                 .map(|bytes| BASE64.encode(bytes));
-            Ok(Answered { measured, branch })
+            Ok(ExecutorReply { measured, branch })
         };
         blame_all(traces, 1, &options, || ())
             .into_iter()

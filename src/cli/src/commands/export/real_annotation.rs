@@ -4,7 +4,7 @@ use std::{fs, path::PathBuf};
 
 use anyhow::Context;
 use reel_annotate::{
-    Note, PublicTask, Step, annotate, episode_seed, notes_path,
+    Annotation, PublicTask, Step, annotate, episode_seed, notes_path,
     published::{RequestWording, answers, episode, events},
     read_notes,
 };
@@ -83,11 +83,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         )?;
         let of_episode = written.samples(
             &answers(&notes(path, &trace, arguments.seed)?),
-            &RequestWording::OURS,
+            &RequestWording::REEL,
         );
         let checkpoint = format!("anno_checkpoint/annotated_checkpoint.{}.json", written.id());
         save_json(&out.join(checkpoint), &json!(of_episode))?;
-        templates.extend(written.templates(&RequestWording::OURS));
+        templates.extend(written.templates(&RequestWording::REEL));
         samples.extend(of_episode);
         bar.inc(1);
     }
@@ -111,7 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// The notes beside a trace; if there are none, those of the rules.
-fn notes(path: &std::path::Path, trace: &Trace, seed: u64) -> anyhow::Result<Vec<Note>> {
+fn notes(path: &std::path::Path, trace: &Trace, seed: u64) -> anyhow::Result<Vec<Annotation>> {
     let beside = notes_path(path);
     if beside.exists() {
         let (_, entries) = read_notes(&beside, &trace.chain())?;

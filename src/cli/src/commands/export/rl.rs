@@ -7,8 +7,8 @@ use reel_dataset::{Format, Style};
 use reel_export::{RolloutOptions, Selection};
 use reel_reward::{Estimator, PAPER_EPS, Returns, Scale};
 
-use super::shared::{Shared, format, style};
-use crate::{ExitStatus, commands::reward::Named};
+use super::shared::{CommonArguments, format, style};
+use crate::{ExitStatus, commands::reward::PresetSource};
 
 /// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout,
 /// failed ones too, with its reward, the return of its episode, the advantage in its group and,
@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", default_value = "reel-rl")]
     name: String,
     #[command(flatten)]
-    shared: Shared,
+    shared: CommonArguments,
 }
 
 /// Which rollouts are a group, and what each was worth in it.
@@ -161,7 +161,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let preset = arguments
         .preset
         .as_deref()
-        .map(Named::find)
+        .map(PresetSource::find)
         .transpose()?
         .map(|named| named.preset);
     options.rollouts = Some(RolloutOptions {

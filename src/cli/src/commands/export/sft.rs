@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use reel_dataset::{Format, Style};
 use reel_export::Selection;
 
-use super::shared::{Shared, format, style};
+use super::shared::{CommonArguments, format, style};
 use crate::ExitStatus;
 
 /// Training examples from the episodes of a store: what the agent saw before a decision, and what
@@ -63,7 +63,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", default_value = "reel-sft")]
     name: String,
     #[command(flatten)]
-    shared: Shared,
+    shared: CommonArguments,
 }
 
 /// Runs the command.

@@ -62,7 +62,7 @@ impl StoreSource {
 
 /// What every training set is asked.
 #[derive(clap::Args)]
-pub struct Shared {
+pub struct CommonArguments {
     #[command(flatten)]
     source: StoreSource,
     /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded,
@@ -116,7 +116,7 @@ pub struct Shared {
     json: bool,
 }
 
-impl Shared {
+impl CommonArguments {
     /// The options of an export; the caller adds what is its own.
     pub fn options(
         &self,

@@ -74,7 +74,7 @@ pub struct Arguments {
 }
 
 /// What came of a task.
-enum Done {
+enum TaskResult {
     /// Its file is there from an earlier run.
     Kept(Vec<Annotation>),
     /// Annotated anew; if a model was asked and its proposal not taken, why.
@@ -118,7 +118,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 .join(format!("{}.yaml", task.task_id))
         };
         for batch in tasks.chunks(BATCH) {
-            let done: Vec<anyhow::Result<Done>> = pool.install(|| {
+            let done: Vec<anyhow::Result<TaskResult>> = pool.install(|| {
                 batch
                     .par_iter()
                     .map(|task| author.write(task, scene, &file(task)))
@@ -132,7 +132,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                         task.task_id
                     )
                 })?;
-                if let Done::Annotated(annotated, _) = &done {
+                if let TaskResult::Annotated(annotated, _) = &done {
                     save(
                         &file(task),
                         &reel_tasks::yaml::write(&annotated.task, scene),
@@ -157,17 +157,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 impl Counts {
-    fn add(&mut self, done: &Done) {
+    fn add(&mut self, done: &TaskResult) {
         let annotations = match done {
-            Done::Skipped(why) => {
+            TaskResult::Skipped(why) => {
                 *self.skipped.entry(*why).or_default() += 1;
                 return;
             }
-            Done::Kept(annotations) => {
+            TaskResult::Kept(annotations) => {
                 self.kept += 1;
                 annotations
             }
-            Done::Annotated(annotated, fallback) => {
+            TaskResult::Annotated(annotated, fallback) => {
                 if let Some(why) = fallback {
                     *self.fallbacks.entry(why.clone()).or_default() += 1;
                 }
@@ -250,22 +250,22 @@ impl<'a> Author<'a> {
         })
     }
 
-    fn write(&self, task: &Task, scene: &Scene, file: &Path) -> anyhow::Result<Done> {
+    fn write(&self, task: &Task, scene: &Scene, file: &Path) -> anyhow::Result<TaskResult> {
         let made_from = self.made_from(task, scene);
         if let Some(annotations) = kept(file, scene, &made_from) {
-            return Ok(Done::Kept(annotations));
+            return Ok(TaskResult::Kept(annotations));
         }
         // Where the rules find nothing to ask, nobody is asked for more.
         let by_rules = match annotate(task, scene, &self.options) {
             Ok(annotated) => annotated,
-            Err(why) => return Ok(Done::Skipped(why)),
+            Err(why) => return Ok(TaskResult::Skipped(why)),
         };
         let (mut annotated, author, fallback) = self.improved(task, scene, by_rules)?;
         if let Some(Value::Object(social)) = annotated.task.extra.get_mut(FIELD) {
             social.insert("author".to_owned(), json!(author));
             social.insert("made_from".to_owned(), json!(made_from));
         }
-        Ok(Done::Annotated(Box::new(annotated), fallback))
+        Ok(TaskResult::Annotated(Box::new(annotated), fallback))
     }
 
     /// Stands in a file for all that it was made from.

@@ -8,8 +8,8 @@
 use reel_world::{Tool as WorldTool, ToolCall};
 
 use super::{
-    Check, Seen,
-    seen::{Said, Tool},
+    Check, RowFacts,
+    row_facts::{ModelTurn, Tool},
 };
 use crate::lint::{Call, Severity, report::Findings};
 
@@ -27,7 +27,7 @@ impl Check for Answers {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let places = [seen.place()];
         if seen.answers.is_empty() {
             found.add("no answer", Severity::Error, &places, || {
@@ -72,7 +72,7 @@ impl Check for Answers {
     }
 }
 
-fn kind_without_call(said: &Said) -> &'static str {
+fn kind_without_call(said: &ModelTurn) -> &'static str {
     if said.answer.object.is_some() {
         "no action"
     } else {
@@ -80,7 +80,7 @@ fn kind_without_call(said: &Said) -> &'static str {
     }
 }
 
-fn told_without_call(said: &Said) -> &'static str {
+fn told_without_call(said: &ModelTurn) -> &'static str {
     match said.answer.object {
         Some(_) => "the answer's JSON has no next_action with a tool_name",
         None => "the answer holds no JSON object",

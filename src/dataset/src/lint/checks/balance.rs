@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Check, Seen, seen::tool_name};
+use super::{Check, RowFacts, row_facts::tool_name};
 use crate::lint::{Severity, report::Findings};
 
 pub(super) struct Balance {
@@ -39,7 +39,7 @@ impl Check for Balance {
         )
     }
 
-    fn see(&mut self, seen: &Seen, _: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, _: &mut Findings) {
         for call in seen.answers.iter().flat_map(|said| &said.calls) {
             count(&mut self.tools, tool_name(&call.name));
         }

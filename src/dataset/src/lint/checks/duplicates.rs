@@ -5,7 +5,7 @@
 
 use std::collections::{HashMap, hash_map::Entry};
 
-use super::{Check, Seen, seen::Key};
+use super::{Check, RowFacts, row_facts::Key};
 use crate::lint::{RowLocation, Severity, report::Findings};
 
 #[derive(Default)]
@@ -19,7 +19,7 @@ impl Check for Duplicates {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         match self.0.entry(seen.whole) {
             Entry::Vacant(free) => {
                 free.insert(seen.place());
@@ -35,7 +35,7 @@ impl Check for Duplicates {
 }
 
 /// The last answer of a row, for excerpts.
-pub(super) fn answer(seen: &Seen) -> String {
+pub(super) fn answer(seen: &RowFacts) -> String {
     let last = seen
         .answers
         .last()

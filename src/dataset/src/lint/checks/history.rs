@@ -10,11 +10,11 @@
 
 use std::collections::HashMap;
 
-use reel_history::{Checker, Setting, Verdict};
+use reel_history::{Checker, ClaimVerdict, EpisodeFacts};
 
 use super::{
-    Check, Seen,
-    told::{Teller, last, setting},
+    Check, RowFacts,
+    step_facts::{StepFactsBuilder, last, setting},
 };
 use crate::lint::{Call, Role, RowLocation, Severity, Turn, report::Findings};
 
@@ -32,12 +32,12 @@ pub(super) struct Histories {
 }
 
 struct Episode {
-    setting: Setting,
-    rows: Vec<Row>,
+    setting: EpisodeFacts,
+    rows: Vec<HistoryRow>,
     touched: u64,
 }
 
-struct Row {
+struct HistoryRow {
     place: RowLocation,
     number: u64,
     last: Option<(Call, String)>,
@@ -46,7 +46,7 @@ struct Row {
 
 impl Histories {
     /// One row of an episode, if it is of the single-turn form.
-    fn hold(&mut self, seen: &Seen, found: &mut Findings) {
+    fn hold(&mut self, seen: &RowFacts, found: &mut Findings) {
         let Some(said) = seen.answers.first() else {
             return;
         };
@@ -74,7 +74,7 @@ impl Histories {
             touched: clock,
         });
         held.touched = clock;
-        held.rows.push(Row {
+        held.rows.push(HistoryRow {
             place: seen.place(),
             number,
             last,
@@ -97,7 +97,7 @@ impl Histories {
         episode.rows.sort_by_key(|row| (row.number, row.place));
         episode.rows.dedup_by_key(|row| row.number);
         let mut checker = Checker::new(episode.setting);
-        let mut teller = Teller::default();
+        let mut teller = StepFactsBuilder::default();
         let mut before = None;
         for (index, row) in episode.rows.iter().enumerate() {
             let follows = before.map_or(row.last.is_none(), |before| row.number == before + 1);
@@ -123,7 +123,7 @@ impl Histories {
     }
 
     /// A conversation: calls and their results, with a History now and then.
-    fn converse(&mut self, seen: &Seen, found: &mut Findings) {
+    fn converse(&mut self, seen: &RowFacts, found: &mut Findings) {
         let mut answers = seen.answers.iter().peekable();
         let prompt = seen
             .example
@@ -133,7 +133,7 @@ impl Histories {
             .map(Turn::text)
             .unwrap_or_default();
         let mut checker = Checker::new(setting(&prompt));
-        let mut teller = Teller::default();
+        let mut teller = StepFactsBuilder::default();
         let mut waiting: Vec<Call> = Vec::new();
         for (number, turn) in seen.example.turns.iter().enumerate() {
             if let Some(said) = answers.next_if(|said| said.turn == number) {
@@ -172,7 +172,7 @@ impl Histories {
         let claims = checker.check(history);
         self.claims += claims.len() as u64;
         for claim in claims {
-            if let Verdict::Contradicted { why, step } = &claim.verdict {
+            if let ClaimVerdict::Contradicted { why, step } = &claim.verdict {
                 let words = || {
                     let step = step
                         .map(|step| format!(" (call {step})"))
@@ -199,7 +199,7 @@ impl Check for Histories {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let turns = &seen.example.turns;
         if seen.answers.len() == 1 && !turns.iter().any(|turn| turn.role == Role::ToolResult) {
             self.hold(seen, found);

@@ -5,7 +5,7 @@
 //! damaged inside. URLs are not read. Memory: what [`super::seen::Looks`] keeps of each picture
 //! file.
 
-use super::{Check, Seen};
+use super::{Check, RowFacts};
 use crate::lint::{Format, Part, Role, Severity, formats::has_tags, report::Findings};
 
 pub(super) struct Images;
@@ -18,9 +18,9 @@ impl Check for Images {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let (example, places) = (seen.example, [seen.place()]);
-        for (image, look) in example.images.iter().zip(&seen.pictures) {
+        for (image, look) in example.images.iter().zip(&seen.images) {
             if let Some((kind, why)) = &look.fault {
                 found.add(kind, Severity::Error, &places, || {
                     (why.clone(), image.name.clone())

@@ -7,8 +7,8 @@
 use std::collections::HashMap;
 
 use super::{
-    Check, Seen,
-    seen::{Key, key_of},
+    Check, RowFacts,
+    row_facts::{Key, key_of},
 };
 use crate::lint::{RowLocation, Severity, report::Findings};
 
@@ -32,7 +32,7 @@ impl Check for LabelNoise {
         ("label-noise", "the same context with another action")
     }
 
-    fn see(&mut self, seen: &Seen, _: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, _: &mut Findings) {
         let place = seen.place();
         for (said, context) in seen.answers.iter().zip(&seen.contexts) {
             let calls: Vec<String> = said.calls.iter().map(|call| call.canonical()).collect();

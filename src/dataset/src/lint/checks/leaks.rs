@@ -12,8 +12,8 @@ use std::{borrow::Cow, collections::HashSet};
 use crate::{PrivilegedFacts, privileged};
 
 use super::{
-    Check, Seen,
-    seen::{Key, key_of},
+    Check, RowFacts,
+    row_facts::{Key, key_of},
 };
 use crate::lint::{Part, Severity, Turn, report::Findings};
 
@@ -77,7 +77,7 @@ impl Check for Leaks {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let turns: Vec<String> = seen.example.turns.iter().map(all_text).collect();
         let tools = seen.example.tools.as_ref().map(|tools| tools.to_string());
         let mut clean = true;

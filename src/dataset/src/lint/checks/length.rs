@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::{TOKENS_PER_TURN, Tokenizer, image_tokens};
 
-use super::{Check, LintOptions, Seen, seen::Look};
+use super::{Check, LintOptions, RowFacts, row_facts::ImageProbe};
 use crate::lint::{Example, Severity, Turn, report::Findings};
 
 pub(super) struct Length {
@@ -33,7 +33,7 @@ impl Length {
     }
 
     /// The tokens of a row: of its text and of its pictures.
-    fn tokens(&self, example: &Example, pictures: &[Look]) -> (u64, u64) {
+    fn tokens(&self, example: &Example, pictures: &[ImageProbe]) -> (u64, u64) {
         let count = |text: &str| u64::from(self.tokenizer.count(text));
         let turn = |turn: &Turn| {
             let calls: u64 = turn.calls().map(|call| count(&call.canonical())).sum();
@@ -43,7 +43,7 @@ impl Length {
             .tools
             .as_ref()
             .map_or(0, |tools| count(&tools.to_string()));
-        let pictures = pictures.iter().filter_map(|look| look.picture);
+        let pictures = pictures.iter().filter_map(|look| look.header);
         let pictures = pictures
             .map(|it| u64::from(image_tokens(it.width, it.height, self.image_side)))
             .sum();
@@ -62,8 +62,8 @@ impl Check for Length {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
-        let (text, pictures) = self.tokens(seen.example, &seen.pictures);
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
+        let (text, pictures) = self.tokens(seen.example, &seen.images);
         let all = text + pictures;
         self.longest = self.longest.max(all);
         self.sum += all;

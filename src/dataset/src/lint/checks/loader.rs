@@ -4,7 +4,7 @@
 //! ever. Sure: yes, for the loaders of SPEC section 11 as they are; other loaders of the same
 //! format may be kinder. Memory: constant.
 
-use super::{Check, Seen};
+use super::{Check, RowFacts};
 use crate::lint::{
     Dataset, Example, Format, Role, Severity, Turn, example::FormatWarning, report::Findings,
 };
@@ -40,7 +40,7 @@ impl Check for Loader {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let (example, places) = (seen.example, [seen.place()]);
         let mut add = |kind, severity, told: String| {
             found.add(kind, severity, &places, || (told, String::new()))

@@ -14,14 +14,14 @@ mod length;
 mod loader;
 mod near_duplicates;
 mod published;
-mod seen;
+mod row_facts;
 mod splits;
-mod told;
+mod step_facts;
 
 use std::sync::Arc;
 
 use crate::{BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, Tokenizer};
-use seen::{Looks, Seen};
+use row_facts::{ImageProbes, RowFacts};
 
 use crate::lint::{
     Dataset, Report, Severity,
@@ -67,7 +67,7 @@ trait Check {
     /// Name and what it looks for.
     fn about(&self) -> (&'static str, &'static str);
     /// One row.
-    fn see(&mut self, seen: &Seen, found: &mut Findings);
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings);
     /// The end of the data.
     fn finish(&mut self, _found: &mut Findings) {}
 }
@@ -90,13 +90,13 @@ pub fn lint(dataset: &Dataset, options: &LintOptions, mut progress: impl FnMut(u
             (check, found)
         })
         .collect();
-    let mut looks = Looks::default();
+    let mut looks = ImageProbes::default();
     let (mut rows, mut unreadable) = (0_u64, 0_u64);
     for row in dataset.rows() {
         match row {
             Ok(example) => {
                 rows += 1;
-                let seen = Seen::new(&example, &mut looks);
+                let seen = RowFacts::new(&example, &mut looks);
                 for (check, found) in &mut checks {
                     check.see(&seen, found);
                 }

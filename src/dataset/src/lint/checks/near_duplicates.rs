@@ -12,7 +12,7 @@ use std::{
     hash::{BuildHasher, BuildHasherDefault, DefaultHasher},
 };
 
-use super::{Check, Seen, seen::Key};
+use super::{Check, RowFacts, row_facts::Key};
 use crate::lint::{Part, RowLocation, Severity, report::Findings};
 
 /// Values of a signature; the error of the estimate is about `sqrt(s (1 - s) / HASHES)`.
@@ -33,25 +33,25 @@ pub(super) struct NearDuplicates {
     similarity_min: f64,
     rows_max: usize,
     /// The last rows, over and over.
-    rows: Vec<Row>,
+    rows: Vec<SignatureRow>,
     next: usize,
     /// For each band and bucket the number in `rows` of the last row there, plus one.
     buckets: Vec<u32>,
     mask: usize,
-    learning: Vec<Waiting>,
+    learning: Vec<PendingRow>,
     /// Hashes of lines that all rows share.
     common: HashSet<u64>,
     learned: bool,
 }
 
-struct Row {
+struct SignatureRow {
     signature: Signature,
     place: RowLocation,
     episode: u64,
     whole: Key,
 }
 
-struct Waiting {
+struct PendingRow {
     lines: Vec<(u64, Vec<u32>)>,
     place: RowLocation,
     episode: u64,
@@ -97,7 +97,7 @@ impl NearDuplicates {
         }
     }
 
-    fn compare(&mut self, row: Waiting, found: &mut Findings) {
+    fn compare(&mut self, row: PendingRow, found: &mut Findings) {
         let words = row
             .lines
             .into_iter()
@@ -146,7 +146,7 @@ impl NearDuplicates {
                 (told, row.excerpt.clone())
             });
         }
-        let kept = Row {
+        let kept = SignatureRow {
             signature,
             place: row.place,
             episode: row.episode,
@@ -169,7 +169,7 @@ impl Check for NearDuplicates {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let hasher = BuildHasherDefault::<DefaultHasher>::default();
         let mut lines = Vec::new();
         for part in seen.example.turns.iter().flat_map(|turn| &turn.parts) {
@@ -210,7 +210,7 @@ impl Check for NearDuplicates {
             .find(|turn| turn.role.is_answer())
             .map(|turn| turn.text());
         let excerpt = excerpt.unwrap_or_default().chars().take(240).collect();
-        let row = Waiting {
+        let row = PendingRow {
             lines,
             place: seen.place(),
             episode,

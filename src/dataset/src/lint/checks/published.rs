@@ -14,7 +14,7 @@ use reel_prompt::published::{
 use reel_world::{NameSet, ToolSpec};
 use serde_json::{Map, Value};
 
-use super::{Check, Seen};
+use super::{Check, RowFacts};
 use crate::lint::{Severity, report::Findings};
 
 #[derive(Default)]
@@ -33,7 +33,7 @@ impl Check for Published {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let places = [seen.place()];
         for said in seen.answers.iter().filter(|said| !said.by_function) {
             let text = seen.example.turns[said.turn].text();
@@ -44,7 +44,7 @@ impl Check for Published {
             self.answers += 1;
             self.acting += u64::from(lost.iter().all(|loss| loss.kind != NO_ACTION));
             self.whole += u64::from(lost.is_empty());
-            for Loss { kind, message } in lost {
+            for ParserLoss { kind, message } in lost {
                 found.add(kind, Severity::Warning, &places, || (message, text.clone()));
             }
         }
@@ -71,7 +71,7 @@ const TOOL_CALL_TAG: &str = "<tool_call>";
 const NO_ACTION: &str = "trainer: no action";
 
 /// Something that a parser loses.
-struct Loss {
+struct ParserLoss {
     kind: &'static str,
     message: String,
 }
@@ -79,9 +79,9 @@ struct Loss {
 /// An action as the parsers compare: canonical name and arguments.
 type Action = (String, Map<String, Value>);
 
-fn losses(text: &str) -> Vec<Loss> {
+fn losses(text: &str) -> Vec<ParserLoss> {
     let mut lost = Vec::new();
-    let mut lose = |kind, message: String| lost.push(Loss { kind, message });
+    let mut lose = |kind, message: String| lost.push(ParserLoss { kind, message });
     let trained = match trainer_action(text) {
         Ok(TrainerAction {
             requested_tool_name,

@@ -7,8 +7,8 @@
 use std::collections::HashMap;
 
 use super::{
-    Check, Seen,
-    seen::{Key, key_of},
+    Check, RowFacts,
+    row_facts::{Key, key_of},
 };
 use crate::lint::{RowLocation, Severity, report::Findings};
 
@@ -28,7 +28,7 @@ impl Check for Splits {
         )
     }
 
-    fn see(&mut self, seen: &Seen, found: &mut Findings) {
+    fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
         let example = seen.example;
         let Some(split) = &example.split else {
             self.unsplit += 1;
@@ -87,8 +87,8 @@ impl Check for Splits {
         for (image, look) in example
             .images
             .iter()
-            .zip(&seen.pictures)
-            .filter(|(_, look)| look.picture.is_some())
+            .zip(&seen.images)
+            .filter(|(_, look)| look.header.is_some())
         {
             meet("picture", Severity::Warning, &look.digest, &|| {
                 image.name.clone()

@@ -5,7 +5,7 @@ mod class;
 use std::collections::BTreeSet;
 
 use reel_reward::{
-    AppliedTerm, Ending, EpisodeOutcome, MetricOptions, Preset, Term, TrainingFigures,
+    AppliedTerm, EpisodeOutcome, MetricOptions, Preset, Term, TrainerEnd, TrainingFigures,
     TrainingMetric,
     trainer::{
         Categories, Graph, HandViolation, TextError, TrainerRollout, Turn, graph_rejection,
@@ -295,8 +295,8 @@ fn play(mut rollout: TrainerRollout, episode: &Value, steps: &mut Report, ends: 
         let state = rollout.state();
         let done = state
             .ending
-            .is_some_and(|ending| ending != Ending::TurnLimit);
-        let failed = state.ending == Some(Ending::CallFailed);
+            .is_some_and(|ending| ending != TrainerEnd::TurnLimit);
+        let failed = state.ending == Some(TrainerEnd::CallFailed);
         let told = TextError::find(&paid.observation).filter(|_| called && !failed);
         let completion = (called && !failed) || turn_is_finish(&paid.terms, state.ending);
         let found = json!({
@@ -374,23 +374,26 @@ fn play(mut rollout: TrainerRollout, episode: &Value, steps: &mut Report, ends: 
         return;
     };
     let ending = rollout.ending();
-    outcome.success = Some(ending == Some(Ending::Complete));
+    outcome.success = Some(ending == Some(TrainerEnd::Complete));
     let total = rollout.total();
     let label = match ending {
-        Some(Ending::Complete) => "success",
-        Some(Ending::TurnLimit) => "timeout",
+        Some(TrainerEnd::Complete) => "success",
+        Some(TrainerEnd::TurnLimit) => "timeout",
         _ if total <= 0.0 => "failed",
         _ => "partial",
     };
     // an episode that the environment does not end has no entry in the metric
-    let counted = !matches!(ending, None | Some(Ending::CallFailed | Ending::TurnLimit));
+    let counted = !matches!(
+        ending,
+        None | Some(TrainerEnd::CallFailed | TrainerEnd::TurnLimit)
+    );
     let found = json!({
-        "total_reward": total, "done": ending.is_some_and(|ending| ending != Ending::TurnLimit),
-        "success": ending == Some(Ending::Complete), "outcome": label,
+        "total_reward": total, "done": ending.is_some_and(|ending| ending != TrainerEnd::TurnLimit),
+        "success": ending == Some(TrainerEnd::Complete), "outcome": label,
         "metric": counted.then(|| json!({
             "total_steps": outcome.steps, "total_reward": outcome.reward, "target_diff_count": rollout.target_count(),
             "completed_diff_count": outcome.completed, "completion_rate": outcome.completion,
-            "is_success": outcome.success, "is_timeout": ending == Some(Ending::StepLimit),
+            "is_success": outcome.success, "is_timeout": ending == Some(TrainerEnd::StepLimit),
         })),
     });
     let wanted = json!({
@@ -401,8 +404,8 @@ fn play(mut rollout: TrainerRollout, episode: &Value, steps: &mut Report, ends: 
     assert!(horizon <= 0.0);
 }
 
-fn turn_is_finish(terms: &[AppliedTerm], ending: Option<Ending>) -> bool {
-    ending == Some(Ending::Finished) && !terms.is_empty()
+fn turn_is_finish(terms: &[AppliedTerm], ending: Option<TrainerEnd>) -> bool {
+    ending == Some(TrainerEnd::Finished) && !terms.is_empty()
 }
 
 fn graph(standing: &[(String, String, u32)]) -> Value {

@@ -28,7 +28,7 @@ const HALF_WALL_M: f32 = 0.05;
 /// A sort of fault.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Fault {
+pub enum SceneFault {
     /// Two bodies, or a body and a wall, are in the same place.
     Overlap,
     /// A body is not within its room.
@@ -49,7 +49,7 @@ pub enum Fault {
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Finding {
     /// What sort of thing.
-    pub fault: Fault,
+    pub fault: SceneFault,
     /// The receptacle or room.
     pub at: String,
     /// Where on the floor, in metres.
@@ -118,7 +118,7 @@ impl<'a> Check<'a> {
         self.findings
     }
 
-    fn find(&mut self, fault: Fault, at: impl ToString, place: [f32; 2], what: String) {
+    fn find(&mut self, fault: SceneFault, at: impl ToString, place: [f32; 2], what: String) {
         let place = place.map(|value| (f64::from(value) * 100.0).round() / 100.0);
         self.findings.push(Finding {
             fault,
@@ -161,11 +161,11 @@ impl<'a> Check<'a> {
                 })
             });
             for (name, place) in overlaps {
-                self.find(Fault::Overlap, &id, place, format!("stands in {name}"));
+                self.find(SceneFault::Overlap, &id, place, format!("stands in {name}"));
             }
             if let Some(place) = outside {
                 self.find(
-                    Fault::OutOfRoom,
+                    SceneFault::OutOfRoom,
                     &id,
                     place,
                     format!("reaches out of its room {}", receptacle.room),
@@ -197,7 +197,7 @@ impl<'a> Check<'a> {
                 let degrees = angle.to_degrees().abs();
                 let id = self.model.furniture[index].id.clone();
                 self.find(
-                    Fault::Door,
+                    SceneFault::Door,
                     id,
                     [x, y],
                     format!("its door hits {name} when {degrees:.0} degrees open"),
@@ -220,7 +220,7 @@ impl<'a> Check<'a> {
             if !reached {
                 let place = places.first().copied().unwrap_or(self.start);
                 self.find(
-                    Fault::Unreachable,
+                    SceneFault::Unreachable,
                     &room.name,
                     place,
                     "the robot cannot get into this room".to_owned(),
@@ -235,11 +235,11 @@ impl<'a> Check<'a> {
             let Some(viewpoint) = self.map.viewpoint(&self.model, self.start, index) else {
                 let (fault, what) = if self.can_come_near(&piece.bounds) {
                     (
-                        Fault::NoSight,
+                        SceneFault::NoSight,
                         "the robot can come near, but something stands before it wherever it looks from",
                     )
                 } else {
-                    (Fault::Unreachable, "the robot cannot come near")
+                    (SceneFault::Unreachable, "the robot cannot come near")
                 };
                 self.find(fault, id, middle, what.to_owned());
                 continue;
@@ -250,10 +250,10 @@ impl<'a> Check<'a> {
                 let what = format!(
                     "from its viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen"
                 );
-                self.find(Fault::NoSight, id, middle, what);
+                self.find(SceneFault::NoSight, id, middle, what);
             } else if !wide.reaches(viewpoint.base) {
                 let what = format!("the way to its viewpoint is narrower than {PASSAGE_M} m");
-                self.find(Fault::Narrow, id, viewpoint.base, what);
+                self.find(SceneFault::Narrow, id, viewpoint.base, what);
             }
         }
     }
@@ -312,7 +312,7 @@ impl<'a> Check<'a> {
             });
             if receptacle.captions.is_empty() {
                 self.find(
-                    Fault::Caption,
+                    SceneFault::Caption,
                     &receptacle.id,
                     place,
                     "has no caption".to_owned(),
@@ -327,7 +327,7 @@ impl<'a> Check<'a> {
                 });
                 if let Some(other) = namesake {
                     self.find(
-                        Fault::Caption,
+                        SceneFault::Caption,
                         &receptacle.id,
                         place,
                         format!("\"{caption}\" is said of {} too", other.id),
@@ -335,7 +335,7 @@ impl<'a> Check<'a> {
                 }
                 if let Some(word) = contradicted(receptacle, caption) {
                     self.find(
-                        Fault::Caption,
+                        SceneFault::Caption,
                         &receptacle.id,
                         place,
                         format!("\"{caption}\" says {word}, its attributes do not"),

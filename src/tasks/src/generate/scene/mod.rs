@@ -17,8 +17,8 @@ use crate::random::Stream;
 use reel_world::{Door, Receptacle, Rect, Room, Scene};
 
 pub use brief::{Brief, ROOMS_MAX};
-pub use check::{Fault, Finding, PASSAGE_M, check};
-pub use picture::{View, views};
+pub use check::{Finding, PASSAGE_M, SceneFault, check};
+pub use picture::{View, receptacle_views};
 pub use plan::Plan;
 
 use self::{

@@ -20,7 +20,7 @@ pub struct View {
 }
 
 /// Every receptacle from its viewpoint, its own door open, in the scene's order.
-pub fn views(scene: &Scene) -> Vec<View> {
+pub fn receptacle_views(scene: &Scene) -> Vec<View> {
     let (model, viewpoints) = viewpoints(scene);
     let frame = |index: usize, viewpoint: Viewpoint| {
         let mut drawables = vec![Drawable {

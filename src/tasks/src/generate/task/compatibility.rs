@@ -31,14 +31,14 @@ pub struct Compatibility {
     /// Purposes and categories that go together, by a name.
     #[serde(default)]
     groups: BTreeMap<String, Vec<String>>,
-    holds: Vec<Row>,
+    holds: Vec<TableRow>,
 }
 
 /// Receptacles of these kinds, in these rooms or in any, hold these things. The first row that fits
 /// a receptacle counts.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Row {
+struct TableRow {
     receptacles: Vec<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     rooms: Vec<String>,
@@ -143,7 +143,7 @@ impl Compatibility {
 
     /// A table in which these places hold these things, and all others what they held.
     pub fn with(&self, places: BTreeMap<ReceptacleKind, Vec<String>>) -> Self {
-        let row = |(place, what): (ReceptacleKind, Vec<String>)| Row {
+        let row = |(place, what): (ReceptacleKind, Vec<String>)| TableRow {
             receptacles: vec![place.kind],
             rooms: vec![place.room],
             what,
@@ -185,9 +185,9 @@ impl Compatibility {
                 .is_some_and(|names| names.iter().any(|name| is(name)))
     }
 
-    fn row(&self, receptacle: &Receptacle) -> Option<&Row> {
+    fn row(&self, receptacle: &Receptacle) -> Option<&TableRow> {
         let (room, kind) = (self.room(&receptacle.room), self.kind(&receptacle.category));
-        let fits = |row: &&Row| {
+        let fits = |row: &&TableRow| {
             row.receptacles.contains(&kind) && (row.rooms.is_empty() || row.rooms.contains(&room))
         };
         self.holds.iter().find(fits)

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 
 use super::{
     describe,
-    ground::{Ground, Site},
-    wording::Wording,
+    ground::{SceneSites, Site},
+    wording::InstructionWording,
 };
 
 /// What kind of task it is.
@@ -114,7 +114,7 @@ impl Difficulty {
 /// Why nothing can be made of a triplet.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Unfit {
+pub enum DraftError {
     /// Too few objects in the library are like the target.
     NoDistractor,
     /// Nothing else plausibly goes to the destination.
@@ -127,15 +127,15 @@ pub enum Unfit {
     NotAmbiguous,
 }
 
-impl Unfit {
+impl DraftError {
     /// For people.
     pub fn as_str(self) -> &'static str {
         match self {
-            Unfit::NoDistractor => "too few objects are like the target",
-            Unfit::NoCompanion => "nothing else belongs to the destination",
-            Unfit::Ambiguous => "no description means the target alone",
-            Unfit::SpeaksOfOthers => "the words happen to name other furniture",
-            Unfit::NotAmbiguous => "the fuzzy instruction means fewer than two objects",
+            DraftError::NoDistractor => "too few objects are like the target",
+            DraftError::NoCompanion => "nothing else belongs to the destination",
+            DraftError::Ambiguous => "no description means the target alone",
+            DraftError::SpeaksOfOthers => "the words happen to name other furniture",
+            DraftError::NotAmbiguous => "the fuzzy instruction means fewer than two objects",
         }
     }
 }
@@ -143,14 +143,14 @@ impl Unfit {
 /// What is drawn from: the pairs of sites and what plausibly moves between them.
 #[derive(Debug)]
 pub(crate) struct Source<'a> {
-    pub ground: &'a Ground,
+    pub ground: &'a SceneSites,
     pub library: &'a [LibraryObject],
     pub triplets: Vec<(usize, usize, Vec<usize>)>,
 }
 
 /// What to draw.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct DraftSpec {
     pub family: Family,
     pub task_type: TaskType,
     pub src: usize,
@@ -169,7 +169,7 @@ struct Placed<'a> {
 /// The choices, before words.
 struct Draft<'a> {
     source: &'a Source<'a>,
-    wanted: Wanted,
+    wanted: DraftSpec,
     difficulty: Difficulty,
     /// What moves, the target first.
     moved: Vec<Placed<'a>>,
@@ -181,7 +181,7 @@ struct Draft<'a> {
     purpose: Option<&'a str>,
 }
 
-impl Wanted {
+impl DraftSpec {
     /// Whether a pair of sites can have such tasks at all.
     pub fn admits(family: Family, task_type: TaskType, src: &Site, dest: &Site) -> bool {
         let doors = (src.receptacle.door.exists(), dest.receptacle.door.exists());
@@ -202,10 +202,10 @@ impl Wanted {
 /// Makes a task of a triplet; its objects have no positions yet.
 pub(crate) fn draw(
     source: &Source<'_>,
-    wanted: Wanted,
+    wanted: DraftSpec,
     name: &str,
     stream: &mut Stream,
-) -> Result<Task, Unfit> {
+) -> Result<Task, DraftError> {
     let difficulty = Difficulty::ALL[stream.below(3)];
     let target = Placed {
         object: &source.library[wanted.object],
@@ -260,7 +260,7 @@ impl<'a> Draft<'a> {
     }
 
     /// Objects of the target's category: for easy tasks the least like it, for hard ones the most.
-    fn draw_like_target(&mut self, count: usize, stream: &mut Stream) -> Result<(), Unfit> {
+    fn draw_like_target(&mut self, count: usize, stream: &mut Stream) -> Result<(), DraftError> {
         let target = self.target();
         let alike = |other: &&LibraryObject| {
             other.category == target.category && other.asset != target.asset
@@ -275,7 +275,7 @@ impl<'a> Draft<'a> {
         }
         self.others = pool.into_iter().take(count).collect();
         if self.others.is_empty() {
-            Err(Unfit::NoDistractor)
+            Err(DraftError::NoDistractor)
         } else {
             Ok(())
         }
@@ -283,7 +283,7 @@ impl<'a> Draft<'a> {
 
     /// What else a fuzzy instruction may mean: things for the same purpose, or (a third of the
     /// tasks) of the same category.
-    fn draw_candidates(&mut self, stream: &mut Stream) -> Result<(), Unfit> {
+    fn draw_candidates(&mut self, stream: &mut Stream) -> Result<(), DraftError> {
         let target = self.target();
         if stream.below(3) == 0 {
             self.purpose = Some(&target.category);
@@ -299,7 +299,7 @@ impl<'a> Draft<'a> {
         let pool: Vec<&LibraryObject> = self.source.library.iter().filter(serves).collect();
         self.others = stream.pick_some(&pool, self.difficulty.count());
         if self.others.is_empty() {
-            Err(Unfit::NoDistractor)
+            Err(DraftError::NoDistractor)
         } else {
             Ok(())
         }
@@ -307,7 +307,7 @@ impl<'a> Draft<'a> {
 
     /// One or two more objects for the destination: from the source where it is easy, else also
     /// from somewhere else.
-    fn draw_companions(&mut self, stream: &mut Stream) -> Result<(), Unfit> {
+    fn draw_companions(&mut self, stream: &mut Stream) -> Result<(), DraftError> {
         let count = if self.difficulty == Difficulty::Hard {
             2
         } else {
@@ -324,7 +324,7 @@ impl<'a> Draft<'a> {
                 wanted && *dest == self.wanted.dest
             };
             let sources: Vec<_> = self.source.triplets.iter().filter(is_source).collect();
-            let (site, _, objects) = stream.pick(&sources).ok_or(Unfit::NoCompanion)?;
+            let (site, _, objects) = stream.pick(&sources).ok_or(DraftError::NoCompanion)?;
             let object = |index: &usize| &self.source.library[*index];
             let is_other = |other: &&LibraryObject| {
                 !self
@@ -334,7 +334,10 @@ impl<'a> Draft<'a> {
             };
             let objects: Vec<&LibraryObject> =
                 objects.iter().map(object).filter(is_other).collect();
-            let object = stream.pick(&objects).copied().ok_or(Unfit::NoCompanion)?;
+            let object = stream
+                .pick(&objects)
+                .copied()
+                .ok_or(DraftError::NoCompanion)?;
             self.moved.push(Placed {
                 object,
                 site: *site,
@@ -343,8 +346,8 @@ impl<'a> Draft<'a> {
         Ok(())
     }
 
-    fn task(&self, name: &str, stream: &mut Stream) -> Result<Task, Unfit> {
-        let Wanted {
+    fn task(&self, name: &str, stream: &mut Stream) -> Result<Task, DraftError> {
+        let DraftSpec {
             family, src, dest, ..
         } = self.wanted;
         let scene = &self.source.ground.scene;
@@ -372,7 +375,7 @@ impl<'a> Draft<'a> {
             .collect();
         let (precise, instruction) = self.instructions(&objects, stream)?;
         if self.speaks_of_others(&precise) || self.speaks_of_others(&instruction) {
-            return Err(Unfit::SpeaksOfOthers);
+            return Err(DraftError::SpeaksOfOthers);
         }
         objects.sort_by(|a, b| a.instance.cmp(&b.instance));
 
@@ -421,7 +424,7 @@ impl<'a> Draft<'a> {
         &self,
         objects: &[ObjectInstance],
         stream: &mut Stream,
-    ) -> Result<(String, String), Unfit> {
+    ) -> Result<(String, String), DraftError> {
         let caption = |site: usize, stream: &mut Stream| -> &'a str {
             stream
                 .pick(&self.site(site).captions)
@@ -441,15 +444,15 @@ impl<'a> Draft<'a> {
             let beside: Vec<&ObjectInstance> = beside.collect();
             let phrase = self
                 .phrase(moved.object, instance, &beside, stream)
-                .ok_or(Unfit::Ambiguous)?;
+                .ok_or(DraftError::Ambiguous)?;
             phrases.push((phrase, src));
         }
         let fuzzy = self.purpose.is_some();
         if phrases.len() > 1 {
-            let precise = Wording::gathering(stream).say_all(&phrases, dest, into);
+            let precise = InstructionWording::gathering(stream).say_all(&phrases, dest, into);
             return Ok((precise.clone(), precise));
         }
-        let wording = Wording::moving(fuzzy, stream);
+        let wording = InstructionWording::moving(fuzzy, stream);
         let (phrase, src) = &phrases[0];
         let precise = wording.say(phrase, src, dest, into);
         let beside = || {
@@ -460,7 +463,7 @@ impl<'a> Draft<'a> {
         if beside().any(|object| {
             language::fits(&precise, object, None) != (object.instance == objects[0].instance)
         }) {
-            return Err(Unfit::Ambiguous);
+            return Err(DraftError::Ambiguous);
         }
         let Some(purpose) = self.purpose else {
             return Ok((precise.clone(), precise));
@@ -481,7 +484,7 @@ impl<'a> Draft<'a> {
             .filter(|object| language::fits(&told, object, Some(purpose)))
             .count();
         if meant < 2 {
-            Err(Unfit::NotAmbiguous)
+            Err(DraftError::NotAmbiguous)
         } else {
             Ok((precise, told))
         }
@@ -558,7 +561,7 @@ impl<'a> Draft<'a> {
             }
             step(action, &args)
         };
-        let Wanted { src, dest, .. } = self.wanted;
+        let DraftSpec { src, dest, .. } = self.wanted;
         let mut detour = |index: usize| -> Vec<PlanStep> {
             let most = if self.moved.len() > 1 {
                 0

@@ -23,7 +23,7 @@ const FLOOR_STEP_M: f64 = 0.05;
 
 /// A scene and its sites.
 #[derive(Debug)]
-pub struct Ground {
+pub struct SceneSites {
     /// The scene.
     pub scene: Arc<Scene>,
     /// The receptacles that tasks may use, in the scene's order.
@@ -114,7 +114,7 @@ impl Side {
     }
 }
 
-impl Ground {
+impl SceneSites {
     /// Surveys a scene. Lids, and what they cover, are no sites, nor is what cannot be named.
     pub fn survey(scene: Arc<Scene>) -> Self {
         let model = scene_model(&scene, &BTreeSet::new());

@@ -8,10 +8,10 @@ use reel_world::{Family, Scene, Task};
 
 use super::{
     compatibility::Compatibility,
-    draft::{self, Source, TaskType, Wanted},
+    draft::{self, DraftSpec, Source, TaskType},
     grid::GridPlacement,
-    ground::{Ground, Site},
-    placement::{self, Misfit, Placement},
+    ground::{SceneSites, Site},
+    placement::{self, Placement, PlacementError},
     settle,
     statistics::{Rejection, Statistics},
 };
@@ -114,10 +114,10 @@ fn make_here(
     options: &GenerateOptions<'_>,
     on_task: &(impl Fn() + Sync),
 ) -> Result<GenerateReport, MakeError> {
-    let grounds: Vec<Ground> = options
+    let grounds: Vec<SceneSites> = options
         .scenes
         .par_iter()
-        .map(|scene| Ground::survey(scene.clone()))
+        .map(|scene| SceneSites::survey(scene.clone()))
         .collect();
     let sources: Vec<Source<'_>> = grounds
         .par_iter()
@@ -241,7 +241,7 @@ impl<'a> Cell<'a> {
             0,
         );
         let admitted = |(src, dest, _): &&(usize, usize, Vec<usize>)| {
-            Wanted::admits(family, task_type, &sites[*src], &sites[*dest])
+            DraftSpec::admits(family, task_type, &sites[*src], &sites[*dest])
         };
         let pairs: Vec<&(usize, usize, Vec<usize>)> =
             source.triplets.iter().filter(admitted).collect();
@@ -319,7 +319,7 @@ impl<'a> Cell<'a> {
             (self.family, self.task_type.as_str(), &ground.scene.scene_id);
         let mut stream = Stream::new(self.seed, &format!("{family}/{scene_id}/{kind}"), number);
         let (src, dest, object) = self.order[number];
-        let wanted = Wanted {
+        let wanted = DraftSpec {
             family,
             task_type: self.task_type,
             src,
@@ -349,10 +349,10 @@ impl<'a> Cell<'a> {
 /// moves, at the end.
 fn place(
     task: &mut Task,
-    ground: &Ground,
+    ground: &SceneSites,
     placing: Placing,
     stream: &mut Stream,
-) -> Result<(), Misfit> {
+) -> Result<(), PlacementError> {
     let in_use = |site: &&Site| {
         task.objects
             .iter()
@@ -389,7 +389,7 @@ fn place(
                     // Whole micrometres, as the generator's files have them.
                     let at = best
                         .first()
-                        .ok_or(Misfit::OutOfReach)?
+                        .ok_or(PlacementError::OutOfReach)?
                         .map(|length_m| (length_m * 1e6).round() / 1e6);
                     grid.put(at, footprint);
                     [

@@ -21,8 +21,8 @@ mod statistics;
 mod wording;
 
 pub use compatibility::Compatibility;
-pub use draft::{Difficulty, TaskType, Unfit};
-pub use ground::{Ground, Side, Site};
+pub use draft::{Difficulty, DraftError, TaskType};
+pub use ground::{SceneSites, Side, Site};
 pub use make::{GenerateOptions, GenerateReport, MakeError, Placing, make};
-pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, can_be_approached, settle, spawn};
+pub use settle::{FALL_MAX_M, FARTHEST_M, SettleError, can_be_approached, settle, spawn};
 pub use statistics::{Rejection, Statistics};

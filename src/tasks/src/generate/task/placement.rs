@@ -26,7 +26,7 @@ const HEADROOM_M: f64 = 0.13;
 /// Why an object cannot be placed.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Misfit {
+pub enum PlacementError {
     /// Its footprint does not fit the surface.
     TooLarge,
     /// It is higher than the room above the surface.
@@ -37,21 +37,25 @@ pub enum Misfit {
     OutOfReach,
 }
 
-impl Misfit {
+impl PlacementError {
     /// For people.
     pub fn as_str(self) -> &'static str {
         match self {
-            Misfit::TooLarge => "too large for the surface",
-            Misfit::TooTall => "too tall for the room above the surface",
-            Misfit::TriesExceeded => "no free place in 2000 tries",
-            Misfit::OutOfReach => "no free place within reach",
+            PlacementError::TooLarge => "too large for the surface",
+            PlacementError::TooTall => "too tall for the room above the surface",
+            PlacementError::TriesExceeded => "no free place in 2000 tries",
+            PlacementError::OutOfReach => "no free place within reach",
         }
     }
 }
 
 /// The static filter: whether objects (width, depth, height) fit on a surface together, tried at
 /// random.
-pub fn static_filter(site: &Site, sizes: &[[f64; 3]], stream: &mut Stream) -> Result<(), Misfit> {
+pub fn static_filter(
+    site: &Site,
+    sizes: &[[f64; 3]],
+    stream: &mut Stream,
+) -> Result<(), PlacementError> {
     let mut placed: Vec<Rect> = Vec::new();
     for size in sizes {
         let centres = centres(site, *size)?;
@@ -63,7 +67,7 @@ pub fn static_filter(site: &Site, sizes: &[[f64; 3]], stream: &mut Stream) -> Re
                 .all(|other| are_apart(&footprint, other))
                 .then_some(footprint)
         });
-        placed.push(found.ok_or(Misfit::TriesExceeded)?);
+        placed.push(found.ok_or(PlacementError::TriesExceeded)?);
     }
     Ok(())
 }
@@ -86,7 +90,7 @@ impl Placement {
         site: &Site,
         size: [f64; 3],
         stream: &mut Stream,
-    ) -> Result<[f64; 3], Misfit> {
+    ) -> Result<[f64; 3], PlacementError> {
         let centres = centres(site, size)?;
         let placed = self
             .placed
@@ -117,7 +121,7 @@ impl Placement {
                 .max_by(|a, b| spread(a).total_cmp(&spread(b)))
                 .copied(),
         };
-        let centre = best.ok_or(Misfit::OutOfReach)?;
+        let centre = best.ok_or(PlacementError::OutOfReach)?;
         placed.push(footprint(centre, size));
         Ok([
             centre[0],
@@ -150,9 +154,9 @@ pub fn nearest_side(site: &Site, centre: [f64; 2]) -> (Side, f64) {
 }
 
 /// Where the centre of an object can be.
-fn centres(site: &Site, [width, depth, height]: [f64; 3]) -> Result<Rect, Misfit> {
+fn centres(site: &Site, [width, depth, height]: [f64; 3]) -> Result<Rect, PlacementError> {
     if height + HEADROOM_M > site.clearance_m {
-        return Err(Misfit::TooTall);
+        return Err(PlacementError::TooTall);
     }
     let Rect { min, max } = site.surface();
     let rim = [width / 2.0 + MARGIN_M, depth / 2.0 + MARGIN_M];
@@ -161,7 +165,7 @@ fn centres(site: &Site, [width, depth, height]: [f64; 3]) -> Result<Rect, Misfit
         max: [0, 1].map(|axis| max[axis] - rim[axis]),
     };
     if (0..2).any(|axis| centres.min[axis] >= centres.max[axis]) {
-        Err(Misfit::TooLarge)
+        Err(PlacementError::TooLarge)
     } else {
         Ok(centres)
     }

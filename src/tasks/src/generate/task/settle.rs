@@ -16,7 +16,7 @@ pub const FARTHEST_M: f64 = 50.0;
 /// Why a task fails in physics.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Unsettled {
+pub enum SettleError {
     /// An object fell by more than [`FALL_MAX_M`].
     Fell,
     /// An object flew out of the scene, or its state is not finite.
@@ -25,13 +25,13 @@ pub enum Unsettled {
     RestsElsewhere,
 }
 
-impl Unsettled {
+impl SettleError {
     /// For people.
     pub fn as_str(self) -> &'static str {
         match self {
-            Unsettled::Fell => "an object fell by more than 0.3 m",
-            Unsettled::FlewAway => "an object flew away",
-            Unsettled::RestsElsewhere => "an object rests elsewhere than the graph says",
+            SettleError::Fell => "an object fell by more than 0.3 m",
+            SettleError::FlewAway => "an object flew away",
+            SettleError::RestsElsewhere => "an object rests elsewhere than the graph says",
         }
     }
 }
@@ -47,7 +47,7 @@ pub fn spawn(scene: &Arc<Scene>, task: &Arc<Task>) -> Simulator {
 
 /// The final rest positions, in the order of the objects, if every object came to rest on its
 /// receptacle.
-pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
+pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, SettleError> {
     let bodies = spawned.bodies();
     let rest = |(index, object): (usize, &ObjectInstance)| {
         let body = &bodies[index];
@@ -58,10 +58,10 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
         );
         let position = body.position.map(f64::from);
         if spawned.fault() || !position.iter().all(|value| value.abs() <= FARTHEST_M) {
-            return Err(Unsettled::FlewAway);
+            return Err(SettleError::FlewAway);
         }
         if position[2] < object.position[2] + f64::from(SPAWN_OFFSET_M) - FALL_MAX_M {
-            return Err(Unsettled::Fell);
+            return Err(SettleError::Fell);
         }
         let place = spawned
             .support_of(index)
@@ -70,7 +70,7 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
         if place == Some(&object.receptacle) {
             Ok(position)
         } else {
-            Err(Unsettled::RestsElsewhere)
+            Err(SettleError::RestsElsewhere)
         }
     };
     spawned

@@ -4,17 +4,17 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{draft::Unfit, placement::Misfit, settle::Unsettled};
+use super::{draft::DraftError, placement::PlacementError, settle::SettleError};
 
 /// Why a draft became no task, by the filter that stopped it; filters in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Rejection {
     /// Nothing could be made of the triplet.
-    Draft(Unfit),
+    Draft(DraftError),
     /// The static filter, or no place within reach.
-    Static(Misfit),
+    Static(PlacementError),
     /// The physics filter.
-    Physics(Unsettled),
+    Physics(SettleError),
     /// The robot cannot get near enough to an object that shall move, or does not see it from
     /// there.
     Approach,

@@ -26,11 +26,11 @@ const GATHERING: &[&str] = &[
 /// One way to say it, chosen once, so that the precise and the fuzzy instruction of a task are
 /// worded alike.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wording {
+pub(crate) struct InstructionWording {
     template: &'static str,
 }
 
-impl Wording {
+impl InstructionWording {
     /// For one object.
     pub(crate) fn moving(fuzzy: bool, stream: &mut Stream) -> Self {
         if fuzzy && stream.below(3) == 0 {
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn phrases_read_as_english() {
-        let take = Wording {
+        let take = InstructionWording {
             template: TEMPLATES[8],
         };
         let said = take.say(&indefinite("apple"), "the couch", "the microwave", true);
@@ -109,7 +109,7 @@ mod tests {
             said,
             "Take an apple from the couch and put it in the microwave."
         );
-        let gather = Wording {
+        let gather = InstructionWording {
             template: GATHERING[0],
         };
         let objects = [

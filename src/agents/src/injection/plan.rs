@@ -8,9 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use reel_world::{InstanceId, ObjectInstance, ReceptacleId, Scene, Task, Tool};
 
 use super::{
-    Detour, Fault, FaultKind, Injection, Unfit, choices,
-    deed::{Deed, Leg, Until},
-    faults,
+    Detour, Fault, FaultKind, Injection, InjectionError, choices, faults,
+    scripted_call::{PlanSegment, ScriptedCall, Until},
 };
 use crate::{faults::mistaken_task, oracle::OracleOptions, random};
 
@@ -18,7 +17,7 @@ use crate::{faults::mistaken_task, oracle::OracleOptions, random};
 const NEVER_FINISHES: usize = 15;
 
 /// The moments of an episode at which something may come in between, in their order.
-pub(super) const MOMENTS: [Until; 6] = [
+pub(super) const POSITIONS: [Until; 6] = [
     Until::Start,
     Until::Looking,
     Until::Found,
@@ -29,14 +28,14 @@ pub(super) const MOMENTS: [Until; 6] = [
 
 /// What is to come, and what marks the beginning of a fault that is a wrong belief.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Course {
-    pub legs: Vec<Leg>,
-    pub watches: Vec<Watch>,
+pub(super) struct InjectionPlan {
+    pub legs: Vec<PlanSegment>,
+    pub watches: Vec<FaultTrigger>,
 }
 
 /// The call at which the fault of this index begins.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) enum Watch {
+pub(super) enum FaultTrigger {
     /// It picks this object.
     Picks(usize, InstanceId),
     /// It picks any but this object.
@@ -47,11 +46,11 @@ pub(super) enum Watch {
 
 /// What a fault puts into the course.
 #[derive(Clone, Debug)]
-pub(super) struct Insert {
+pub(super) struct InsertedCalls {
     /// When.
     pub at: Until,
     /// What.
-    pub legs: Vec<Leg>,
+    pub legs: Vec<PlanSegment>,
     /// Whether nothing comes after it.
     pub last: bool,
 }
@@ -65,28 +64,32 @@ pub(super) struct Draft<'a> {
     pub object: Option<ObjectInstance>,
     /// What is taken for the destination, if it is another receptacle.
     pub place: Option<ReceptacleId>,
-    pub habits: OracleOptions,
+    pub options: OracleOptions,
     /// Where a fault takes or puts something: another one must not mean the same place, or there is
     /// nothing left to do.
     pub engaged: Vec<ReceptacleId>,
-    course: Course,
+    course: InjectionPlan,
 }
 
-impl Course {
+impl InjectionPlan {
     /// The course of an injection in a task.
-    pub fn new(task: &Arc<Task>, scene: &Scene, injection: &Injection) -> Result<Course, Unfit> {
+    pub fn new(
+        task: &Arc<Task>,
+        scene: &Scene,
+        injection: &Injection,
+    ) -> Result<InjectionPlan, InjectionError> {
         let mut draft = Draft {
             task,
             scene,
             rng: random::stream(injection.seed, "injection", 0),
             object: None,
             place: None,
-            habits: OracleOptions::default(),
+            options: OracleOptions::default(),
             engaged: Vec::new(),
-            course: Course::default(),
+            course: InjectionPlan::default(),
         };
         check(&injection.faults)?;
-        let mut inserts: Vec<(usize, Insert)> = Vec::new();
+        let mut inserts: Vec<(usize, InsertedCalls)> = Vec::new();
         for (index, fault) in injection.faults.iter().enumerate() {
             inserts.extend(
                 faults::inserts(&mut draft, index, fault)?
@@ -97,7 +100,7 @@ impl Course {
         check_order(&injection.faults, &inserts)?;
         // A wrong object is put back before anything else is done with what is held.
         inserts.sort_by_key(|(index, _)| !is_of_object(injection.faults[*index].kind));
-        let detours: Vec<Insert> = injection
+        let detours: Vec<InsertedCalls> = injection
             .detours
             .iter()
             .map(|detour| draft.detour(*detour))
@@ -115,7 +118,7 @@ impl Course {
 
 impl Draft<'_> {
     /// Notes what the fault of this index begins with.
-    pub fn watch(&mut self, watch: Watch) {
+    pub fn watch(&mut self, watch: FaultTrigger) {
         self.course.watches.push(watch);
     }
 
@@ -141,20 +144,20 @@ impl Draft<'_> {
     }
 
     /// The oracle as far as that, on what is believed now.
-    pub fn follow(&self, until: Until) -> Leg {
+    pub fn follow(&self, until: Until) -> PlanSegment {
         let task = match (&self.object, &self.place) {
             (None, None) => self.task.clone(),
             (object, place) => Arc::new(mistaken_task(self.task, object.as_ref(), place.as_ref())),
         };
-        Leg::Follow {
+        PlanSegment::Follow {
             task,
-            habits: self.habits,
+            options: self.options,
             until,
         }
     }
 
-    fn assemble(mut self, faults: &[Fault], inserts: Vec<Insert>) -> Course {
-        for moment in MOMENTS {
+    fn assemble(mut self, faults: &[Fault], inserts: Vec<InsertedCalls>) -> InjectionPlan {
+        for moment in POSITIONS {
             for insert in inserts.iter().filter(|insert| insert.at == moment) {
                 if moment != Until::Start {
                     let leg = self.follow(moment);
@@ -171,8 +174,8 @@ impl Draft<'_> {
             let leg = self.follow(Until::Placed);
             self.course.legs.extend([
                 leg,
-                Leg::Do {
-                    deeds: vec![Deed::Idle],
+                PlanSegment::Do {
+                    calls: vec![ScriptedCall::Idle],
                     times: None,
                 },
             ]);
@@ -183,13 +186,13 @@ impl Draft<'_> {
     }
 
     /// Takes legs over, and from them what is believed afterwards.
-    fn take(&mut self, legs: &[Leg]) {
+    fn take(&mut self, legs: &[PlanSegment]) {
         for leg in legs {
             match leg {
-                Leg::Object(object) => self.object.clone_from(object),
-                Leg::Place(place) => self.place.clone_from(place),
-                Leg::Habits(habits) => self.habits = *habits,
-                Leg::Go(until) => {
+                PlanSegment::Object(object) => self.object.clone_from(object),
+                PlanSegment::Place(place) => self.place.clone_from(place),
+                PlanSegment::Options(habits) => self.options = *habits,
+                PlanSegment::Go(until) => {
                     let leg = self.follow(*until);
                     self.course.legs.push(leg);
                 }
@@ -198,13 +201,13 @@ impl Draft<'_> {
         }
     }
 
-    fn detour(&mut self, detour: Detour) -> Insert {
+    fn detour(&mut self, detour: Detour) -> InsertedCalls {
         let category = self.task.target_object().category.clone();
         let [here, there] = [
             self.task.target_object().receptacle.clone(),
             choices::destination(self.task).clone(),
         ];
-        let call = |tool| Leg::one(Deed::Call(tool));
+        let call = |tool| PlanSegment::one(ScriptedCall::Call(tool));
         let (at, legs) = match (detour, self.draw(2)) {
             (Detour::ExtraLook, 0) => (Until::AtDestination, vec![call(Tool::ShowReceptacles)]),
             (Detour::ExtraLook, _) => (Until::Looking, vec![call(Tool::WalkAround)]),
@@ -222,7 +225,9 @@ impl Draft<'_> {
                         .collect(),
                 )
             }
-            (Detour::CorrectedSlip, 0) => (Until::Found, vec![Leg::one(Deed::Misread)]),
+            (Detour::CorrectedSlip, 0) => {
+                (Until::Found, vec![PlanSegment::one(ScriptedCall::Misread)])
+            }
             (Detour::CorrectedSlip, _) => {
                 let receptacle = faults::unknown_receptacle(self.scene, &there);
                 (Until::Held, vec![call(Tool::NavTo { receptacle })])
@@ -235,11 +240,14 @@ impl Draft<'_> {
             ),
             (Detour::ExtraGaze, 0) => (
                 Until::AtDestination,
-                vec![call(Tool::ShowReceptacles), Leg::one(Deed::Gaze)],
+                vec![
+                    call(Tool::ShowReceptacles),
+                    PlanSegment::one(ScriptedCall::Gaze),
+                ],
             ),
-            (Detour::ExtraGaze, _) => (Until::Found, vec![Leg::one(Deed::Gaze)]),
+            (Detour::ExtraGaze, _) => (Until::Found, vec![PlanSegment::one(ScriptedCall::Gaze)]),
         };
-        Insert {
+        InsertedCalls {
             at,
             legs,
             last: false,
@@ -247,7 +255,7 @@ impl Draft<'_> {
     }
 }
 
-fn check(faults: &[Fault]) -> Result<(), Unfit> {
+fn check(faults: &[Fault]) -> Result<(), InjectionError> {
     for (index, fault) in faults.iter().enumerate() {
         let Fault {
             kind,
@@ -256,14 +264,14 @@ fn check(faults: &[Fault]) -> Result<(), Unfit> {
             repaired,
         } = *fault;
         if !(0.0..=1.0).contains(&position) || !(1..=3).contains(&strength) {
-            return Err(Unfit::Range {
+            return Err(InjectionError::Range {
                 kind,
                 position: position.to_string(),
                 strength,
             });
         }
         if repaired && kind == FaultKind::PrematureFinish {
-            return Err(Unfit::NotRepairable { kind });
+            return Err(InjectionError::NotRepairable { kind });
         }
         let is_same = |other: &&Fault| {
             other.kind == kind
@@ -271,7 +279,7 @@ fn check(faults: &[Fault]) -> Result<(), Unfit> {
                 || (is_of_place(other.kind) && is_of_place(kind))
         };
         if let Some(other) = faults[..index].iter().find(is_same) {
-            return Err(Unfit::Conflict {
+            return Err(InjectionError::Conflict {
                 first: other.kind,
                 second: kind,
             });
@@ -282,7 +290,7 @@ fn check(faults: &[Fault]) -> Result<(), Unfit> {
 
 /// What ends the episode must come after everything else, and a door is forgotten only on the true
 /// way.
-fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfit> {
+fn check_order(faults: &[Fault], inserts: &[(usize, InsertedCalls)]) -> Result<(), InjectionError> {
     for (last, end) in inserts.iter().filter(|(_, insert)| insert.last) {
         for (index, fault) in faults.iter().enumerate().filter(|(index, _)| index != last) {
             // A wrong belief shows when it picks or places.
@@ -296,7 +304,7 @@ fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfi
                     .all(|(other, insert)| *other != index || insert.at < end.at)
             };
             if !shows {
-                return Err(Unfit::Conflict {
+                return Err(InjectionError::Conflict {
                     first: faults[*last].kind,
                     second: fault.kind,
                 });
@@ -310,7 +318,7 @@ fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfi
         .iter()
         .find(|fault| is_of_place(fault.kind) || is_of_object(fault.kind));
     match (door, astray) {
-        (Some(door), Some(other)) => Err(Unfit::Conflict {
+        (Some(door), Some(other)) => Err(InjectionError::Conflict {
             first: door.kind,
             second: other.kind,
         }),

@@ -12,23 +12,23 @@ use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Map, Value, json};
 
 use super::{
-    COMPLETED, Said,
+    COMPLETED, Response,
     payload::{self, OrderedGraph},
     picture, task_ids,
 };
 
 /// A failure of the domain is text and no protocol error: the trainer would take that for a broken
 /// connection.
-pub(super) fn say(profile: Profile, said: &Said) -> CallToolResult {
+pub(super) fn say(profile: Profile, said: &Response) -> CallToolResult {
     CallToolResult::success(match said {
-        Said::Made(made) => call(made),
-        Said::Begun(begun, scene) => vec![ContentBlock::text(
+        Response::CallMade(made) => call(made),
+        Response::EpisodeStarted(begun, scene) => vec![ContentBlock::text(
             payload::payload(profile, begun, scene).to_string(),
         )],
-        Said::Completed => vec![ContentBlock::text(COMPLETED)],
-        Said::Tasks(tasks) => vec![ContentBlock::text(task_ids(tasks))],
+        Response::Completed => vec![ContentBlock::text(COMPLETED)],
+        Response::Tasks(tasks) => vec![ContentBlock::text(task_ids(tasks))],
         // Only before the first episode; in an episode it is a call like others.
-        Said::Receptacles(scene) => {
+        Response::Receptacles(scene) => {
             let before = json!({
                 "CURRENT_LANDMARK": null, "CURRENT_POS": null, "CURRENT_INV": null, "CURRENT_MARKER_MAP": null,
                 "world_graph": {}, "WORLD_GRAPH": "",

@@ -9,7 +9,7 @@ use crate::{
     math,
     model::{ObjectModel, SceneModel, meshed_model, object_model, scene_model},
     nav::NavMap,
-    perception::{Measured, Perception},
+    perception::{Perception, SimulatorPerception},
 };
 
 /// A task in its scene, before anything happens.
@@ -35,7 +35,7 @@ impl PreparedTask {
 
     /// Sets a task up, the objects that have a mesh as that.
     pub fn with_meshes(scene: Arc<Scene>, task: Arc<Task>, meshes: Meshes) -> Arc<Self> {
-        Self::with_perception(scene, task, meshes, Arc::new(Measured))
+        Self::with_perception(scene, task, meshes, Arc::new(SimulatorPerception))
     }
 
     /// [`Stage::with_meshes`] where the tools of the published servers ask `perception` instead of

@@ -41,7 +41,7 @@ impl Simulator {
             let pose = pose.then(&Pose::at([ahead, 0.0, up]));
             extra.push(self.stage.object_models[held].drawable(pose, self.object_entity(held)));
         }
-        self.picture_with(camera, &extra, self.detail)
+        self.render_with(camera, &extra, self.detail)
     }
 
     /// A camera above the middle of the home, so high that all of it is in the picture; the longer
@@ -104,7 +104,7 @@ impl Simulator {
         // Pixels of the object, fewer where much of the picture is something that stands before it,
         // like the edge of a wall.
         let worth = |camera: &Camera| {
-            let frame = self.picture_with(camera, &[], Detail::Geometry);
+            let frame = self.render_with(camera, &[], Detail::Geometry);
             let pixels = frame
                 .ids
                 .iter()

@@ -80,7 +80,7 @@ pub struct BlameRow {
 
 /// What somebody says about an episode: a row of `labels`.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Label {
+pub struct LabelRow {
     /// The episode.
     pub episode_id: String,
     /// Who says so.
@@ -157,7 +157,7 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be read.
-    pub fn labels(&self) -> Result<Vec<Label>, StoreError> {
+    pub fn labels(&self) -> Result<Vec<LabelRow>, StoreError> {
         self.rows_of(&self.tables[&Table::Labels])
     }
 
@@ -168,7 +168,7 @@ impl Store {
     /// When the store cannot be read or written.
     pub fn change_labels(
         &mut self,
-        change: impl Fn(Vec<Label>) -> Vec<Label>,
+        change: impl Fn(Vec<LabelRow>) -> Vec<LabelRow>,
     ) -> Result<(), StoreError> {
         self.replace(Table::Labels, |store| {
             let before = store.labels()?;

@@ -10,11 +10,11 @@ use rmcp::model::{CallToolResult, ContentBlock};
 use std::sync::Arc;
 
 /// What came of a request to a session.
-pub(crate) enum Said {
+pub(crate) enum Response {
     /// A call was made.
-    Made(Box<CallResult>),
+    CallMade(Box<CallResult>),
     /// An episode began.
-    Begun(Box<StartedEpisode>, Arc<Scene>),
+    EpisodeStarted(Box<StartedEpisode>, Arc<Scene>),
     /// Every task was played.
     Completed,
     /// The ids of the tasks.
@@ -24,7 +24,7 @@ pub(crate) enum Said {
 }
 
 /// What a policy is told.
-pub(crate) fn say(profile: Profile, said: &Said) -> CallToolResult {
+pub(crate) fn say(profile: Profile, said: &Response) -> CallToolResult {
     match profile {
         Profile::Paper => paper::say(said),
         Profile::RealRepo | Profile::RealGspo => published::say(profile, said),

@@ -11,13 +11,13 @@ use crate::assets::{MeshError, SiblingFiles, limits::TEXTURE_SIDE_MAX};
 
 /// The textures of a mesh, each of them once.
 #[derive(Default)]
-pub(crate) struct Pictures {
+pub(crate) struct TextureSet {
     list: Vec<Texture>,
     /// By file, or by number inside of one.
     known: BTreeMap<String, u16>,
 }
 
-impl Pictures {
+impl TextureSet {
     /// The texture of a file beside the mesh.
     pub fn file(&mut self, name: &str, beside: &dyn SiblingFiles) -> Result<u16, MeshError> {
         self.of(name, || {

@@ -154,7 +154,7 @@ impl ImageStore {
     }
 
     /// Takes over a picture that an earlier run put; false where its file is not as it was.
-    pub fn take_over(&self, image: ImageId, picture: &StoredImage) -> bool {
+    pub fn reuse(&self, image: ImageId, picture: &StoredImage) -> bool {
         let there = fs::metadata(self.root.join(&picture.path))
             .is_ok_and(|file| file.len() == picture.bytes);
         if there {

@@ -11,7 +11,7 @@ use reel_world::{
 
 /// What was there before the first decision.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
-pub struct Setting {
+pub struct EpisodeFacts {
     /// The receptacles.
     pub places: Vec<ReceptacleFacts>,
     /// The objects.
@@ -107,7 +107,7 @@ pub struct MarkerFacts {
     pub receptacle: Option<String>,
 }
 
-impl Setting {
+impl EpisodeFacts {
     /// The setting of a recorded episode, whose world stood as `start` says before the first
     /// decision.
     pub fn of(task: &Task, scene: &Scene, start: &WorldGraph) -> Self {

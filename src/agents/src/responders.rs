@@ -13,9 +13,9 @@ use serde_json::Value;
 /// Whoever was asked does not answer.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
-pub struct NoAnswer(pub Box<dyn Error + Send + Sync>);
+pub struct ResponderError(pub Box<dyn Error + Send + Sync>);
 
-impl NoAnswer {
+impl ResponderError {
     /// Because of this.
     pub fn new(why: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self(why.into())
@@ -28,7 +28,7 @@ pub trait User {
     ///
     /// # Errors
     /// When it cannot be reached.
-    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, NoAnswer>;
+    fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError>;
 }
 
 /// A question, and what a user knows of the world when it is asked (SPEC section 3): never a pose,
@@ -80,7 +80,7 @@ pub trait Matcher {
     ///
     /// # Errors
     /// When it cannot be reached.
-    fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, NoAnswer>;
+    fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, ResponderError>;
 }
 
 /// Who answers from outside. Without a user the rules answer, without a matcher the vocabulary.

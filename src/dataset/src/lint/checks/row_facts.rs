@@ -15,11 +15,11 @@ use crate::lint::{
 pub(super) type Key = [u8; 16];
 
 /// A row and what was read out of it.
-pub(super) struct Seen<'a> {
+pub(super) struct RowFacts<'a> {
     pub(super) example: &'a Example,
-    pub(super) answers: Vec<Said>,
+    pub(super) answers: Vec<ModelTurn>,
     /// One for each picture of the row.
-    pub(super) pictures: Vec<Look>,
+    pub(super) images: Vec<ImageProbe>,
     /// Everything but answers, up to each answer: text with even white space, and pictures by
     /// digest.
     pub(super) contexts: Vec<Key>,
@@ -28,7 +28,7 @@ pub(super) struct Seen<'a> {
 }
 
 /// A turn of the model.
-pub(super) struct Said {
+pub(super) struct ModelTurn {
     /// Its number.
     pub(super) turn: usize,
     pub(super) answer: AssistantTurn,
@@ -40,10 +40,10 @@ pub(super) struct Said {
 
 /// What a picture looks like from outside.
 #[derive(Clone, Debug)]
-pub(super) struct Look {
+pub(super) struct ImageProbe {
     /// Of its bytes; of its path or URL where there are none.
     pub(super) digest: Key,
-    pub(super) picture: Option<ImageHeader>,
+    pub(super) header: Option<ImageHeader>,
     /// Why it cannot be used: what sort, and in words.
     pub(super) fault: Option<(&'static str, String)>,
 }
@@ -51,18 +51,19 @@ pub(super) struct Look {
 /// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for each file
 /// of pictures.
 #[derive(Default)]
-pub(super) struct Looks(HashMap<Key, Look>);
+pub(super) struct ImageProbes(HashMap<Key, ImageProbe>);
 
-impl<'a> Seen<'a> {
-    pub(super) fn new(example: &'a Example, looks: &mut Looks) -> Self {
-        let pictures: Vec<Look> = example.images.iter().map(|image| looks.of(image)).collect();
+impl<'a> RowFacts<'a> {
+    pub(super) fn new(example: &'a Example, looks: &mut ImageProbes) -> Self {
+        let pictures: Vec<ImageProbe> =
+            example.images.iter().map(|image| looks.of(image)).collect();
         let answers = example
             .turns
             .iter()
             .enumerate()
             .filter(|(_, turn)| turn.role.is_answer());
         let answers = answers
-            .map(|(number, turn)| Said::of(number, turn))
+            .map(|(number, turn)| ModelTurn::of(number, turn))
             .collect();
         let mut hasher = blake3::Hasher::new();
         let mut contexts = Vec::new();
@@ -90,7 +91,7 @@ impl<'a> Seen<'a> {
         Self {
             example,
             answers,
-            pictures,
+            images: pictures,
             contexts,
             whole: key(&hasher),
         }
@@ -130,7 +131,7 @@ pub(super) fn key_of(bytes: &[u8]) -> Key {
     key(blake3::Hasher::new().update(bytes))
 }
 
-impl Said {
+impl ModelTurn {
     fn of(number: usize, turn: &Turn) -> Self {
         let mut calls: Vec<Call> = turn.calls().cloned().collect();
         let answer = AssistantTurn::parse(&turn.text());
@@ -147,8 +148,8 @@ impl Said {
     }
 }
 
-impl Looks {
-    fn of(&mut self, image: &Image) -> Look {
+impl ImageProbes {
+    fn of(&mut self, image: &Image) -> ImageProbe {
         match &image.source {
             ImageSource::File(path) => {
                 let name = key_of(path.as_os_str().as_encoded_bytes());
@@ -162,32 +163,32 @@ impl Looks {
     }
 }
 
-fn look(image: &Image, name: Key) -> Look {
-    let fault = |kind, words: String| Look {
+fn look(image: &Image, name: Key) -> ImageProbe {
+    let fault = |kind, words: String| ImageProbe {
         digest: name,
-        picture: None,
+        header: None,
         fault: Some((kind, words)),
     };
     match (&image.source, image_bytes(image)) {
         (_, Some(bytes)) => {
             let digest = key_of(&bytes);
             match ImageHeader::of(&bytes) {
-                Ok(picture) => Look {
+                Ok(picture) => ImageProbe {
                     digest,
-                    picture: Some(picture),
+                    header: Some(picture),
                     fault: None,
                 },
-                Err(error) => Look {
+                Err(error) => ImageProbe {
                     digest,
-                    picture: None,
+                    header: None,
                     fault: Some(("undecodable", error.to_string())),
                 },
             }
         }
         (ImageSource::Broken(why), None) => fault("undecodable", why.clone()),
-        (ImageSource::Remote, None) => Look {
+        (ImageSource::Remote, None) => ImageProbe {
             digest: name,
-            picture: None,
+            header: None,
             fault: None,
         },
         (_, None) => fault("missing", "no such file".to_owned()),

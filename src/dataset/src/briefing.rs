@@ -6,7 +6,7 @@ use reel_prompt::{EpisodePrompt, Prompt, briefing};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    PrivilegedFacts, RefusalReason, Text,
+    PrivilegedFacts, RefusalReason, SharedText,
     refusal::{clean, refusal},
 };
 
@@ -14,19 +14,19 @@ use crate::{
 #[derive(Debug)]
 pub struct TaskBriefing {
     instruction: String,
-    receptacles: Vec<Receptacle>,
+    receptacles: Vec<PublicReceptacle>,
     secrets: PrivilegedFacts,
     refusal: Option<RefusalReason>,
     prompt: Arc<Prompt>,
     /// In the words of the prompt, with the beginning that all its single turns share.
-    single_turn: OnceLock<(Arc<EpisodePrompt>, Arc<Text>)>,
+    single_turn: OnceLock<(Arc<EpisodePrompt>, Arc<SharedText>)>,
     /// The first user message of a conversation.
-    briefing: OnceLock<Arc<Text>>,
+    briefing: OnceLock<Arc<SharedText>>,
 }
 
 /// A piece of furniture as an agent knows it.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct Receptacle {
+pub struct PublicReceptacle {
     /// e.g. `table_1`
     pub id: String,
     /// e.g. `table`
@@ -39,13 +39,13 @@ impl TaskBriefing {
     /// The instruction, the furniture in the scene's order, and what is privileged in the task.
     pub fn new(
         instruction: impl Into<String>,
-        receptacles: Vec<Receptacle>,
+        receptacles: Vec<PublicReceptacle>,
         secrets: PrivilegedFacts,
     ) -> Self {
         let instruction = instruction.into();
         let listed: Vec<String> = receptacles
             .iter()
-            .map(|Receptacle { id, category, room }| format!("{id} ({category}, {room})"))
+            .map(|PublicReceptacle { id, category, room }| format!("{id} ({category}, {room})"))
             .collect();
         let refusal = refusal(&instruction, &secrets, || "the instruction".into()).or_else(|| {
             let mut each = listed.iter().zip(&receptacles);
@@ -101,7 +101,7 @@ impl TaskBriefing {
     }
 
     /// The task in the words of the prompt, and the beginning that all its single turns share.
-    pub(crate) fn single_turn(&self) -> &(Arc<EpisodePrompt>, Arc<Text>) {
+    pub(crate) fn single_turn(&self) -> &(Arc<EpisodePrompt>, Arc<SharedText>) {
         self.single_turn.get_or_init(|| {
             let receptacles = self
                 .receptacles
@@ -109,19 +109,19 @@ impl TaskBriefing {
                 .map(|it| (it.id.as_str(), it.room.as_str()));
             let episode =
                 EpisodePrompt::new(Arc::clone(&self.prompt), &self.instruction, receptacles);
-            let shared = Arc::new(Text::new(episode.shared()));
+            let shared = Arc::new(SharedText::new(episode.shared()));
             (Arc::new(episode), shared)
         })
     }
 
     /// The first user message of a conversation.
-    pub(crate) fn briefing(&self) -> Arc<Text> {
+    pub(crate) fn briefing(&self) -> Arc<SharedText> {
         let text = self.briefing.get_or_init(|| {
             let receptacles = self
                 .receptacles
                 .iter()
                 .map(|it| (it.id.as_str(), it.category.as_str(), it.room.as_str()));
-            Arc::new(Text::new(briefing(&self.instruction, receptacles)))
+            Arc::new(SharedText::new(briefing(&self.instruction, receptacles)))
         });
         Arc::clone(text)
     }

@@ -12,13 +12,13 @@ use reel_world::{
 use serde::Serialize;
 use similar::{Algorithm, DiffOp, capture_diff_slices};
 
-use crate::Ending;
+use crate::EndSummary;
 
 /// Two episodes laid side by side.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Comparison {
     /// What each of them is.
-    pub episodes: [EpisodeTitle; 2],
+    pub episodes: [EpisodeSummary; 2],
     /// Inputs known before the first call that differ, besides the policy.
     pub inputs: Vec<&'static str>,
     /// Whether the state before the first call is the same.
@@ -29,7 +29,7 @@ pub struct Comparison {
     /// come at the same place; one side is empty where the other has a call more.
     pub rows: Vec<CallPair>,
     /// How each ended; none where the recording broke off.
-    pub ends: [Option<Ending>; 2],
+    pub ends: [Option<EndSummary>; 2],
     /// Sum of all rewards of each.
     pub reward: [f64; 2],
     /// What would have to happen to the first one's final world graph to give the second's.
@@ -38,7 +38,7 @@ pub struct Comparison {
 
 /// What an episode is, in a few words.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct EpisodeTitle {
+pub struct EpisodeSummary {
     /// The trace.
     pub trace: PathBuf,
     /// Its id.
@@ -147,15 +147,15 @@ pub fn compare(a: &Trace, b: &Trace) -> Result<Comparison, TaskMismatch> {
         same_start,
         same_calls,
         rows: rows(a, b, same_calls),
-        ends: [&a.end, &b.end].map(|end: &Option<EndRecord>| end.as_ref().map(Ending::of)),
+        ends: [&a.end, &b.end].map(|end: &Option<EndRecord>| end.as_ref().map(EndSummary::of)),
         reward: [a, b].map(|trace| trace.steps.iter().map(StepRecord::reward_total).sum()),
         graph: final_graph(b).difference(&final_graph(a)),
     })
 }
 
-fn title(trace: &Trace) -> EpisodeTitle {
+fn title(trace: &Trace) -> EpisodeSummary {
     let header = &trace.header;
-    EpisodeTitle {
+    EpisodeSummary {
         trace: trace.path.clone(),
         episode_id: header.episode_id.clone(),
         task_id: header.task_id.clone(),

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, Job, POLICIES, Participants, Responders, builtin};
+use reel_agents::{AgentError, EpisodeJob, POLICIES, Participants, Responders, builtin};
 use reel_llm::agent::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
 use reel_llm::client::{ApiKey, CallLog, Client, Endpoint};
 use reel_prompt::Prompt;
@@ -159,7 +159,7 @@ impl AgentSet {
     }
 
     /// Whether anybody is asked over the network.
-    pub fn asks_models(&self) -> bool {
+    pub fn uses_model(&self) -> bool {
         self.deciding.is_some() || self.user.is_some() || self.matcher.is_some()
     }
 
@@ -167,7 +167,7 @@ impl AgentSet {
     ///
     /// # Errors
     /// Never for names that [`Players::cast`] let through.
-    pub fn instantiate(&self, job: &Job) -> Result<Participants, AgentError> {
+    pub fn instantiate(&self, job: &EpisodeJob) -> Result<Participants, AgentError> {
         let outside = self.outside();
         match &self.deciding {
             Some((style, client)) => {

@@ -6,15 +6,15 @@ use reel_world::{HORIZON, record::EndReason};
 use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Value, json};
 
-use super::{COMPLETED, Said, picture, task_ids};
+use super::{COMPLETED, Response, picture, task_ids};
 
-pub(super) fn say(said: &Said) -> CallToolResult {
+pub(super) fn say(said: &Response) -> CallToolResult {
     match said {
-        Said::Made(made) => call(made),
-        Said::Begun(begun, _) => briefing(begun),
-        Said::Completed => text(COMPLETED),
-        Said::Tasks(tasks) => text(&task_ids(tasks)),
-        Said::Receptacles(scene) => text(&scene.room_listing()),
+        Response::CallMade(made) => call(made),
+        Response::EpisodeStarted(begun, _) => briefing(begun),
+        Response::Completed => text(COMPLETED),
+        Response::Tasks(tasks) => text(&task_ids(tasks)),
+        Response::Receptacles(scene) => text(&scene.room_listing()),
     }
 }
 

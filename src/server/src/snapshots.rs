@@ -16,13 +16,13 @@ const TIDY_EVERY: usize = 32;
 
 /// The snapshots of a service.
 #[derive(Debug)]
-pub(crate) struct Moments {
+pub(crate) struct SnapshotFolder {
     folder: PathBuf,
     cache: SnapshotCache,
     looks: AtomicUsize,
 }
 
-impl Moments {
+impl SnapshotFolder {
     /// Snapshots in a folder, which is made when the first one comes.
     pub fn at(folder: PathBuf) -> Self {
         Self {
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn the_oldest_go() {
         let folder = tempfile::tempdir().unwrap();
-        let moments = Moments::at(folder.path().to_owned());
+        let moments = SnapshotFolder::at(folder.path().to_owned());
         for number in 0..KEPT + 5 {
             let file = fs::File::create(folder.path().join(format!("{number}.snapshot"))).unwrap();
             file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(number as u64))

@@ -15,7 +15,7 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Lease, LiveError, Setup, restore, setup::Place};
+use crate::{Lease, LiveError, Setup, restore, setup::EpisodeKey};
 
 /// An exclusive simulator in which one agent plays one episode after another.
 pub struct Session {
@@ -29,15 +29,15 @@ pub struct Session {
     begun: u32,
     /// The last trace that was finished.
     finished: Option<PathBuf>,
-    now: Now,
+    now: Phase,
 }
 
 /// What there is at the moment. Taken out while something happens, so that a panic leaves `Broken`
 /// behind.
-enum Now {
+enum Phase {
     Empty,
-    Playing(Box<Playing>),
-    Parked(Box<Resting>),
+    Playing(Box<RunningEpisode>),
+    Parked(Box<SuspendedEpisode>),
     Over {
         task: Arc<Task>,
         reason: EndReason,
@@ -49,13 +49,13 @@ enum Now {
     },
 }
 
-struct Playing {
+struct RunningEpisode {
     episode: Episode,
     recorder: Recorder,
     path: PathBuf,
 }
 
-struct Resting {
+struct SuspendedEpisode {
     episode: Suspended,
     recorder: Recorder,
     path: PathBuf,
@@ -148,7 +148,7 @@ pub struct EndedEpisode {
 impl Session {
     /// A household without an episode.
     pub fn new(name: &str, setup: Arc<Setup>, lease: Option<Lease>) -> Self {
-        let (policy, now) = ("client".to_owned(), Now::Empty);
+        let (policy, now) = ("client".to_owned(), Phase::Empty);
         Self {
             name: name.to_owned(),
             setup,
@@ -175,16 +175,16 @@ impl Session {
     /// all were played.
     pub fn scene(&self) -> Option<&Arc<Scene>> {
         let task = match &self.now {
-            Now::Playing(playing) => Some(playing.episode.task()),
-            Now::Parked(resting) => Some(resting.episode.task()),
+            Phase::Playing(playing) => Some(playing.episode.task()),
+            Phase::Parked(resting) => Some(resting.episode.task()),
             _ => self.setup.tasks.get(self.next).or(self.setup.tasks.first()),
         };
         task.map(|task| self.setup.scene(task))
     }
 
     /// Whether an episode runs, so that a call can be made.
-    pub fn plays(&self) -> bool {
-        matches!(self.now, Now::Playing(_) | Now::Parked(_))
+    pub fn is_running(&self) -> bool {
+        matches!(self.now, Phase::Playing(_) | Phase::Parked(_))
     }
 
     /// Ends what runs and begins the next episode; none when all were played.
@@ -204,7 +204,7 @@ impl Session {
             None => self.setup.tasks.get(self.next).cloned(),
         };
         let Some(task) = task else {
-            self.now = Now::Empty;
+            self.now = Phase::Empty;
             return Ok(None);
         };
         let begun = self.start(task)?;
@@ -252,14 +252,14 @@ impl Session {
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
-            let Playing {
+            let RunningEpisode {
                 episode,
                 recorder,
                 path,
             } = *playing;
             self.close(episode.task().clone(), episode.end(), recorder, path)?;
         } else {
-            self.now = Now::Playing(playing);
+            self.now = Phase::Playing(playing);
         }
         Ok(CallResult {
             step: record,
@@ -276,8 +276,8 @@ impl Session {
     /// When no episode runs.
     pub fn briefing(&self) -> Result<Briefing, LiveError> {
         let task = match &self.now {
-            Now::Playing(playing) => playing.episode.task(),
-            Now::Parked(resting) => resting.episode.task(),
+            Phase::Playing(playing) => playing.episode.task(),
+            Phase::Parked(resting) => resting.episode.task(),
             _ => return Err(self.refusal()),
         };
         Ok(Briefing::new(task, self.setup.scene(task)))
@@ -289,8 +289,8 @@ impl Session {
     /// When no episode runs.
     pub fn render_frame(&self) -> Result<Frame, LiveError> {
         match &self.now {
-            Now::Playing(playing) => Ok(playing.episode.render_frame()),
-            Now::Parked(resting) => Ok(resting.episode.render_frame()?),
+            Phase::Playing(playing) => Ok(playing.episode.render_frame()),
+            Phase::Parked(resting) => Ok(resting.episode.render_frame()?),
             _ => Err(self.refusal()),
         }
     }
@@ -300,12 +300,12 @@ impl Session {
         if self.is_in_memory()
             && let Ok(playing) = self.take()
         {
-            let Playing {
+            let RunningEpisode {
                 episode,
                 recorder,
                 path,
             } = *playing;
-            self.now = Now::Parked(Box::new(Resting {
+            self.now = Phase::Parked(Box::new(SuspendedEpisode {
                 episode: episode.suspend(),
                 recorder,
                 path,
@@ -315,14 +315,14 @@ impl Session {
 
     /// Breaks down in the middle of a call, for tests of what happens then.
     #[doc(hidden)]
-    pub fn fail(&mut self, why: &str) {
+    pub fn inject_failure(&mut self, why: &str) {
         let _playing = self.take();
         panic!("{why}");
     }
 
     /// Whether a simulator is in memory.
     pub fn is_in_memory(&self) -> bool {
-        matches!(self.now, Now::Playing(_))
+        matches!(self.now, Phase::Playing(_))
     }
 
     /// Ends what runs, as aborted.
@@ -331,31 +331,31 @@ impl Session {
     /// When its trace cannot be written.
     pub fn abort(&mut self) -> Result<(), LiveError> {
         match self.take_out() {
-            Now::Playing(playing) => {
-                let Playing {
+            Phase::Playing(playing) => {
+                let RunningEpisode {
                     episode,
                     recorder,
                     path,
                 } = *playing;
                 self.close(episode.task().clone(), episode.end(), recorder, path)
             }
-            Now::Parked(resting) => {
-                let Resting {
+            Phase::Parked(resting) => {
+                let SuspendedEpisode {
                     episode,
                     recorder,
                     path,
                 } = *resting;
                 self.close(episode.task().clone(), episode.end(), recorder, path)
             }
-            Now::Broken { part, .. } => {
+            Phase::Broken { part, .. } => {
                 self.finished = restore(&part, None)
                     .ok()
                     .map(|recovery| recovery.trace)
                     .or(self.finished.take());
-                self.now = Now::Empty;
+                self.now = Phase::Empty;
                 Ok(())
             }
-            now @ (Now::Empty | Now::Over { .. }) => {
+            now @ (Phase::Empty | Phase::Over { .. }) => {
                 self.now = now;
                 Ok(())
             }
@@ -365,20 +365,20 @@ impl Session {
     /// How it stands.
     pub fn state(&self) -> SessionStatus {
         let (state, task, steps, ended) = match &self.now {
-            Now::Empty => ("empty", None, 0, None),
-            Now::Playing(playing) => (
+            Phase::Empty => ("empty", None, 0, None),
+            Phase::Playing(playing) => (
                 "playing",
                 Some(playing.episode.task()),
                 calls(playing.episode.steps()),
                 None,
             ),
-            Now::Parked(resting) => (
+            Phase::Parked(resting) => (
                 "parked",
                 Some(resting.episode.task()),
                 calls(resting.episode.steps()),
                 None,
             ),
-            Now::Over {
+            Phase::Over {
                 task,
                 reason,
                 metrics,
@@ -390,7 +390,7 @@ impl Session {
                 };
                 ("over", Some(task), metrics.length, Some(ended))
             }
-            Now::Broken { .. } => ("broken", None, 0, None),
+            Phase::Broken { .. } => ("broken", None, 0, None),
         };
         SessionStatus {
             state,
@@ -404,7 +404,7 @@ impl Session {
     }
 
     fn start(&mut self, task: Arc<Task>) -> Result<StartedEpisode, LiveError> {
-        let place = Place {
+        let place = EpisodeKey {
             session: &self.name,
             number: self.begun,
             policy: &self.policy,
@@ -419,7 +419,7 @@ impl Session {
         })?;
         let number = self.begun;
         self.begun += 1;
-        self.now = Now::Broken {
+        self.now = Phase::Broken {
             part: part(&path),
             reason: "it could not be started".to_owned(),
         };
@@ -449,7 +449,7 @@ impl Session {
             frame,
             view,
         };
-        self.now = Now::Playing(Box::new(Playing {
+        self.now = Phase::Playing(Box::new(RunningEpisode {
             episode,
             recorder,
             path,
@@ -466,7 +466,7 @@ impl Session {
     ) -> Result<(), LiveError> {
         recorder.end(&end)?;
         self.finished = Some(path);
-        self.now = Now::Over {
+        self.now = Phase::Over {
             task,
             reason: end.reason,
             metrics: end.metrics,
@@ -475,19 +475,19 @@ impl Session {
     }
 
     /// Takes the running episode out, awake.
-    fn take(&mut self) -> Result<Box<Playing>, LiveError> {
-        if !self.plays() {
+    fn take(&mut self) -> Result<Box<RunningEpisode>, LiveError> {
+        if !self.is_running() {
             return Err(self.refusal());
         }
         match self.take_out() {
-            Now::Playing(playing) => Ok(playing),
-            Now::Parked(resting) => {
-                let Resting {
+            Phase::Playing(playing) => Ok(playing),
+            Phase::Parked(resting) => {
+                let SuspendedEpisode {
                     episode,
                     recorder,
                     path,
                 } = *resting;
-                Ok(Box::new(Playing {
+                Ok(Box::new(RunningEpisode {
                     episode: episode.resume()?,
                     recorder,
                     path,
@@ -499,23 +499,23 @@ impl Session {
 
     /// Takes out what there is. Should it not come back, because the simulator panics or the disk
     /// refuses, what is left says that it broke down.
-    fn take_out(&mut self) -> Now {
+    fn take_out(&mut self) -> Phase {
         let left = match &self.now {
-            Now::Playing(playing) => Some(&playing.path),
-            Now::Parked(resting) => Some(&resting.path),
+            Phase::Playing(playing) => Some(&playing.path),
+            Phase::Parked(resting) => Some(&resting.path),
             _ => None,
         };
-        let left = left.map(|path| Now::Broken {
+        let left = left.map(|path| Phase::Broken {
             part: part(path),
             reason: "a call did not come to its end".to_owned(),
         });
-        std::mem::replace(&mut self.now, left.unwrap_or(Now::Empty))
+        std::mem::replace(&mut self.now, left.unwrap_or(Phase::Empty))
     }
 
     fn refusal(&self) -> LiveError {
         match &self.now {
-            Now::Over { reason, .. } => LiveError::Over(*reason),
-            Now::Broken { reason, .. } => LiveError::Broken(reason.clone()),
+            Phase::Over { reason, .. } => LiveError::Over(*reason),
+            Phase::Broken { reason, .. } => LiveError::Broken(reason.clone()),
             _ => LiveError::NoEpisode,
         }
     }

@@ -18,7 +18,7 @@ pub struct ClusterArguments {
 
 impl ClusterArguments {
     /// Whether it is elsewhere.
-    pub fn is_some(&self) -> bool {
+    pub fn is_set(&self) -> bool {
         #[cfg(feature = "cluster")]
         return self.cluster.is_some();
         #[cfg(not(feature = "cluster"))]
@@ -34,7 +34,7 @@ impl ClusterArguments {
     /// When it does not answer.
     pub fn open(&self) -> anyhow::Result<Option<Cluster>> {
         let connect = |text: &String| {
-            Cluster::connect(&Address::parse(text)?, &build(), |reason| {
+            Cluster::connect(&Address::parse(text)?, &build_fingerprint(), |reason| {
                 eprintln!("reel: the cluster is in trouble, trying again: {reason}")
             })
         };
@@ -130,7 +130,7 @@ const TRACES_PER_GROUP: usize = 4;
 /// Names this program to executors: verdicts of another simulator, or other answers, would not be
 /// those of this one.
 #[cfg(feature = "cluster")]
-pub fn build() -> String {
+pub fn build_fingerprint() -> String {
     format!(
         "{} (simulator {})",
         env!("CARGO_PKG_VERSION"),

@@ -4,7 +4,7 @@
 //! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of SPEC
 //! sections 2 and 9; an outcome in other words is unknown, never guessed.
 
-use reel_history::{MarkerFacts, ReceptacleFacts, Setting, StepFacts};
+use reel_history::{EpisodeFacts, MarkerFacts, ReceptacleFacts, StepFacts};
 use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ pub(super) fn line_after<'t>(prompt: &'t str, title: &str) -> Option<&'t str> {
 
 /// The setting that a prompt tells: `Task: ..`, and lines `1) In room: id, id.` or `- id (category,
 /// room)`.
-pub(super) fn setting(prompt: &str) -> Setting {
+pub(super) fn setting(prompt: &str) -> EpisodeFacts {
     let place = |line: &str| {
         let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;
         let (category, room) = rest.strip_suffix(')')?.split_once(", ")?;
@@ -54,7 +54,7 @@ pub(super) fn setting(prompt: &str) -> Setting {
         .lines()
         .filter_map(place)
         .chain(prompt.lines().filter_map(room).flat_map(of_room));
-    Setting {
+    EpisodeFacts {
         places: places.collect(),
         things: Vec::new(),
         instruction,
@@ -90,13 +90,13 @@ pub(super) fn last(prompt: &str) -> Result<Option<(Call, String)>, ()> {
 
 /// Makes deeds of calls and the texts of their outcomes, in order.
 #[derive(Default)]
-pub(super) struct Teller {
+pub(super) struct StepFactsBuilder {
     step: u32,
     holding: bool,
     markers: Vec<MarkerFacts>,
 }
 
-impl Teller {
+impl StepFactsBuilder {
     /// The next deed; `None` if the text does not tell whether the call succeeded: the deeds after
     /// it are not to be trusted.
     pub(super) fn deed(&mut self, call: &Call, outcome: &str) -> Option<StepFacts> {

@@ -12,20 +12,20 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::{Context, oracle::OracleOptions, random};
+use crate::{PolicyContext, oracle::OracleOptions, random};
 
 /// One stretch of a course.
 #[derive(Clone, Debug)]
-pub(super) enum Leg {
+pub(super) enum PlanSegment {
     /// The oracle acts, believing this task, until it comes to that point (which it does not pass).
     Follow {
         task: Arc<Task>,
-        habits: OracleOptions,
+        options: OracleOptions,
         until: Until,
     },
     /// The deeds in turn, so many in all; none: until the horizon.
     Do {
-        deeds: Vec<Deed>,
+        calls: Vec<ScriptedCall>,
         times: Option<usize>,
     },
     /// The fault of this index begins with the next call.
@@ -43,24 +43,27 @@ pub(super) enum Leg {
     /// What is taken for the destination from here on; none: the destination. Only in a draft.
     Place(Option<ReceptacleId>),
     /// The habits from here on. Only in a draft.
-    Habits(OracleOptions),
+    Options(OracleOptions),
     /// The oracle as far as that, on what is believed then. Only in a draft.
     Go(Until),
 }
 
-impl Leg {
+impl PlanSegment {
     /// One deed.
-    pub fn one(deed: Deed) -> Leg {
-        Leg::Do {
-            deeds: vec![deed],
+    pub fn one(deed: ScriptedCall) -> PlanSegment {
+        PlanSegment::Do {
+            calls: vec![deed],
             times: Some(1),
         }
     }
 
     /// These deeds, once each.
-    pub fn each(deeds: Vec<Deed>) -> Leg {
+    pub fn each(deeds: Vec<ScriptedCall>) -> PlanSegment {
         let times = Some(deeds.len());
-        Leg::Do { deeds, times }
+        PlanSegment::Do {
+            calls: deeds,
+            times,
+        }
     }
 }
 
@@ -87,7 +90,7 @@ pub(super) enum Until {
 
 /// A single call.
 #[derive(Clone, Debug)]
-pub(super) enum Deed {
+pub(super) enum ScriptedCall {
     /// A call whose arguments are known.
     Call(Tool),
     /// Something that is no call of a tool, or one with arguments that nothing fits.
@@ -108,7 +111,7 @@ pub(super) enum Deed {
     /// another object, else one that stands for nothing.
     Old {
         object: InstanceId,
-        tool: OldTool,
+        tool: StaleMarkerTool,
         other: bool,
     },
     /// Looks, unless the object has a number of an earlier map that now stands for another one.
@@ -121,7 +124,7 @@ pub(super) enum Deed {
 
 /// What is done with a number of an earlier map.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum OldTool {
+pub(super) enum StaleMarkerTool {
     Gaze,
     Pick,
     Place,
@@ -130,11 +133,11 @@ pub(super) enum OldTool {
 /// The numbers a policy remembers: the last maps of objects and of furniture before the current
 /// one.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Memory {
+pub(super) struct MarkerMemory {
     maps: Vec<Vec<Marker>>,
 }
 
-impl Memory {
+impl MarkerMemory {
     /// Takes in the current map.
     pub fn learn(&mut self, markers: &[Marker]) {
         if !markers.is_empty() && self.maps.last().is_none_or(|last| last != markers) {
@@ -185,13 +188,13 @@ impl Memory {
     }
 }
 
-impl Deed {
+impl ScriptedCall {
     /// The call, or none where the moment has nothing for it.
     pub fn call(
         &self,
-        context: &Context<'_>,
+        context: &PolicyContext<'_>,
         truth: &Privileged<'_>,
-        memory: &Memory,
+        memory: &MarkerMemory,
         rng: &mut ChaCha8Rng,
     ) -> Option<ToolCall> {
         let current = truth.markers;
@@ -201,19 +204,19 @@ impl Deed {
                 .filter(|marker| matches!(marker.target, MarkerTarget::Receptacle(_)))
         };
         let tool = match self {
-            Deed::Call(tool) => tool.clone(),
-            Deed::Raw(call) => return Some(call.clone()),
-            Deed::Nonsense => return Some(nonsense(context, rng)),
-            Deed::Gaze => Tool::GazeAt {
+            ScriptedCall::Call(tool) => tool.clone(),
+            ScriptedCall::Raw(call) => return Some(call.clone()),
+            ScriptedCall::Nonsense => return Some(nonsense(context, rng)),
+            ScriptedCall::Gaze => Tool::GazeAt {
                 marker: any(rng, current)?,
             },
-            Deed::PickAny => Tool::Pick {
+            ScriptedCall::PickAny => Tool::Pick {
                 marker: current.first().map_or(1, |marker| marker.id),
             },
-            Deed::PickFurniture => Tool::Pick {
+            ScriptedCall::PickFurniture => Tool::Pick {
                 marker: furniture().next()?.id,
             },
-            Deed::OpenDoorless => {
+            ScriptedCall::OpenDoorless => {
                 let doorless = |marker: &&Marker| match &marker.target {
                     MarkerTarget::Receptacle(id) => truth.graph.door(id).is_none(),
                     MarkerTarget::Object(_) => true,
@@ -222,7 +225,7 @@ impl Deed {
                     marker: current.iter().find(doorless)?.id,
                 }
             }
-            Deed::PlaceOn(receptacle) => {
+            ScriptedCall::PlaceOn(receptacle) => {
                 let is_it = |marker: &&Marker| matches!(&marker.target, MarkerTarget::Receptacle(id) if id == receptacle);
                 Tool::Place {
                     marker: current
@@ -232,34 +235,36 @@ impl Deed {
                         .map_or(1, |marker| marker.id),
                 }
             }
-            Deed::Old {
+            ScriptedCall::Old {
                 object,
-                tool: OldTool::Gaze,
+                tool: StaleMarkerTool::Gaze,
                 other,
             } => Tool::GazeAt {
                 marker: memory.old_number(object, current, *other)?,
             },
-            Deed::Old {
+            ScriptedCall::Old {
                 object,
-                tool: OldTool::Pick,
+                tool: StaleMarkerTool::Pick,
                 other,
             } => Tool::Pick {
                 marker: memory.old_number(object, current, *other)?,
             },
-            Deed::Old {
-                tool: OldTool::Place,
+            ScriptedCall::Old {
+                tool: StaleMarkerTool::Place,
                 ..
             } => Tool::Place {
                 marker: memory.old_furniture(current)?,
             },
-            Deed::Renumber { object, .. } if memory.old_number(object, current, true).is_some() => {
+            ScriptedCall::Renumber { object, .. }
+                if memory.old_number(object, current, true).is_some() =>
+            {
                 return None;
             }
-            Deed::Renumber { tool, .. } => tool.clone(),
-            Deed::Misread => Tool::Pick {
+            ScriptedCall::Renumber { tool, .. } => tool.clone(),
+            ScriptedCall::Misread => Tool::Pick {
                 marker: current.iter().map(|marker| marker.id).max()? + 1,
             },
-            Deed::Idle => idle(truth, rng),
+            ScriptedCall::Idle => idle(truth, rng),
         };
         Some(tool.to_call())
     }
@@ -288,7 +293,7 @@ fn idle(truth: &Privileged<'_>, rng: &mut ChaCha8Rng) -> Tool {
 }
 
 /// What comes out of a model that lost the format.
-fn nonsense(context: &Context<'_>, rng: &mut ChaCha8Rng) -> ToolCall {
+fn nonsense(context: &PolicyContext<'_>, rng: &mut ChaCha8Rng) -> ToolCall {
     let receptacles = &context.briefing.receptacles;
     let place = random::choose(rng, receptacles).map_or("table_1", |(id, ..)| id.as_str());
     let number = random::below(rng, 6);

@@ -95,7 +95,7 @@ fn size_of_row(beside: Option<&Value>, least: usize) -> usize {
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn camera_picture(data: Vec<u8>) -> Result<(CameraImage, Frame), String> {
+pub fn camera_image(data: Vec<u8>) -> Result<(CameraImage, Frame), String> {
     let format = format(&data).ok_or("it is neither a JPEG nor a PNG file")?;
     let image = CameraImage {
         format: format.to_owned(),

@@ -6,30 +6,30 @@ use std::{
 };
 
 use reel_annotate::PublicTask;
-use reel_dataset::{PrivilegedFacts, Receptacle, TaskBriefing};
+use reel_dataset::{PrivilegedFacts, PublicReceptacle, TaskBriefing};
 use reel_prompt::Prompt;
 use reel_reward::Preset;
 use reel_tables::{Store, StoreError, Table};
 use reel_world::{ObjectInstance, Scene, Task};
 
-use crate::{ExportError, episode::Row};
+use crate::{ExportError, episode::EpisodeRow};
 
 /// Tasks that are kept in memory.
 const TASKS_KEPT: usize = 4_096;
 
 /// What is known of the tasks, scenes and presets of episodes.
-pub(crate) struct Known {
+pub(crate) struct TaskIndex {
     /// The documents, by digest.
     task_texts: HashMap<String, String>,
     scene_texts: HashMap<String, String>,
-    tasks: HashMap<String, KnownTask>,
+    tasks: HashMap<String, TaskEntry>,
     scenes: HashMap<String, Arc<Scene>>,
     preset_digests: HashMap<String, String>,
     prompt: Arc<Prompt>,
 }
 
 /// What the episodes of a task have in common.
-pub(crate) struct KnownTask {
+pub(crate) struct TaskEntry {
     task: Task,
     scene: Arc<Scene>,
     /// For the annotator, once it asks.
@@ -39,7 +39,7 @@ pub(crate) struct KnownTask {
     pub told: Arc<TaskBriefing>,
 }
 
-impl Known {
+impl TaskIndex {
     /// Nothing yet, of a store; what is learned is put by this prompt.
     pub fn new(store: &Store, prompt: Arc<Prompt>) -> Result<Self, StoreError> {
         Ok(Self {
@@ -59,7 +59,7 @@ impl Known {
     /// When an episode has a task or scene that is none.
     pub fn learn<'r>(
         &mut self,
-        rows: impl IntoIterator<Item = &'r Row<'r>>,
+        rows: impl IntoIterator<Item = &'r EpisodeRow<'r>>,
     ) -> Result<(), ExportError> {
         if self.tasks.len() > TASKS_KEPT {
             self.tasks.clear();
@@ -84,16 +84,16 @@ impl Known {
     }
 
     /// The task of an episode that was learned.
-    pub fn task_of(&self, row: &Row<'_>) -> &KnownTask {
+    pub fn task_of(&self, row: &EpisodeRow<'_>) -> &TaskEntry {
         &self.tasks[row.task_digest]
     }
 
     /// The digest of its preset; empty where the preset is not known here.
-    pub fn preset_digest_of(&self, row: &Row<'_>) -> &str {
+    pub fn preset_digest_of(&self, row: &EpisodeRow<'_>) -> &str {
         &self.preset_digests[row.preset]
     }
 
-    fn task(&mut self, row: &Row<'_>) -> Result<KnownTask, String> {
+    fn task(&mut self, row: &EpisodeRow<'_>) -> Result<TaskEntry, String> {
         let task: Task = document(&self.task_texts, row.task_digest, "task")?;
         let scene = match self.scenes.get(row.scene_digest) {
             Some(scene) => Arc::clone(scene),
@@ -105,13 +105,13 @@ impl Known {
                 scene
             }
         };
-        let receptacle = |it: &reel_world::Receptacle| Receptacle {
+        let receptacle = |it: &reel_world::Receptacle| PublicReceptacle {
             id: it.id.to_string(),
             category: it.category.clone(),
             room: it.room.clone(),
         };
         let receptacles = scene.receptacles.iter().map(receptacle).collect();
-        Ok(KnownTask {
+        Ok(TaskEntry {
             public: OnceLock::new(),
             objects: task
                 .objects
@@ -143,7 +143,7 @@ fn document<D: serde::de::DeserializeOwned>(
         .map_err(|error| format!("the {what} in the tables is damaged: {error}"))
 }
 
-impl KnownTask {
+impl TaskEntry {
     /// What an annotator may know.
     pub fn public(&self) -> &PublicTask {
         self.public
