@@ -1,7 +1,8 @@
 -- stale_marker_slip
 --
--- A number was used that is not on the current map. That alone explains nothing, and is told beside what does (SPEC section
--- 7: a stale marker is secondary). The decisive step is its first use.
+-- A number was used that is not on the current map. That alone explains nothing, and is told beside
+-- what does (docs/spec.md#failure-taxonomy: a stale marker is secondary). The decisive step is its
+-- first use.
 --
 -- Class: Lost Memory
 -- Sub-class: stale_marker

@@ -1,6 +1,6 @@
 """REAL's evaluation agents as a client of an MCP server: the run over all tasks, scored on the client, and its files.
 
-Written from the contract alone (sections 1, 2 and 4) and proven against `eval_client.json`, so that it may judge a server. It
+Written from the contract alone (docs/spec.md#evaluation-agents) and proven against `eval_client.json`, so that it may judge a server. It
 shares no code with Reel and none with REAL.
 """
 

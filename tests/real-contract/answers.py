@@ -1,4 +1,4 @@
-"""How REAL's four published clients read a model's answer, and what each remembers of it (contract, sections 5 and 6).
+"""How REAL's four published clients read a model's answer, and what each remembers of it (docs/spec.md#answers).
 
 Written from the contract and proven against `answers.json` and `memory.json`; it shares no code with Reel.
 """

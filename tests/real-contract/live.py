@@ -130,7 +130,7 @@ class Session:
 
 
 def form_problem(result):
-    """What is wrong with the form of a tool's result (contract, section 3), or `None`."""
+    """What is wrong with the form of a tool's result (docs/spec.md#published-results), or `None`."""
     items = result["content"]
     if result["isError"]:
         return f"isError, with {items}"

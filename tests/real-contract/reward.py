@@ -1,4 +1,4 @@
-"""The difference reward that REAL's trainer computes on category graphs, and its metric (contract, section 8).
+"""The difference reward that REAL's trainer computes on category graphs, and its metric (docs/spec.md#reward-preset-real-trainer).
 
 Written from the contract and proven against `reward.json` and `trainer_episodes.json`; it shares no code with Reel.
 """

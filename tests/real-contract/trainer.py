@@ -1,6 +1,6 @@
 """REAL's trainer as a client of an MCP server: its environment, its rollouts and its allocation of servers.
 
-Written from the contract alone (sections 1, 2, 6, 8 and 9) and proven against `trainer_contract.json` and
+Written from the contract alone (docs/spec.md#reward-preset-real-trainer) and proven against `trainer_contract.json` and
 `trainer_episodes.json`, so that it may judge a server. It shares no code with Reel and none with REAL. Texts in ⟦ ⟧ stand for
 fixed wording of the published code; no decision hangs on them.
 """

@@ -52,7 +52,7 @@ pub struct Explorer {
     old_numbers: BTreeSet<u32>,
     /// Receptacles it saw objects on.
     laden: BTreeSet<ReceptacleId>,
-    /// Categories it saw.
+    /// Categories of objects and furniture seen so far, for look-ups and questions.
     categories: BTreeSet<String>,
 }
 

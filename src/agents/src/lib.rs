@@ -1,8 +1,8 @@
 //! Policies that come with Reel, and the runner that plays and records episodes.
 //!
 //! The oracle, a planner that sees only what an agent sees, and policies with one fault each. Never
-//! the simulator's inside: a policy gets a [`Context`] and gives a call. Only the oracle and the
-//! faulty policies, which are built on it, read the truth.
+//! the simulator's inside: a policy gets a [`PolicyContext`] and gives a call. Only the oracle and
+//! the faulty policies, which are built on it, read the truth.
 
 mod explorer;
 mod faults;
@@ -52,63 +52,63 @@ pub enum AgentError {
     /// The episode cannot start.
     #[error("task {task}: the episode cannot start; check that task and scene belong together")]
     Start {
-        /// The task.
+        /// Id of the task whose episode cannot start.
         task: String,
-        /// Why.
+        /// Reason that the environment gave for refusing to start.
         source: reel_episode::EpisodeError,
     },
     /// The trace cannot be written.
     #[error("task {task}, seed {seed}: the trace cannot be written to {path}")]
     Trace {
-        /// The task.
+        /// Id of the task that was being recorded.
         task: String,
-        /// The seed.
+        /// Seed of the episode that was being recorded.
         seed: u64,
-        /// The trace.
+        /// Path of the trace that cannot be written.
         path: PathBuf,
-        /// Why.
+        /// The error that the trace writer reported.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// The task does not admit what shall go wrong.
     #[error("task {task}: this cannot go wrong there")]
     Injection {
-        /// The task.
+        /// Id of the task that does not admit the injection.
         task: String,
-        /// Why.
+        /// Reason why the injection cannot be applied to the task.
         source: InjectionError,
     },
     /// The episode was not begun.
     #[error("task {task}, seed {seed}: not played: {why}")]
     NotPlayed {
-        /// The task.
+        /// Id of the task whose episode was not begun.
         task: String,
-        /// The seed.
+        /// Seed of the episode that was not begun.
         seed: u64,
-        /// Why.
+        /// Reason why the episode was not begun, e.g. a spent budget.
         why: String,
     },
     /// A policy, a user or a matcher asks somebody who does not answer.
     #[error("task {task}, seed {seed}: no answer; the episode ended at step {step} as aborted")]
     NoAnswer {
-        /// The task.
+        /// Id of the task whose episode was aborted.
         task: String,
-        /// The seed.
+        /// Seed of the episode that was aborted.
         seed: u64,
         /// The step that was not decided.
         step: u32,
-        /// Why.
+        /// The error of the policy, user or matcher that gave no answer.
         source: ResponderError,
     },
     /// The label cannot be written.
     #[error("task {task}, seed {seed}: the label cannot be written to {path}")]
     Label {
-        /// The task.
+        /// Id of the task whose episode was labelled.
         task: String,
         /// The seed of the injection.
         seed: u64,
-        /// The label.
+        /// Path of the label file, `<trace>.label.json`.
         path: PathBuf,
-        /// Why.
+        /// The error that the operating system reported.
         source: std::io::Error,
     },
     /// An episode broke down by a fault of ours.
@@ -116,11 +116,11 @@ pub enum AgentError {
         "task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}"
     )]
     Panicked {
-        /// The task.
+        /// Id of the task whose episode panicked.
         task: String,
-        /// The policy.
+        /// Name of the policy that played the episode.
         policy: String,
-        /// The seed.
+        /// Seed of the episode that panicked.
         seed: u64,
         /// What the panic said.
         message: String,
@@ -130,9 +130,9 @@ pub enum AgentError {
     /// The worker threads cannot be started.
     #[error("{workers} worker threads cannot be started; ask for fewer")]
     Workers {
-        /// How many.
+        /// Number of worker threads that were requested.
         workers: usize,
-        /// Why.
+        /// The error message of the thread pool.
         message: String,
     },
 }

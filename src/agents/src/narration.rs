@@ -1,5 +1,6 @@
-//! What a built-in policy says along with its calls: reasoning, history and schedule (paper, policy
-//! context; SPEC section 4). Never an identifier of an object, so that a data set may hold it.
+//! What a built-in policy says along with its calls: reasoning, history and schedule (paper,
+//! Problem Formulation and Context Management; docs/spec.md#policy-context). Never an identifier of
+//! an object, so that a data set may hold it.
 
 use std::collections::VecDeque;
 

@@ -77,9 +77,9 @@ pub struct Oracle {
 /// How far the search for an object has come.
 #[derive(Clone, PartialEq, Eq, Debug)]
 enum Search {
-    /// Not begun.
+    /// The search for the object has not begun.
     Begin,
-    /// `show_object_by_category` was called.
+    /// `show_object_by_category` was called, with or without success.
     Probed,
     /// `walk_around` shall be called.
     Walk,

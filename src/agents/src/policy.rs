@@ -60,7 +60,7 @@ pub struct PerceivedItem {
     pub marker: Option<u32>,
     /// Whether it is a receptacle; else it is an object.
     pub furniture: bool,
-    /// e.g. `alarm clock`
+    /// Category of the object or furniture, e.g. `alarm clock`.
     pub category: String,
     /// How one would describe it. Of a receptacle's captions the one that stands in the
     /// instruction, if any: who knows the instruction sees that it fits.

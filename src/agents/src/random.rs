@@ -26,7 +26,7 @@ pub fn choose<'a, T>(rng: &mut ChaCha8Rng, choices: &'a [T]) -> Option<&'a T> {
     }
 }
 
-/// Fisher-Yates.
+/// Shuffles the items in place by the Fisher-Yates algorithm.
 pub fn shuffle<T>(rng: &mut ChaCha8Rng, items: &mut [T]) {
     for last in (1..items.len()).rev() {
         items.swap(last, below(rng, last + 1));

@@ -19,7 +19,7 @@ pub struct RecordTo {
     pub options: RecordOptions,
 }
 
-/// Writes a trace.
+/// A sink that records the episode as a trace file.
 pub struct TraceSink {
     recorder: Recorder,
 }

@@ -16,7 +16,7 @@ use serde_json::Value;
 pub struct ResponderError(pub Box<dyn Error + Send + Sync>);
 
 impl ResponderError {
-    /// Because of this.
+    /// Wraps the error that explains why no answer came.
     pub fn new(why: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Self(why.into())
     }
@@ -31,15 +31,15 @@ pub trait User {
     fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError>;
 }
 
-/// A question, and what a user knows of the world when it is asked (SPEC section 3): never a pose,
-/// never a picture.
+/// A question, and what a user knows of the world when it is asked (docs/spec.md#simulated-user):
+/// never a pose, never a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct UserQuestion<'a> {
-    /// The question.
+    /// Text that the robot asks the user.
     pub question: &'a str,
     /// The task, goal included: it is the user's.
     pub task: &'a Task,
-    /// The scene.
+    /// Scene that the episode plays in.
     pub scene: &'a Scene,
     /// Where everything was at the start.
     pub initial: &'a WorldGraph,
@@ -86,7 +86,7 @@ pub trait Matcher {
 /// Who answers from outside. Without a user the rules answer, without a matcher the vocabulary.
 #[derive(Default)]
 pub struct Responders {
-    /// Answers `ask`.
+    /// Answers the `ask` tool; `None` if the rule-based user does.
     pub user: Option<Box<dyn User + Send>>,
     /// Says what `show_object_by_category` shall look for.
     pub matcher: Option<Box<dyn Matcher + Send>>,

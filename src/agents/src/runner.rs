@@ -23,29 +23,29 @@ use crate::{
 /// How an episode went.
 #[derive(Clone, PartialEq, Debug)]
 pub struct EpisodeReport {
-    /// Its id.
+    /// Id of the episode, from its header.
     pub episode_id: String,
-    /// The task.
+    /// Id of the task that was played.
     pub task_id: String,
-    /// The task's family.
+    /// Family of the task that was played.
     pub family: Family,
-    /// The policy.
+    /// Name of the policy, as in the trace header.
     pub policy: String,
-    /// The seed.
+    /// Seed of the episode, from its header.
     pub seed: u64,
     /// SR: no goal change is left.
     pub success: bool,
     /// CR: share of the goal changes that hold.
     pub completion: f64,
-    /// Cumulative reward, undiscounted.
+    /// Sum of the rewards of all steps, undiscounted.
     pub total_reward: f64,
     /// SPL; none where the shortest path is unknown.
     pub spl: Option<f64>,
-    /// Decisions.
+    /// Number of decisions that the policy made.
     pub length: u32,
-    /// `ask` calls.
+    /// Number of `ask` calls in the episode.
     pub asks: u32,
-    /// Why it ended.
+    /// Reason why the episode ended, e.g. finished or aborted.
     pub end_reason: EndReason,
     /// The trace, where one was recorded.
     pub trace: Option<PathBuf>,
@@ -135,7 +135,7 @@ pub struct EpisodeJob {
 
 /// Who takes part in an episode: who decides, and who answers from outside.
 pub struct Participants {
-    /// Who decides.
+    /// Policy that decides every call of the episode.
     pub policy: Box<dyn Policy + Send>,
     /// Who answers from outside.
     pub outside: Responders,
@@ -207,6 +207,10 @@ pub fn run_injected(
         let mut path = trace.clone().into_os_string();
         path.push(".label.json");
         let text = serde_json::to_string_pretty(&label).expect("a label is plain data");
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "the label lies beside the trace; nothing is computed from it"
+        )]
         std::fs::write(&path, text + "\n").map_err(|source| AgentError::Label {
             task: task.task_id.clone(),
             seed: injection.seed,

@@ -10,10 +10,10 @@ use reel_world::{
 /// What went wrong while writing.
 pub type SinkError = Box<dyn Error + Send + Sync>;
 
-/// A finished recording.
+/// Path and size of a finished recording.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RecordedTrace {
-    /// The trace.
+    /// Path of the finished trace file.
     pub path: PathBuf,
     /// Its length in bytes.
     pub bytes: u64,
@@ -31,7 +31,7 @@ pub trait Sink {
     fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<RecordedTrace>, SinkError>;
 }
 
-/// Keeps nothing.
+/// A sink that discards every record and writes no trace.
 #[derive(Clone, Copy, Debug)]
 pub struct NoSink;
 

@@ -67,7 +67,7 @@ pub(crate) fn definite(noun: &str) -> String {
     }
 }
 
-/// `tables`, `shelves`, `couches`.
+/// Plural of an English noun: `tables`, `shelves`, `couches`.
 pub(crate) fn plural(noun: &str) -> String {
     let cut =
         |ending: &str, new: &str| noun.strip_suffix(ending).map(|stem| format!("{stem}{new}"));

@@ -13,36 +13,36 @@ pub enum AnnotateError {
         "cannot read the notes: {source}; annotate the trace first, or check the permissions: {path}"
     )]
     Read {
-        /// The file.
+        /// Path of the notes file that cannot be read.
         path: PathBuf,
-        /// The system's word.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// A file of notes cannot be written.
     #[error("cannot write the notes: {source}; check free space and permissions: {path}")]
     Write {
-        /// The file.
+        /// Path of the notes file that cannot be written.
         path: PathBuf,
-        /// The system's word.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// A line of a file of notes is none.
     #[error("line {line} is no {expected}: {message}; annotate the trace again: {path}")]
     Malformed {
-        /// The file.
+        /// Path of the notes file with the malformed line.
         path: PathBuf,
-        /// From 1.
+        /// Number of the malformed line, counted from 1.
         line: usize,
         /// What should stand there.
         expected: &'static str,
-        /// What is wrong.
+        /// Parser message, or that the file is empty.
         message: String,
     },
     /// The notes are those of another recording.
     #[error("the notes belong to trace {found}, not to {expected}: the trace was recorded anew; annotate it again: {path}",
         found = found.short(), expected = expected.short())]
     OtherTrace {
-        /// The file.
+        /// Path of the notes file that belongs to another trace.
         path: PathBuf,
         /// The trace at hand.
         expected: Digest,
@@ -52,7 +52,7 @@ pub enum AnnotateError {
     /// Some decisions have no note.
     #[error("{found} of {expected} decisions have a note; annotate the trace again: {path}")]
     Incomplete {
-        /// The file.
+        /// Path of the notes file that lacks notes.
         path: PathBuf,
         /// Decisions of the trace.
         expected: usize,
@@ -66,9 +66,9 @@ pub enum AnnotateError {
     Model {
         /// First decision that was asked about.
         from: usize,
-        /// Last one.
+        /// Last decision that was asked about, counted from 0.
         to: usize,
-        /// Why not.
+        /// The error that the model client reported.
         source: ModelError,
     },
 }

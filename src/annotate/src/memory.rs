@@ -11,7 +11,7 @@ use crate::{
     task::PublicTask,
 };
 
-/// What is known.
+/// What the agent can know before a decision, from earlier calls and outcomes.
 #[derive(Debug)]
 pub(crate) struct Memory<'a> {
     pub task: &'a PublicTask,
@@ -21,7 +21,7 @@ pub(crate) struct Memory<'a> {
     pub at: Option<&'a str>,
     /// Every place it went to, in order.
     pub visited: Vec<&'a str>,
-    /// The current map.
+    /// Markers after the last call: each number and what it stands for.
     pub markers: Vec<(u32, MarkedItem<'a>)>,
     /// What the last picture or inventory showed.
     pub in_view: Vec<ObservedObject<'a>>,
@@ -49,7 +49,7 @@ pub(crate) struct Memory<'a> {
     pub failures_in_a_row: usize,
 }
 
-/// The last call.
+/// The last call, with its error code if it failed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Last<'a> {
     pub call: Call<'a>,
@@ -161,7 +161,7 @@ impl<'a> Memory<'a> {
             .map(|(_, marked)| *marked)
     }
 
-    /// The numbered objects.
+    /// Iterates over the markers that stand for objects.
     pub fn numbered(&self) -> impl Iterator<Item = (u32, ObservedObject<'a>)> {
         self.markers
             .iter()

@@ -16,7 +16,7 @@ use crate::{
 /// Changes with every rule that changes what is written; [`version`] covers the wordings besides.
 const RULES: u32 = 1;
 
-/// What an agent says along with a decision (SPEC section 4).
+/// What an agent says along with a decision (docs/spec.md#policy-context).
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub struct Annotation {
     /// `c_t`: why the call is made.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{AnnotateError, Annotation};
 
-/// The first line.
+/// First line of a notes file: which trace was annotated, and how.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Provenance {
     /// The trace that was annotated: its last chain digest.
@@ -32,7 +32,7 @@ pub struct Provenance {
 /// A further line: the note of a decision.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Entry {
-    /// The note.
+    /// The note itself; its fields are inlined in the line.
     #[serde(flatten)]
     pub note: Annotation,
     /// Why the rules wrote it in a model's place, if they did.

@@ -39,7 +39,7 @@ pub struct Step<'a> {
 /// What a number stands for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum MarkedItem<'a> {
-    /// An object.
+    /// The number stands for an object that was seen.
     Object(ObservedObject<'a>),
     /// The id of a receptacle.
     Receptacle(&'a str),
@@ -50,7 +50,7 @@ pub enum MarkedItem<'a> {
 pub struct ObservedObject<'a> {
     /// Which one it is: compared, never written.
     pub key: &'a str,
-    /// e.g. `alarm clock`
+    /// Category of the object, e.g. `alarm clock`.
     pub category: &'a str,
     /// What it looks like.
     pub caption: Option<&'a str>,

@@ -21,11 +21,11 @@ pub struct PublicTask {
     pub purpose: Option<String>,
     /// How many things shall be moved.
     pub moves: usize,
-    /// Where it is.
+    /// Where the object is at the start of the task.
     pub source: ReceptacleRole,
     /// Where it shall go.
     pub destination: ReceptacleRole,
-    /// Every receptacle.
+    /// Every receptacle of the scene, whether the task names it or not.
     pub receptacles: Vec<PublicReceptacle>,
 }
 
@@ -38,14 +38,14 @@ pub struct ReceptacleRole {
     pub alike: Vec<String>,
 }
 
-/// A receptacle.
+/// A receptacle of the scene: what agents are told of it, and its captions.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct PublicReceptacle {
     /// Its id, which agents know.
     pub id: String,
-    /// e.g. `cabinet`
+    /// Category of the furniture, e.g. `cabinet`.
     pub category: String,
-    /// e.g. `living room`
+    /// Name of the room it stands in, e.g. `living room`.
     pub room: String,
     /// What people call it. Not known to agents: says which of the instruction's words apply to
     /// what they see.
@@ -103,7 +103,7 @@ impl PublicTask {
         }
     }
 
-    /// Finds a receptacle.
+    /// Finds a receptacle by its id; `None` if the scene has none of that id.
     pub fn receptacle(&self, id: &str) -> Option<&PublicReceptacle> {
         self.receptacles.iter().find(|place| place.id == id)
     }

@@ -19,18 +19,18 @@ pub(crate) struct PhraseVariants {
 /// The wordings of a file as constants, and all of them in `ALL`.
 macro_rules! wordings {
     ($($(#[$doc:meta])* $name:ident = [$($form:literal),+ $(,)?];)*) => {
-        $($(#[$doc])* pub(crate) const $name: $crate::voice::Wording =
-            $crate::voice::Wording { name: stringify!($name), forms: &[$($form),+] };)*
+        $($(#[$doc])* pub(crate) const $name: $crate::voice::PhraseVariants =
+            $crate::voice::PhraseVariants { name: stringify!($name), forms: &[$($form),+] };)*
         /// Every wording of this file.
-        pub(crate) const ALL: &[$crate::voice::Wording] = &[$($name),*];
+        pub(crate) const ALL: &[$crate::voice::PhraseVariants] = &[$($name),*];
     };
 }
 pub(crate) use wordings;
 
-/// Who chooses.
+/// Chooses among the forms of a wording, by seed, wording and step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PhraseChooser {
-    /// Of the episode.
+    /// Seed of the choice of wordings, one per episode.
     pub seed: u64,
 }
 

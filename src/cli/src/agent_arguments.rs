@@ -166,7 +166,7 @@ impl AgentSet {
     /// Seats them at an episode.
     ///
     /// # Errors
-    /// Never for names that [`Players::cast`] let through.
+    /// Never for names that [`AgentArguments::agent_set`] let through.
     pub fn instantiate(&self, job: &EpisodeJob) -> Result<Participants, AgentError> {
         let outside = self.outside();
         match &self.deciding {

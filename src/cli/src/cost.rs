@@ -3,7 +3,7 @@
 
 use std::{fmt, time::Instant};
 
-/// A stopwatch.
+/// Stopwatch for wall and CPU time per round; prints the process's peak memory too.
 pub struct Cost {
     began: Instant,
     cpu_s: Option<f64>,

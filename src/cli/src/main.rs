@@ -278,7 +278,7 @@ fn end_with_the_reader() {
 /// What a command came to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ExitStatus {
-    /// Fine.
+    /// The command did what was asked (exit code 0).
     Success,
     /// The answer is "no": a replay diverged, a check failed.
     CheckFailed,

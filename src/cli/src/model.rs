@@ -8,7 +8,7 @@ use std::{
 
 use reel_llm::client::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
 
-/// Whom to ask.
+/// The model to ask, behind an OpenAI-compatible endpoint.
 #[derive(clap::Args)]
 pub struct Model {
     /// Address up to `/v1`
@@ -40,7 +40,7 @@ impl Model {
     }
 }
 
-/// The system's clock.
+/// Clock that reads the system time and sleeps on the calling thread.
 pub struct RealClock;
 
 impl Clock for RealClock {

@@ -42,7 +42,7 @@ pub(crate) const MESSAGE_BYTES: usize = 256 << 20;
 pub struct Address {
     /// A name or an IP address.
     pub host: String,
-    /// Of TCP.
+    /// TCP port on which the scheduler listens.
     pub port: u16,
 }
 
@@ -122,7 +122,7 @@ impl Cluster {
         })
     }
 
-    /// The engine of sessions that let the cluster answer: `Session::elsewhere`.
+    /// The engine of sessions that let the cluster answer: `QuerySession::elsewhere`.
     pub fn engine(&self) -> Box<EngineFactory> {
         let url = self.url.clone();
         Box::new(move |state: SessionState| engine::engine(state, &url))

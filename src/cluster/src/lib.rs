@@ -36,15 +36,15 @@ pub enum ClusterError {
     /// An address is none.
     #[error("'{text}' is no address of a scheduler: {reason}; give host:port or df://host:port")]
     Address {
-        /// What was given.
+        /// The text that was given as an address.
         text: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// Nobody listens there.
+    /// No scheduler can be reached at the address.
     #[error("no scheduler answers at {address}: {reason}; `reel cluster scheduler` starts one")]
     Silent {
-        /// Where.
+        /// Address of the scheduler that did not answer.
         address: String,
         /// What the connection said.
         reason: String,
@@ -52,7 +52,7 @@ pub enum ClusterError {
     /// An executor will not do what it is asked for.
     #[error("the cluster refuses: {reason}")]
     Refused {
-        /// Why.
+        /// The reason that the executor gave.
         reason: String,
     },
     /// Work failed for so long that it is given up.
@@ -60,18 +60,18 @@ pub enum ClusterError {
         "the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well"
     )]
     Lost {
-        /// Of the scheduler.
+        /// Address of the scheduler that was asked.
         address: String,
         /// What came of it last.
         reason: String,
     },
-    /// Somebody pressed Ctrl-C.
+    /// The user pressed Ctrl-C while the cluster was working.
     #[error("stopped; the cluster was told")]
     Stopped,
     /// A scheduler or an executor cannot run.
-    #[error("{what}: {reason}")]
+    #[error("{action}: {reason}")]
     Run {
-        /// What was tried.
+        /// What failed, as the message begins, e.g. `the scheduler ended`.
         action: &'static str,
         /// What came of it.
         reason: String,

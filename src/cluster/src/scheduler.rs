@@ -14,7 +14,7 @@ use crate::{ClusterError, client::MESSAGE_BYTES, files, runtime, work::Worker};
 /// A scheduler to be.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SchedulerOptions {
-    /// Where it listens.
+    /// Socket address on which the scheduler accepts connections.
     pub listen: SocketAddr,
     /// The name or address by which executors reach it.
     pub advertise: String,

@@ -27,11 +27,11 @@ pub struct TaskBriefing {
 /// A piece of furniture as an agent knows it.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct PublicReceptacle {
-    /// e.g. `table_1`
+    /// Id of the receptacle, e.g. `table_1`.
     pub id: String,
-    /// e.g. `table`
+    /// Category of the receptacle, e.g. `table`.
     pub category: String,
-    /// e.g. `living room/0`
+    /// Room that the receptacle stands in, e.g. `living room/0`.
     pub room: String,
 }
 

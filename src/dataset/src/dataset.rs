@@ -83,7 +83,7 @@ fn picture_root(root: &Path, format: Format) -> PathBuf {
     }
 }
 
-/// Writes one dataset.
+/// Writes one dataset: images, shards of rows, dataset card and manifest.
 pub struct DatasetWriter {
     root: PathBuf,
     options: WriterOptions,

@@ -17,9 +17,9 @@ pub type ImageId = Digest;
 pub struct Episode {
     /// As in the trace.
     pub episode_id: String,
-    /// e.g. `FDP/verify_task_10`
+    /// Id of the episode's task, e.g. `FDP/verify_task_10`.
     pub task_id: String,
-    /// e.g. `FDP`
+    /// Family of the episode's task, e.g. `FDP`.
     pub family: String,
     /// The scene it played in.
     pub scene_id: String,
@@ -59,7 +59,7 @@ pub struct Step {
     pub history: String,
     /// `New Schedule`: what is left to do.
     pub schedule: String,
-    /// `Current subtask`
+    /// `Current subtask`: what the agent is doing now.
     pub subtask: String,
     /// The category of what the gripper holds after the call; `None` if nothing.
     pub held: Option<String>,
@@ -84,7 +84,7 @@ pub struct Source {
     pub verdict_sim_version: String,
     /// Reward preset, e.g. `paper`.
     pub preset: String,
-    /// Its digest.
+    /// Digest of the reward preset; empty where the preset is unknown.
     pub preset_digest: String,
     /// Version of the failure rules; empty where none ran.
     pub rules_version: String,

@@ -10,9 +10,9 @@ pub enum DatasetError {
     /// A file cannot be read or written.
     #[error("cannot write the dataset: {source}: {path}", path = path.display())]
     Io {
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
-        /// The file.
+        /// Path of the file or folder that could not be read or written.
         path: PathBuf,
     },
     /// An example's picture was not put into the store before.
@@ -20,39 +20,39 @@ pub enum DatasetError {
         "example {example} shows picture {image}, which is not in the dataset: put it before the row"
     )]
     Image {
-        /// The example.
+        /// Id of the example that shows the image.
         example: String,
-        /// Its picture.
+        /// Digest of the image that is missing from the store.
         image: ImageId,
     },
     /// A picture's pixels are not what its size says.
     #[error("picture {image} has {found} bytes instead of 3 x {width} x {height}")]
     Pixels {
-        /// Which.
+        /// Digest that names the image with the wrong number of bytes.
         image: ImageId,
-        /// Bytes given.
+        /// Number of bytes that were given as pixels.
         found: usize,
-        /// In pixels.
+        /// Width that was given for the image, in pixels.
         width: u32,
-        /// In pixels.
+        /// Height that was given for the image, in pixels.
         height: u32,
     },
     /// A picture cannot be resized or encoded.
     #[error("picture {image} cannot be encoded: {reason}")]
     Encode {
-        /// Which.
+        /// Digest that names the image that cannot be resized or encoded.
         image: ImageId,
-        /// The library's reason.
+        /// The error that the image library reported.
         reason: String,
     },
     /// The format cannot hold an example as it is.
     #[error("example {example} cannot be written as {format}: {reason}")]
     UnsupportedFormat {
-        /// The example.
+        /// Id of the example that cannot be written.
         example: String,
-        /// The format.
+        /// Name of the format that cannot hold the example.
         format: &'static str,
-        /// Why.
+        /// Why the format cannot hold the example.
         reason: &'static str,
     },
     /// A tokenizer's file is none.
@@ -60,13 +60,13 @@ pub enum DatasetError {
     Tokenizer {
         /// Why it cannot be read.
         reason: String,
-        /// The file.
+        /// Path of the tokenizer file that was given.
         path: PathBuf,
     },
     /// Ratios of a split that are none.
     #[error("split ratios {found:?} are not three numbers from 0 that add up to more than 0")]
     Ratios {
-        /// As given.
+        /// The ratios as given, for train, validation and test.
         found: [f64; 3],
     },
 }

@@ -1,5 +1,6 @@
-//! Examples: a conversation up to a decision, from which a model learns that decision (SPEC
-//! sections 4 and 8). Owns what becomes an example. Knows no format, no file.
+//! Examples: a conversation up to a decision, from which a model learns that decision
+//! (docs/spec.md#policy-context and docs/spec.md#sft-data). Owns what becomes an example. Knows no
+//! format, no file.
 
 use std::{
     borrow::Cow,
@@ -31,7 +32,7 @@ pub enum Style {
 }
 
 impl Style {
-    /// All of them.
+    /// All styles, in the order of their declaration.
     pub const ALL: [Style; 3] = [Style::SingleTurn, Style::MultiTurn, Style::MultiTurnPrefix];
 
     /// As it stands on the command line and in manifests.
@@ -66,7 +67,7 @@ pub struct SharedText {
 }
 
 impl SharedText {
-    /// Holds it.
+    /// Holds a text; its JSON escapes are made at first use.
     pub fn new(raw: impl Into<String>) -> Self {
         Self {
             raw: raw.into(),
@@ -74,7 +75,7 @@ impl SharedText {
         }
     }
 
-    /// The text.
+    /// The text as it was given, without JSON escapes.
     pub fn as_str(&self) -> &str {
         &self.raw
     }
@@ -91,7 +92,7 @@ impl SharedText {
 /// A turn of the conversation.
 #[derive(Clone, Debug)]
 pub enum Turn {
-    /// How to behave.
+    /// The system message, which says how to behave.
     System(Arc<SharedText>),
     /// What the agent is told, and its images. A `<image>` in the text stands for the first of
     /// them.
@@ -100,7 +101,7 @@ pub enum Turn {
         setting: Arc<SharedText>,
         /// The rest, of this decision.
         situation: String,
-        /// What it sees.
+        /// Images that the agent sees at this turn.
         images: Vec<ImageId>,
     },
     /// What the model shall say, as text.
@@ -120,11 +121,11 @@ pub enum Turn {
     },
     /// What the tool told, and what the agent saw then if that was new.
     Outcome {
-        /// The call's.
+        /// Id of the call that the outcome belongs to, e.g. `call_3`.
         id: String,
         /// The tool as it was called.
         name: String,
-        /// What it told.
+        /// Text that the tool returned to the agent.
         text: String,
         /// What the agent saw.
         images: Vec<ImageId>,
@@ -132,7 +133,7 @@ pub enum Turn {
 }
 
 impl Turn {
-    /// Its pictures.
+    /// Images of the turn, in order; empty if it has none.
     pub fn images(&self) -> &[ImageId] {
         match self {
             Turn::User { images, .. } | Turn::Outcome { images, .. } => images,
@@ -146,13 +147,13 @@ impl Turn {
 pub struct EpisodeInfo {
     /// As in the trace.
     pub episode_id: String,
-    /// The task's id.
+    /// Id of the task that the episode plays.
     pub task_id: String,
-    /// The task's family.
+    /// Family of the episode's task, e.g. `FDP`.
     pub family: String,
-    /// The scene.
+    /// Id of the scene that the episode plays in.
     pub scene_id: String,
-    /// Who decided.
+    /// Name of the policy that made the decisions, e.g. `oracle`.
     pub policy: String,
     /// What the agent was told to do.
     pub instruction: String,
@@ -176,7 +177,7 @@ pub struct Example {
     pub call: u32,
     /// Its tool by the name in the paper.
     pub tool: String,
-    /// Its episode.
+    /// Facts that all examples of its episode have in common.
     pub about: Arc<EpisodeInfo>,
     /// How it is put.
     pub style: Style,
@@ -267,7 +268,7 @@ pub(crate) fn call_json(name: &str, arguments: &str) -> String {
 /// The examples of an episode.
 #[derive(Clone, Debug, Default)]
 pub struct Examples {
-    /// In order.
+    /// The examples, in the order of their decisions.
     pub examples: Vec<Example>,
     /// What was left out because of its texts. Steps that are not to be learned do not count.
     pub refused: Vec<RefusedDecision>,

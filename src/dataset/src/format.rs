@@ -1,4 +1,4 @@
-//! The formats that trainers load (SPEC section 11, "Dataset formats"): one row of text an example.
+//! The formats that trainers load (docs/spec.md#dataset-formats): one row of text an example.
 //! Owns each format's shape; decides nothing about what is in an example. Parquet (vi) is written
 //! elsewhere, from [`Example`]s.
 
@@ -31,7 +31,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// All of them, in the order of the specification.
+    /// All of them, in the order of docs/spec.md#dataset-formats.
     pub const ALL: [Format; 6] = [
         Format::QwenVl,
         Format::MsSwift,

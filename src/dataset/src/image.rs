@@ -17,23 +17,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, ImageId};
 
-/// The most pixels of a picture in training (SPEC section 8).
+/// The most pixels of a picture in training (docs/spec.md#sft-data).
 pub const PIXELS_MAX: u32 = 100_352;
-/// The fewest.
+/// The fewest pixels of an image in training; smaller images are enlarged.
 pub const PIXELS_MIN: u32 = 784;
 
 /// How pictures are encoded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
-    /// Without loss.
+    /// PNG without loss, which is the default.
     #[default]
     Png,
-    /// Without loss, smaller.
+    /// WebP without loss, in smaller files than PNG.
     Webp,
     /// With loss, from 1 to 100.
     Jpeg {
-        /// 100 is best.
+        /// Quality from 1 to 100, where 100 is best.
         quality: u8,
     },
 }
@@ -115,9 +115,9 @@ impl ImageOptions {
 pub struct StoredImage {
     /// From the dataset's folder, with `/`: `images/ab/<64 digits>.png`.
     pub path: String,
-    /// In pixels.
+    /// Width of the image as written, in pixels.
     pub width: u32,
-    /// In pixels.
+    /// Height of the image as written, in pixels.
     pub height: u32,
     /// Size of the file.
     pub bytes: u64,
@@ -133,7 +133,7 @@ pub struct ImageStore {
 }
 
 impl ImageStore {
-    /// Pictures under `<root>/images`.
+    /// An empty store that writes its images under `<root>/images`.
     pub fn new(root: &Path, options: ImageOptions) -> Self {
         Self {
             root: root.to_owned(),

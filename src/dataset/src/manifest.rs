@@ -21,26 +21,26 @@ pub const MANIFEST: &str = "manifest.json";
 /// How many examples there are of each kind.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct Counts {
-    /// All.
+    /// Number of all examples in the dataset.
     pub examples: u64,
     /// Pictures that they show; the same one may be shown often.
     pub images: u64,
-    /// By part.
+    /// Number of examples in each split: train, validation and test.
     pub splits: BTreeMap<Split, u64>,
-    /// By task family.
+    /// Number of examples of each task family, e.g. `FDP`.
     pub families: BTreeMap<String, u64>,
     /// By tool, in its name of the paper.
     pub tools: BTreeMap<String, u64>,
-    /// By policy.
+    /// Number of examples of each policy, by its name.
     pub policies: BTreeMap<String, u64>,
-    /// By verdict.
+    /// Number of examples by replay verdict: `exact` or `unverified`.
     pub verdicts: BTreeMap<String, u64>,
-    /// By annotator.
+    /// Number of examples by annotator, e.g. `rules-1` or a model's name.
     pub annotators: BTreeMap<String, u64>,
 }
 
 impl Counts {
-    /// Adds an example.
+    /// Counts one more example in every category that it belongs to.
     pub fn add(&mut self, example: &Example) {
         let about = &example.about;
         self.examples += 1;
@@ -64,9 +64,9 @@ impl Counts {
 pub struct FileEntry {
     /// From the dataset's folder, with `/`.
     pub path: String,
-    /// Size.
+    /// Size of the file in bytes.
     pub bytes: u64,
-    /// Of its bytes.
+    /// BLAKE3 digest of the file's bytes.
     pub blake3: Digest,
 }
 
@@ -84,7 +84,7 @@ pub struct PromptTemplate {
 pub struct Manifest {
     /// What it is called.
     pub name: String,
-    /// Its format.
+    /// Format in which the rows are written.
     pub format: Format,
     /// How a decision is put.
     pub style: Style,

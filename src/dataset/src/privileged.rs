@@ -1,9 +1,10 @@
 //! What an agent never reads and no training text may carry: `Debug Info`, `finish` payloads, world
-//! graphs, plans, poses, instances, goals (SPEC sections 2, 8 and 9).
+//! graphs, plans, poses, instances, goals (docs/spec.md#episode, docs/spec.md#sft-data and
+//! docs/spec.md#published-results).
 //!
 //! Owns the removal of whole payloads ([`strip`]) and the refusal of whatever remains
-//! ([`privileged`]). Knows no format and no episode but what [`Secrets`] names; never rewrites a
-//! sentence.
+//! ([`find_leak`]). Knows no format and no episode but what [`PrivilegedFacts`] names; never
+//! rewrites a sentence.
 
 use std::{borrow::Cow, collections::BTreeSet, fmt, ops::Range, sync::LazyLock};
 
@@ -61,7 +62,7 @@ impl fmt::Display for LeakKind {
 /// Privileged text that was found.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Leak {
-    /// What it is.
+    /// The kind of privileged text that was found.
     pub kind: LeakKind,
     /// Where, in bytes of the text as it was given; the whole disguise where it was encoded.
     pub span: Range<usize>,

@@ -11,11 +11,11 @@ use crate::{
 /// A decision that did not become an example, or an episode that gave none.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RefusedDecision {
-    /// The episode.
+    /// Id of the episode that the decision belongs to.
     pub episode_id: String,
     /// The decision; none where the whole episode was refused.
     pub call: Option<u32>,
-    /// Why.
+    /// Why the decision or the whole episode is refused.
     pub reason: RefusalReason,
 }
 
@@ -24,18 +24,18 @@ pub struct RefusedDecision {
 pub enum RefusalReason {
     /// Something that an agent must not know is in a text.
     Leak {
-        /// What.
+        /// The kind of privileged text that was found.
         kind: LeakKind,
         /// In which text, e.g. `History of call 3`.
         field: String,
-        /// How it begins.
+        /// The privileged text, cut to its first 80 characters.
         excerpt: String,
     },
     /// A text holds what trainers take for a picture or a turn.
     Tag {
-        /// What.
+        /// The tag that the text holds, e.g. `<image>`.
         tag: &'static str,
-        /// In which text.
+        /// Name of the text that holds the tag, e.g. `History of call 3`.
         field: String,
     },
 }

@@ -1,6 +1,6 @@
 //! What decisions were worth to reinforcement learning: reward, return and advantage in a rollout
-//! group (SPEC section 5), as fields of their rows; and the list of tasks that a trainer asks for
-//! (SPEC section 11). Computes no reward.
+//! group (docs/spec.md#advantages), as fields of their rows; and the list of tasks that a trainer
+//! asks for (docs/spec.md#published-servers). Computes no reward.
 
 use std::{collections::BTreeSet, fmt::Write as _};
 
@@ -22,7 +22,7 @@ pub struct Rollout {
     pub step: u32,
     /// How many decisions the episode has.
     pub steps: u32,
-    /// Of this decision.
+    /// Reward that the agent got for this decision.
     pub reward: f64,
     /// Of the episode: the sum of its rewards as the manifest says (`rollouts.returns`), `J_i`.
     #[serde(rename = "return")]

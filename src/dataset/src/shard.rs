@@ -19,7 +19,7 @@ pub struct Shard {
     /// The file beside it with the provenance of its rows in their order, where the rows cannot
     /// hold it.
     pub provenance: Option<String>,
-    /// Rows in it.
+    /// Number of rows in the file.
     pub rows: u64,
 }
 

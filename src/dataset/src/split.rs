@@ -12,17 +12,17 @@ use crate::DatasetError;
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
-    /// To learn from.
+    /// Examples that a model is trained on.
     #[default]
     Train,
-    /// To choose by.
+    /// Examples for choosing between checkpoints or settings of training.
     Validation,
-    /// To judge by.
+    /// Examples for judging the finished model only.
     Test,
 }
 
 impl Split {
-    /// All of them.
+    /// All splits, in the order train, validation, test.
     pub const ALL: [Split; 3] = [Split::Train, Split::Validation, Split::Test];
 
     /// As Hugging Face names it.
@@ -140,9 +140,9 @@ fn hash(group: &str, seed: u64) -> u64 {
 pub struct Leakage {
     /// What kind: `task`, `scene`, `instruction`, `image`.
     pub what: String,
-    /// Which.
+    /// What the splits share: a task id, scene id, instruction or image path.
     pub key: String,
-    /// Where.
+    /// The splits that hold it, two or more.
     pub splits: BTreeSet<Split>,
 }
 

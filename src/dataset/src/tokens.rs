@@ -1,6 +1,6 @@
 //! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as
-//! Qwen-VL counts them, against the context of training (SPEC section 8). Estimates: a trainer's
-//! template decides.
+//! Qwen-VL counts them, against the context of training (docs/spec.md#sft-data). Estimates: a
+//! trainer's template decides.
 
 use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 
@@ -25,7 +25,7 @@ const BAR_TOKENS: u32 = 1_024;
 pub trait Tokenizer: fmt::Debug + Send + Sync {
     /// For people: what counts, and how well.
     fn name(&self) -> &str;
-    /// How many tokens.
+    /// Number of tokens in the text, without those that a template adds.
     fn count(&self, text: &str) -> u32;
 }
 
@@ -106,12 +106,12 @@ pub fn image_tokens(width: u32, height: u32, side: u32) -> u32 {
 pub struct TokenCount {
     /// Of its texts, with what a template puts around turns.
     pub text: u32,
-    /// Of its pictures.
+    /// Tokens of its images, with those that stand around each image.
     pub image: u32,
 }
 
 impl TokenCount {
-    /// Both.
+    /// Tokens of the texts and the images together.
     pub fn total(self) -> u32 {
         self.text.saturating_add(self.image)
     }
@@ -197,11 +197,11 @@ pub struct TokenReport {
     pub image_side: u32,
     /// The context of training.
     pub budget: u32,
-    /// Examples counted.
+    /// Number of examples that were counted.
     pub examples: u64,
     /// Examples that are longer than the budget.
     pub over: u64,
-    /// The longest.
+    /// Length of the longest example, in tokens of texts and images.
     pub longest: u32,
     /// Tokens of all texts.
     pub text: u64,
@@ -212,7 +212,7 @@ pub struct TokenReport {
 }
 
 impl TokenReport {
-    /// Empty.
+    /// A report that has counted no examples yet.
     pub fn new(tokenizer: &dyn Tokenizer, image_side: u32, budget: u32) -> Self {
         Self {
             tokenizer: tokenizer.name().to_owned(),
@@ -227,7 +227,7 @@ impl TokenReport {
         }
     }
 
-    /// Adds an example.
+    /// Adds one example by its numbers of tokens.
     pub fn add(&mut self, count: TokenCount) {
         let total = count.total();
         self.examples += 1;

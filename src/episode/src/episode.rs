@@ -23,7 +23,7 @@ use crate::{
 /// What a policy is told whose answer holds no call.
 const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
 
-/// A running episode.
+/// A running episode: simulator, user, rewards and the records so far.
 pub struct Episode {
     config: EpisodeConfig,
     header: EpisodeHeader,
@@ -36,7 +36,7 @@ pub struct Episode {
     ended: Option<EndReason>,
 }
 
-/// An episode put aside; see [`Episode::park`].
+/// An episode put aside; see [`Episode::suspend`].
 #[derive(Debug)]
 pub struct Suspended {
     stage: Arc<PreparedTask>,
@@ -88,7 +88,7 @@ impl Suspended {
         )
     }
 
-    /// The task.
+    /// The task that the suspended episode plays.
     pub fn task(&self) -> &Arc<Task> {
         &self.config.task
     }
@@ -137,7 +137,7 @@ impl Episode {
     }
 
     /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`,
-    /// by [`stage`].
+    /// by [`prepare_task`].
     ///
     /// # Panics
     /// When it is the stage of another task or scene.
@@ -145,7 +145,7 @@ impl Episode {
         stage: Arc<PreparedTask>,
         config: EpisodeConfig,
     ) -> (Episode, StartRecord, Frame) {
-        Self::begin(prepare_task, config, Detail::Full)
+        Self::begin(stage, config, Detail::Full)
     }
 
     fn begin(
@@ -153,9 +153,9 @@ impl Episode {
         config: EpisodeConfig,
         detail: Detail,
     ) -> (Episode, StartRecord, Frame) {
-        check_stage(&prepare_task, &config);
+        check_stage(&stage, &config);
         let header = header(&config);
-        let mut simulator = Simulator::new(prepare_task, config.profile, config.seed);
+        let mut simulator = Simulator::new(stage, config.profile, config.seed);
         simulator.set_detail(detail);
         let frame = simulator.capture_frame();
         let graphs = simulator.graphs();
@@ -206,7 +206,7 @@ impl Episode {
     }
 
     /// [`Episode::resume`] on a stage that is there already: that of the task and scene of
-    /// `config`, by [`stage`].
+    /// `config`, by [`prepare_task`].
     ///
     /// # Errors
     /// When the snapshot is not one of the state after these steps.
@@ -220,7 +220,7 @@ impl Episode {
         steps: Vec<StepRecord>,
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
-        check_stage(&prepare_task, &config);
+        check_stage(&stage, &config);
         let last = steps.last().map_or(&start.digests, |step| &step.digests);
         if last.state != snapshot.digest() {
             return Err(EpisodeError::SnapshotMismatch {
@@ -229,7 +229,7 @@ impl Episode {
                 found: snapshot.digest(),
             });
         }
-        let simulator = Simulator::resume(prepare_task, config.profile, config.seed, snapshot)?;
+        let simulator = Simulator::resume(stage, config.profile, config.seed, snapshot)?;
         let (mut rewarder, mut user) = observers(&config, &start);
         for step in &steps {
             // Its terms are in the record already; what counts is what the rewarder remembers of
@@ -294,7 +294,7 @@ impl Episode {
             ..
         } = self;
         Suspended {
-            prepare_task,
+            stage,
             config,
             start,
             steps,
@@ -309,12 +309,12 @@ impl Episode {
         &self.header
     }
 
-    /// The task.
+    /// The task that the episode plays.
     pub fn task(&self) -> &Arc<Task> {
         &self.config.task
     }
 
-    /// The scene.
+    /// The scene that the episode plays in.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.config.scene
     }
@@ -408,7 +408,7 @@ impl Episode {
         self.ended
     }
 
-    /// The simulator's truth.
+    /// The true state of the simulator, which no policy under evaluation may see.
     pub fn privileged(&self) -> Privileged<'_> {
         Privileged {
             task: &self.config.task,
@@ -585,9 +585,9 @@ pub fn prepare_task(
 }
 
 fn check_stage(stage: &PreparedTask, config: &EpisodeConfig) {
-    let its = Arc::ptr_eq(prepare_task.task(), &config.task)
-        && Arc::ptr_eq(prepare_task.scene(), &config.scene)
-        && *prepare_task.meshes() == config.meshes;
+    let its = Arc::ptr_eq(stage.task(), &config.task)
+        && Arc::ptr_eq(stage.scene(), &config.scene)
+        && *stage.meshes() == config.meshes;
     assert!(
         its,
         "the stage of task {} was handed to task {}",
@@ -596,7 +596,7 @@ fn check_stage(stage: &PreparedTask, config: &EpisodeConfig) {
     );
 }
 
-/// The last link.
+/// Chain digest after the last step; that of the start if there is no step.
 fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
     steps
         .last()

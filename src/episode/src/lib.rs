@@ -21,7 +21,7 @@ pub use reel_sim::PreparedTask;
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]
 pub struct EpisodeConfig {
-    /// The task.
+    /// The task that the episode plays.
     pub task: Arc<Task>,
     /// The scene of that task.
     pub scene: Arc<Scene>,
@@ -37,7 +37,7 @@ pub struct EpisodeConfig {
     pub preset: Preset,
     /// The run it belongs to.
     pub run_id: String,
-    /// Who decides.
+    /// The policy that makes the decisions.
     pub policy: PolicyInfo,
     /// The prompt group it is played for, if any.
     pub rollout: Option<Rollout>,
@@ -49,9 +49,9 @@ pub struct EpisodeConfig {
 /// are relative to each other.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Rollout {
-    /// The group.
+    /// Id of the prompt group, which all of its episodes share.
     pub group_id: String,
-    /// From 0.
+    /// Index of the episode in its group, from 0.
     pub index: u32,
 }
 
@@ -68,7 +68,7 @@ impl Rollout {
 /// What a step gives back: the record for the trace and the picture for the policy.
 #[derive(Clone, Debug)]
 pub struct StepOutput {
-    /// The record.
+    /// Record of the step, for the trace.
     pub record: StepRecord,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
@@ -78,13 +78,13 @@ pub struct StepOutput {
 #[derive(Debug, thiserror::Error)]
 pub enum EpisodeError {
     /// The task plays in another scene.
-    #[error("task {task} plays in scene {wanted}, not in {given}")]
+    #[error("task {task} plays in scene {expected}, not in {found}")]
     SceneMismatch {
-        /// The task.
+        /// Id of the task that was to be played.
         task: String,
-        /// Its scene.
+        /// Id of the scene that the task plays in.
         expected: String,
-        /// The scene given.
+        /// Id of the scene that was given instead.
         found: String,
     },
     /// The snapshot is of another moment or episode.
@@ -92,9 +92,9 @@ pub enum EpisodeError {
     SnapshotMismatch {
         /// How many steps were before.
         steps: usize,
-        /// The recorded state.
+        /// State digest in the record, after the last recorded step.
         expected: Digest,
-        /// The snapshot's.
+        /// Digest of the state that the snapshot holds.
         found: Digest,
     },
     /// The snapshot cannot be restored.
@@ -105,7 +105,7 @@ pub enum EpisodeError {
 /// What an agent is told before its first decision: nothing privileged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Briefing {
-    /// The instruction.
+    /// The task's instruction to the agent, in natural language.
     pub instruction: String,
     /// Receptacle ids with category and room.
     pub receptacles: Vec<(ReceptacleId, String, String)>,
@@ -147,7 +147,7 @@ pub struct Observation {
 pub struct Privileged<'a> {
     /// The task, goal included.
     pub task: &'a Task,
-    /// The scene.
+    /// The scene that the episode plays in.
     pub scene: &'a Scene,
     /// Where the objects are, by the authority of the profile: physics, or with the published
     /// servers the registry.

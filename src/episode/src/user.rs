@@ -1,4 +1,5 @@
-//! The rule-based simulated user (SPEC section 3; paper, Simulated User Module). Four rules:
+//! The rule-based simulated user (docs/spec.md#simulated-user; paper, Simulated User Module). Four
+//! rules:
 //!
 //! 1. Goal-driven: every reply leads from the start towards the goal.
 //! 2. Information barrier: it never tells the exact place of the target; of the source it says no
@@ -69,7 +70,7 @@ impl RuleUser {
         self.seen.contains(&self.task.target)
     }
 
-    /// Answers a question.
+    /// Answers a question of the robot by the user's rules.
     pub fn answer(&self, question: &str) -> UserReply {
         UserReply {
             text: self.reply(question),

@@ -7,7 +7,7 @@ use reel_annotate::{
     AnnotateError, Annotation, MarkedItem, ObservedObject, Step as Decision, notes_path, read_notes,
 };
 use reel_dataset::{Rollout, Step};
-use reel_history::{Checker, EpisodeFacts, StepFacts, mend};
+use reel_history::{Checker, EpisodeFacts, StepFacts, repair_history};
 use reel_trace::Trace;
 use reel_world::{Digest, ErrorCode, TokenLogprobs};
 use serde::Deserialize;

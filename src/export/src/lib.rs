@@ -1,5 +1,5 @@
 //! Training sets out of a store of tables: which episodes and decisions, verified how, in which
-//! words, order and part (SPEC sections 8 and 11).
+//! words, order and part (docs/spec.md#sft-data and docs/spec.md#dataset-formats).
 //!
 //! Owns the choice, the verification and the order of rows; what a row looks like is
 //! `reel-dataset`'s matter. Nothing that is not verified leaves the store, unless asked for, and
@@ -43,9 +43,9 @@ pub enum AnnotationSource {
     /// A model's own where one spoke, mended; else written by rules.
     #[default]
     Auto,
-    /// Written by rules.
+    /// Text written by rules, even where a model spoke.
     Rules,
-    /// As recorded, mended.
+    /// Text as recorded; History sentences that the record contradicts are mended or dropped.
     Recorded,
     /// Of the file beside each trace that `reel annotate` wrote.
     Notes,
@@ -85,11 +85,11 @@ pub struct ExportOptions {
     /// What single turns are put by.
     #[serde(skip)]
     pub prompt: Arc<Prompt>,
-    /// Whose words.
+    /// Whose reasoning, History, schedule and subtask the examples have.
     pub words: AnnotationSource,
     /// What a part keeps together.
     pub split_by: SplitBy,
-    /// The parts' shares.
+    /// Shares of the data that train, validation and test get.
     pub ratios: Ratios,
     /// Whether examples have pictures.
     pub pictures: bool,
@@ -113,7 +113,7 @@ pub struct ExportOptions {
 /// What an export did.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
 pub struct ExportReport {
-    /// Examples by part.
+    /// Number of examples in each split of the dataset.
     pub examples: BTreeMap<Split, u64>,
     /// Episodes that gave some.
     pub episodes: u64,
@@ -127,7 +127,7 @@ pub struct ExportReport {
     pub unverified: u64,
     /// Sentences of recorded Histories that were mended, and dropped.
     pub history: HistoryRepairs,
-    /// Different pictures.
+    /// Number of different images in the dataset.
     pub pictures: usize,
     /// How long the examples are.
     pub tokens: Option<TokenReport>,
@@ -138,22 +138,22 @@ pub struct ExportReport {
 /// Sentences of Histories that contradicted the record.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct HistoryRepairs {
-    /// Set right.
+    /// Number of sentences that were corrected by the record.
     pub mended: u64,
-    /// Dropped.
+    /// Number of sentences that were dropped from Histories.
     pub dropped: u64,
 }
 
 /// An episode, or one of its decisions, that was refused.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct RefusedEpisode {
-    /// The episode.
+    /// Id of the episode that is refused, in whole or in part.
     pub episode_id: String,
-    /// Its trace.
+    /// Where the episode's trace lies, as the store names it.
     pub trace: String,
     /// The decision; none: the whole episode.
     pub call: Option<u32>,
-    /// Why.
+    /// Why the episode or the decision is refused.
     pub reason: String,
 }
 
@@ -169,15 +169,15 @@ pub enum ExportError {
     /// A file cannot be read or written.
     #[error("cannot write the dataset: {source}: {path}", path = path.display())]
     Io {
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
-        /// Which file.
+        /// Path of the file or folder that could not be read or written.
         path: PathBuf,
     },
     /// The folder holds something else.
     #[error("this folder is not empty; choose another, or delete it: {path}", path = path.display())]
     OtherDataset {
-        /// The folder.
+        /// The folder that was given for the dataset.
         path: PathBuf,
     },
     /// Returns, log-probabilities or parameters of which nothing can be computed.
@@ -209,7 +209,7 @@ pub enum ExportError {
     Document {
         /// An episode of it.
         episode_id: String,
-        /// What is wrong.
+        /// What is wrong with the task or scene.
         reason: String,
     },
 }

@@ -1,5 +1,6 @@
-//! Rows as Hugging Face Parquet (SPEC section 11, format vi): columns by Polars, pictures inside,
-//! and the metadata by which `datasets` decodes them by itself. Owns the columns; knows no store.
+//! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): columns by Polars,
+//! pictures inside, and the metadata by which `datasets` decodes them by itself. Owns the columns;
+//! knows no store.
 
 use std::{
     collections::HashMap,

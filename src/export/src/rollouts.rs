@@ -1,6 +1,6 @@
-//! Rollout groups for reinforcement learning (SPEC section 5): which episodes are rollouts of the
-//! same prompt, and how much better each was than its group. Owns the grouping; rewards are the
-//! table's or those of a preset, returns and advantages are computed by `reel-reward`.
+//! Rollout groups for reinforcement learning (docs/spec.md#advantages): which episodes are rollouts
+//! of the same prompt, and how much better each was than its group. Owns the grouping; rewards are
+//! the table's or those of a preset, returns and advantages are computed by `reel-reward`.
 
 use std::{collections::BTreeMap, sync::Arc};
 

@@ -39,7 +39,7 @@ pub struct Selection {
     pub balance_families: bool,
     /// No tool has more decisions than the median tool.
     pub balance_tools: bool,
-    /// Of every draw.
+    /// Seed of every random draw: of episodes, decisions and splits.
     pub seed: u64,
 }
 
@@ -126,7 +126,7 @@ impl Candidate {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Decision {
     pub call: u32,
-    /// Index in [`ToolSpec::POLICY`].
+    /// Index of the decision's tool in [`ToolSpec::POLICY`].
     pub(crate) tool: u8,
 }
 

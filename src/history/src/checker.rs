@@ -59,7 +59,7 @@ impl Checker {
         }
     }
 
-    /// What was there.
+    /// What was there before the first decision, e.g. receptacles and objects.
     pub fn setting(&self) -> &EpisodeFacts {
         self.names.setting()
     }

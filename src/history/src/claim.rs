@@ -9,7 +9,7 @@ pub struct Claim {
     pub span: Range<usize>,
     /// What it is about.
     pub kind: ClaimKind,
-    /// Whether it holds.
+    /// Whether the record supports the claim, contradicts it or leaves it open.
     pub verdict: ClaimVerdict,
     /// What to write instead, by place in the text, where the record determines it; empty
     /// otherwise.
@@ -26,7 +26,7 @@ impl Claim {
 /// What the record says to a claim.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum ClaimVerdict {
-    /// It holds.
+    /// The record shows that the claim is true.
     Supported {
         /// The decision that shows it; none for what holds all along.
         step: Option<u32>,
@@ -68,23 +68,23 @@ claim_kinds! {
     Sight = "sight",
     /// Having marked receptacles, or what a marker stands for.
     Marker = "marker",
-    /// Gazing at something.
+    /// Whether the robot gazed at something.
     Gaze = "gaze",
-    /// Picking something up.
+    /// Whether the robot picked something up.
     Pick = "pick",
     /// What the gripper holds.
     Hold = "hold",
-    /// Placing something.
+    /// Whether the robot placed something somewhere.
     Place = "place",
     /// Opening or closing a door.
     DoorAct = "door act",
     /// A door that stands open or closed.
     DoorState = "door state",
-    /// Asking the user.
+    /// Whether the robot asked the user something.
     Ask = "ask",
     /// What the user said.
     Answer = "answer",
-    /// Ending the episode.
+    /// Ending the episode with the `finish` tool.
     Finish = "finish",
     /// Where an object is.
     Location = "location",

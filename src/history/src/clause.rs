@@ -18,9 +18,9 @@ use crate::{
 /// Whether a verb tells that something was done.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Mood {
-    /// It was done.
+    /// The sentence says that it was done.
     Done,
-    /// It was tried.
+    /// The sentence says that it was tried, without a result.
     Tried,
     /// It was tried and failed.
     Failed,
@@ -47,23 +47,23 @@ pub(crate) struct Arg {
     pub(crate) referent: Referent,
     /// In the sentence, in bytes.
     pub(crate) span: Range<usize>,
-    /// `3 mugs`
+    /// Count and its span in bytes, as in `3 mugs`; `None` if nothing is counted.
     pub(crate) count: Option<(u32, Range<usize>)>,
     /// `marker 3`, or a number by itself.
     pub(crate) marker: Option<u32>,
-    /// `no mug`, `nothing`
+    /// Whether the phrase is negated, as in `no mug` or `nothing`.
     pub(crate) no: bool,
-    /// `all tables`
+    /// Whether the phrase means all of a kind, as in `all tables`.
     pub(crate) all: bool,
     /// `another mug`, `nothing else`
     pub(crate) other: bool,
     /// `the door of ..`
     pub(crate) door: bool,
-    /// `my hand`
+    /// Whether the phrase names the gripper, as in `my hand`.
     pub(crate) hand: bool,
-    /// `the user`
+    /// Whether the phrase names the user, as in `the user`.
     pub(crate) user: bool,
-    /// `it`
+    /// Whether the phrase is a pronoun, as in `it`.
     pub(crate) pronoun: bool,
 }
 
@@ -76,11 +76,11 @@ pub(crate) struct Predicate {
     /// It speaks of the present.
     pub(crate) present: bool,
     pub(crate) passive: bool,
-    /// `there is`
+    /// Whether it says that something exists, as in `there is a mug`.
     pub(crate) existential: bool,
     /// The agent is its subject, or nobody is.
     pub(crate) agent: bool,
-    /// The user is.
+    /// Whether the user is the subject, or the one who speaks.
     pub(crate) user: bool,
     pub(crate) only: bool,
     /// The sentence speaks of the last action.
@@ -133,7 +133,7 @@ impl Predicate {
         }
     }
 
-    /// Subjects and arguments.
+    /// All phrases of the predicate: its subjects, then its arguments.
     pub(crate) fn all_args(&self) -> impl Iterator<Item = &Arg> {
         self.subjects.iter().chain(&self.args)
     }
@@ -170,7 +170,7 @@ struct Before {
     without: bool,
     will: bool,
     have: bool,
-    /// The bool: present.
+    /// Form of `be` before the verb: whether it is present; `None` if there is none.
     be: Option<bool>,
     been: bool,
     did: bool,

@@ -50,7 +50,7 @@ impl Content {
         Self { quote, words }
     }
 
-    /// `twice`, `three times`
+    /// The first count of repetitions and its span: `twice`, `three times`; `None` if absent.
     pub(crate) fn times(&self, tokens: &[Token]) -> Option<(u32, Range<usize>)> {
         tokens.iter().enumerate().find_map(|(at, token)| {
             let number = match class(token.word()) {

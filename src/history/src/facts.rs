@@ -8,7 +8,7 @@ use reel_world::{DoorState, GraphEvent};
 
 use crate::{MarkerFacts, StepFacts, grammar::Act, names::Names};
 
-/// One deed.
+/// One step, with its receptacles and objects resolved to indices.
 #[derive(Clone, Debug)]
 pub(crate) struct Fact {
     pub(crate) step_facts: StepFacts,
@@ -119,7 +119,7 @@ impl Facts {
             .is_some_and(|fact| fact.holding)
     }
 
-    /// Adds a deed.
+    /// Appends a step and updates the tracked state of the world.
     pub(crate) fn push(&mut self, names: &Names, deed: StepFacts) {
         let moment = self.all.len() + 1;
         let act = act_of(&deed.tool);

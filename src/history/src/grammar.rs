@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, sync::LazyLock};
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub(crate) enum Act {
     Go,
-    /// Taking something somewhere.
+    /// Taking something somewhere, as in `bring` or `deliver`.
     Carry,
     /// Walking around a receptacle.
     Explore,
@@ -15,7 +15,7 @@ pub(crate) enum Act {
     Check,
     /// Looking for a thing.
     Search,
-    /// Seeing or finding.
+    /// Seeing or finding something, as in `spot` or `notice`.
     See,
     /// Marking things or receptacles with numbers.
     Mark,
@@ -28,18 +28,18 @@ pub(crate) enum Act {
     Open,
     Close,
     Ask,
-    /// The user speaks.
+    /// The user says something, as in `answer` or `prefer`.
     Say,
     Finish,
     /// Leaving a thing somewhere.
     Leave,
     /// A place has a thing.
     Contain,
-    /// `try to`
+    /// Attempting what follows, as in `try to`.
     Try,
     /// `fail to`; `it failed`
     Fail,
-    /// `it succeeded`
+    /// Success of an action, as in `it succeeded` or `it worked`.
     Succeed,
     /// `manage to`, `proceed to`: what follows was done.
     Manage,
@@ -61,7 +61,7 @@ pub(crate) enum Form {
     Participle,
     /// Past or participle: `visited`.
     PastOrParticiple,
-    /// All three: `put`.
+    /// Base, past and participle in one form, as in `put`.
     Any,
     Gerund,
 }
@@ -71,9 +71,9 @@ pub(crate) enum Form {
 pub(crate) struct Verb {
     pub(crate) act: Act,
     pub(crate) form: Form,
-    /// e.g. `pick`
+    /// Base form of the verb, e.g. `pick`.
     pub(crate) base: &'static str,
-    /// e.g. `picked`
+    /// Past form, e.g. `picked`; the base form if `form` is `Present`.
     pub(crate) past: &'static str,
 }
 
@@ -250,7 +250,7 @@ pub(crate) enum Prep {
     Direct,
     From,
     To,
-    /// At, on, in.
+    /// At, on, in, inside or into a place.
     At,
     /// Near, next to: no claim about the place itself.
     Near,
@@ -278,19 +278,19 @@ pub(crate) enum Link {
     Sub,
 }
 
-/// A small word.
+/// The class of a lower-case word in a sentence.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Class {
     Determiner,
-    /// `no`, `nothing`, `none`.
+    /// Negation of a noun: `no`, `nothing`, `none`.
     No,
-    /// `not`, `never`.
+    /// Negation of a verb: `not`, `never`.
     Not,
     /// `without`: what follows was not done.
     Without,
-    /// `all`, `both`, `every`.
+    /// Word for all of a kind: `all`, `both`, `every`.
     All,
-    /// `other`, `else`, `another`.
+    /// Word for something else or more: `other`, `else`, `another`.
     Other,
     Only,
     Have,
@@ -309,32 +309,32 @@ pub(crate) enum Class {
     Link(Link),
     /// `I`, `we`, `the robot`.
     Agent,
-    /// `it`, `them`.
+    /// Pronoun for things named before: `it`, `them`.
     It,
     There,
-    /// `user`, `they`.
+    /// Word for the user: `user`, `they`.
     User,
-    /// `hand`, `gripper`.
+    /// Word for the robot's gripper: `hand`, `gripper`.
     Hand,
     Number(u32),
-    /// `once`, `twice`.
+    /// Number of repetitions: 1 for `once`, 2 for `twice`.
     Times(u32),
     /// `marker`, `number`: a marker's number follows.
     Marker,
-    /// `able`, `unable`.
+    /// Ability: true for `able`, false for `unable`.
     Able(bool),
-    /// `empty`
+    /// State that a copula gives its subject: `empty`, `bare`.
     Empty,
-    /// `free`
+    /// State that a copula gives its subject: `free`.
     Free,
-    /// `visible`, `view`
+    /// State of being seen: `visible`, `view`.
     Visible,
     Door,
-    /// `last`, `latest`
+    /// Word for the most recent action: `last`, `latest`.
     Last,
-    /// `action`, `call`, `attempt`
+    /// Noun for something that the agent did: `action`, `call`, `attempt`.
     Doing,
-    /// `successfully`, `success`
+    /// Outcome: true for `successfully` and `success`, false for `unsuccessful`.
     Success(bool),
     /// `there`, `again`: says nothing.
     Adverb,

@@ -13,13 +13,13 @@ const LONGEST_SENTENCE: usize = 240;
 pub(crate) enum Kind {
     /// Letters, digits and underscores, lower case; `didn't` gives `did` and `not`.
     Word,
-    /// Digits only.
+    /// A number that is written in digits only.
     Number,
     /// What stands between quotation marks.
     Quote,
     /// `,`, a dash or an arrow between words.
     Comma,
-    /// `:`
+    /// A colon, after which a reason may begin.
     Colon,
     /// `(` and its kin.
     Open,
@@ -31,7 +31,7 @@ pub(crate) enum Kind {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Token {
     pub(crate) kind: Kind,
-    /// Lower case.
+    /// Text of the token in lower case; empty for punctuation.
     pub(crate) text: String,
     /// In the sentence, in bytes.
     pub(crate) span: Range<usize>,

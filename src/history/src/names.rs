@@ -44,7 +44,7 @@ pub(crate) struct Referent {
 }
 
 impl Referent {
-    /// `it`
+    /// A referent that fits every object and receptacle, as `it` does.
     pub(crate) fn anything() -> Self {
         Self {
             any_object: true,
@@ -119,7 +119,7 @@ struct Caption {
 pub(crate) struct Names {
     setting: EpisodeFacts,
     ids: BTreeMap<String, usize>,
-    /// By first word.
+    /// Names of several words by their first word, the longest first.
     captions: BTreeMap<String, Vec<Caption>>,
     /// Of the receptacles, then of the objects: made when a phrase asks for it.
     descriptions: Vec<OnceCell<Description>>,

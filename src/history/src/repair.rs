@@ -8,7 +8,7 @@ use crate::{Checker, Claim, lex::sentences};
 /// Passes after which what is still false is dropped with everything else.
 const MOST_PASSES: usize = 12;
 
-/// A mended History.
+/// A History after repair, and how many sentences were repaired or dropped.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct RepairedHistory {
     /// The text, without contradiction.

@@ -12,9 +12,9 @@ use reel_world::{
 /// What was there before the first decision.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct EpisodeFacts {
-    /// The receptacles.
+    /// The receptacles of the episode's scene.
     pub places: Vec<ReceptacleFacts>,
-    /// The objects.
+    /// The objects of the episode and where each stood at the start.
     pub things: Vec<ObjectFacts>,
     /// What the agent was told.
     #[serde(default)]
@@ -25,12 +25,12 @@ pub struct EpisodeFacts {
     pub complete: bool,
 }
 
-/// A receptacle.
+/// A receptacle: its names, its room and its door at the start.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ReceptacleFacts {
-    /// e.g. `table_1`
+    /// Id of the receptacle, e.g. `table_1`.
     pub id: String,
-    /// e.g. `table`
+    /// Category of the receptacle, e.g. `table`.
     pub category: String,
     /// Its room, if known.
     #[serde(default)]
@@ -43,12 +43,12 @@ pub struct ReceptacleFacts {
     pub door: Option<DoorState>,
 }
 
-/// An object.
+/// An object: its key, its category and its place at the start.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ObjectFacts {
     /// What deeds call it; never compared with a text.
     pub key: String,
-    /// e.g. `alarm clock`
+    /// Category of the object, e.g. `alarm clock`.
     pub category: String,
     /// How people would describe it.
     #[serde(default)]
@@ -61,7 +61,7 @@ pub struct ObjectFacts {
 /// One decision and what came of it.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct StepFacts {
-    /// From 0.
+    /// Index of the step in its episode, from 0.
     pub step: u32,
     /// The tool's name in the paper, or the name as called where it is no tool.
     pub tool: String,
@@ -97,7 +97,7 @@ pub struct StepFacts {
 /// What a marker stood for.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct MarkerFacts {
-    /// The number.
+    /// Number of the marker, which tools take as an argument.
     pub number: u32,
     /// Key of the object, if it was one.
     #[serde(default)]
@@ -137,7 +137,7 @@ impl EpisodeFacts {
 }
 
 impl StepFacts {
-    /// A recorded decision.
+    /// The facts that the record of a step states.
     pub fn of(record: &StepRecord) -> Self {
         let key = |id: &reel_world::InstanceId| id.as_str().to_owned();
         let mut seen: Vec<String> = record
@@ -230,7 +230,7 @@ impl StepFacts {
     }
 }
 
-/// The error that an outcome's text tells of, by the words of SPEC sections 2 and 9.
+/// The error that an outcome's text tells of, by the words of docs/spec.md#published-texts.
 fn failure(text: &str) -> Option<ErrorCode> {
     const WORDS: [(&str, ErrorCode); 21] = [
         ("not found in the scene", ErrorCode::UnknownReceptacle),

@@ -25,7 +25,7 @@ pub(crate) struct Built {
     pub task: Task,
     pub scene: Scene,
     pub start: StartRecord,
-    /// With their pictures.
+    /// Records of the steps in order, each with its frame; `None` if it has none.
     pub steps: Vec<(StepRecord, Option<Frame>)>,
     pub end: EndRecord,
     pub losses: Vec<ImportLoss>,
@@ -40,7 +40,7 @@ impl Built {
     }
 }
 
-/// See [`Built::file_stem`].
+/// File name of the trace without its extension: task, policy and episode id.
 pub(crate) fn file_stem(header: &EpisodeHeader) -> String {
     let safe = |text: &str| {
         text.replace(

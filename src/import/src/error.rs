@@ -10,61 +10,61 @@ pub enum ImportError {
     /// A folder cannot be listed.
     #[error("cannot list the folder: {source}; check the path and its permissions: {path}")]
     List {
-        /// The folder.
+        /// The path that could not be listed.
         path: PathBuf,
-        /// Why not.
+        /// The error that the operating system reported.
         source: io::Error,
     },
-    /// No episode there.
+    /// No episode lies in the folder or below it.
     #[error(
         "no episode here: an episode's folder holds task_meta.json and step_000, step_001, ...; give the eval_output folder: {root}"
     )]
     NoEpisode {
-        /// The folder.
+        /// The folder that was searched for episodes.
         root: PathBuf,
     },
     /// The agent passed the episode over.
     #[error("skipped by the agent: there is nothing to import: {path}")]
     Skipped {
-        /// The episode's folder.
+        /// Folder of the episode that the agent skipped.
         path: PathBuf,
     },
     /// No step can be read.
-    #[error("no step can be imported ({what}): {path}")]
+    #[error("no step can be imported ({reason}): {path}")]
     NoStep {
-        /// The episode's folder.
+        /// Folder of the episode without a step that can be imported.
         path: PathBuf,
         /// What is wrong with the first one.
         reason: String,
     },
     /// The task is not known.
-    #[error("the task is not known: {what}; give its task file with --tasks: {path}")]
+    #[error("the task is not known: {reason}; give its task file with --tasks: {path}")]
     Task {
-        /// The episode's folder.
+        /// The episode's folder, or whatever else should have told the task.
         path: PathBuf,
-        /// What is missing.
+        /// What is missing to determine the task.
         reason: String,
     },
-    /// No recording there.
+    /// No recording lies in the folder or below it.
     #[error(
         "no recording here: give a file .mcap, a folder that rosbag2 wrote, or a folder of such: {root}"
     )]
     NoRecording {
-        /// What was given.
+        /// The path that was searched for recordings.
         root: PathBuf,
     },
     /// A recording in a form that is not read.
-    #[error("{what}: {path}")]
+    #[error("{reason}: {path}")]
     Storage {
-        /// The file.
+        /// The file whose storage format is not supported.
         path: PathBuf,
         /// What it is, and what to do.
         reason: String,
     },
     /// Nothing of a recording became an episode.
-    #[error("no episode in the recording ({what}): {path}")]
+    #[error("no episode in the recording ({reason}): {path}")]
     Empty {
-        /// The recording.
+        /// The recording that yields no episode.
         path: PathBuf,
         /// What it holds instead.
         reason: String,

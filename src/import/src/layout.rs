@@ -32,11 +32,11 @@ pub(crate) struct Files {
     pub folder: PathBuf,
     /// `task_meta.json`; empty where it is missing.
     pub meta: Map<String, Value>,
-    /// `episode_summary.json`
+    /// Content of `episode_summary.json`; `None` if it is missing or unreadable.
     pub summary: Option<Map<String, Value>>,
     /// Whole steps, in order.
     pub steps: Vec<StepFiles>,
-    /// What follows them.
+    /// What the folder shows after the last whole step.
     pub after: After,
     pub losses: Vec<ImportLoss>,
     pub notes: Vec<String>,
@@ -45,7 +45,7 @@ pub(crate) struct Files {
 /// What follows the last whole step.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum After {
-    /// Nothing.
+    /// Nothing follows the last whole step.
     Nothing,
     /// The agent or the tool failed; the decision is not in the files.
     Fault,
@@ -57,10 +57,10 @@ pub(crate) enum After {
 
 /// What lies in the folder of a step.
 pub(crate) struct StepFiles {
-    /// `tool_call.json`
+    /// Content of `tool_call.json`: the tool's name and its arguments.
     pub call: Map<String, Value>,
     pub raw: Option<Raw>,
-    /// `inference_time.json`
+    /// Content of `inference_time.json`; empty if it is missing or unreadable.
     pub time: Map<String, Value>,
     /// `textual_observation.txt`; none where the result was a picture alone.
     pub text: Option<String>,
@@ -71,7 +71,7 @@ pub(crate) struct StepFiles {
     pub failed: bool,
 }
 
-/// See [`crate::episodes`].
+/// Folders of episodes under `root` (itself included), sorted by path.
 pub(crate) fn episodes(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut found = Vec::new();
     find(root, 0, &mut found)?;
@@ -322,7 +322,7 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     Ok(paths)
 }
 
-/// `step_007` is 7.
+/// Number in the name of a step's folder: `step_007` is 7; `None` for anything else.
 fn step_number(path: &Path) -> Option<u32> {
     let digits = path.file_name()?.to_str()?.strip_prefix("step_")?;
     let number = digits

@@ -1,5 +1,5 @@
-//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as
-//! traces; [`robot`] does the same for what robots recorded.
+//! Episodes that agents of the published REAL framework played (`eval_output`,
+//! docs/spec.md#evaluation-agents) as traces; [`robot`] does the same for what robots recorded.
 //!
 //! Owns what their files mean. Reads every field leniently: a missing file is less information; a
 //! torn one is a loss that is named, and the steps before it are imported. Never simulates, never
@@ -7,10 +7,10 @@
 //! heading, paths) is zero or absent in the trace.
 //!
 //! # What becomes of what
-//! - `task_meta.json`: the task, unless [`Options::tasks`] has it; the model's name; further keys
-//!   are settings of the policy. The published agents store no graph in it, so the start is the
-//!   first graph that a step shows: before that nothing could be changed, because every tool that
-//!   changes something needs markers.
+//! - `task_meta.json`: the task, unless [`ImportOptions::tasks`] has it; the model's name; further
+//!   keys are settings of the policy. The published agents store no graph in it, so the start is
+//!   the first graph that a step shows: before that nothing could be changed, because every tool
+//!   that changes something needs markers.
 //! - `tool_call.json`: the call as it was made. `raw_response.txt` or `.json`: the policy's output.
 //! - `inference_time.json`: latency. `textual_observation.txt`: the outcome. A result without it
 //!   was a picture alone.
@@ -23,8 +23,8 @@
 //! - `episode_summary.json`: how it ended. The client's own success is compared, not taken.
 //!
 //! Whoever stands by while such an episode is played (the recording proxy) reads the same things as
-//! they come: [`begun`] is the task that a server tells, [`State`] what its results show,
-//! [`record`] the step that follows.
+//! they come: [`started_episode`] is the task that a server tells, [`ObservedState`] what its
+//! results show, [`record`] the step that follows.
 
 mod episode;
 mod error;
@@ -75,15 +75,15 @@ pub struct ImportedEpisode {
     pub source: PathBuf,
     /// The trace, named after task, model and content.
     pub trace: PathBuf,
-    /// Its size.
+    /// Size of the trace in bytes.
     pub bytes: u64,
-    /// The task.
+    /// Id of the task that the episode plays.
     pub task_id: String,
     /// How many steps it has.
     pub steps: u32,
-    /// How many pictures.
+    /// How many frames the trace holds.
     pub pictures: u32,
-    /// How it ended.
+    /// Why the episode ended, as its end record says.
     pub end: EndReason,
     /// SR under the default preset.
     pub success: bool,
@@ -164,7 +164,7 @@ pub fn import(
 /// An episode that a server has begun.
 #[derive(Clone, PartialEq, Debug)]
 pub struct StartedEpisode {
-    /// What is played.
+    /// Task and scene of the episode, and the settings that the run reported.
     pub setting: TaskSetup,
     /// Before the first call.
     pub state: ObservedState,

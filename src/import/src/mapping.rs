@@ -12,9 +12,9 @@ use toml::{
 
 /// What is wrong with a mapping file.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-#[error("line {line}, column {column}: {what}")]
+#[error("line {line}, column {column}: {problem}")]
 pub struct MappingError {
-    /// From 1.
+    /// Line of the mistake in the mapping file, from 1.
     pub line: usize,
     /// From 1, in characters.
     pub column: usize,

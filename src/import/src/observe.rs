@@ -60,7 +60,7 @@ pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
 /// What a call came to.
 #[derive(Clone, PartialEq, Debug)]
 pub struct CallObservation {
-    /// The call.
+    /// The call that the policy made, as the input of a step.
     pub input: StepInput,
     /// What the policy got.
     pub outcome: Outcome,

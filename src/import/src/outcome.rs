@@ -1,5 +1,5 @@
-//! What the texts of the published server mean (SPEC section 9): error codes, and the answer to an
-//! `ask`.
+//! What the texts of the published server mean (docs/spec.md#published-texts): error codes, and the
+//! answer to an `ask`.
 
 use reel_world::{ErrorCode, Outcome, Tool, ToolCall, ask_reply, record::UserReply};
 

@@ -5,9 +5,9 @@ use reel_world::{answer::AssistantTurn, record::PolicyOutput};
 
 /// The two forms of a raw response.
 pub(crate) enum Raw {
-    /// `raw_response.txt`
+    /// Text as in `raw_response.txt`: reasoning, then the decision as JSON.
     Text(String),
-    /// `raw_response.json`
+    /// Text as in `raw_response.json`: a message of function calling.
     Json(String),
 }
 

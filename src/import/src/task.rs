@@ -78,7 +78,7 @@ pub(crate) struct TaskSource<'a> {
     pub meta: &'a Map<String, Value>,
     /// Names of the folders of the task and of the scene, where files tell it.
     pub folders: [Option<String>; 2],
-    /// For messages.
+    /// The source of `meta` that error messages name.
     pub path: &'a Path,
     pub notes: Vec<String>,
 }
@@ -86,9 +86,9 @@ pub(crate) struct TaskSource<'a> {
 /// The task of an episode and its scene.
 #[derive(Clone, PartialEq, Debug)]
 pub struct TaskSetup {
-    /// The task.
+    /// The task that the episode plays.
     pub task: Task,
-    /// Its scene.
+    /// The scene in which the task plays.
     pub scene: Scene,
     /// What the run said of itself besides the task.
     pub settings: BTreeMap<String, Value>,

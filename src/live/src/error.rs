@@ -44,7 +44,7 @@ pub enum LiveError {
     /// What runs here broke down, and was left.
     #[error("the episode broke down and was ended: {0}; 'finish' begins the next one")]
     Broken(String),
-    /// The simulator refuses.
+    /// The simulator could not start the episode or restore its snapshot.
     #[error(transparent)]
     Episode(#[from] EpisodeError),
     /// The recording cannot be written.
@@ -53,7 +53,7 @@ pub enum LiveError {
     /// A folder cannot be made.
     #[error("cannot make the folder {path}: {source}")]
     Folder {
-        /// Which.
+        /// The folder that could not be created.
         path: String,
         /// What the system says.
         source: std::io::Error,

@@ -34,7 +34,7 @@ pub struct Limits {
     pub worker_timeout: Duration,
 }
 
-/// Many households.
+/// Sessions by name, with limits on their number and on busy workers.
 pub struct SessionPool {
     setup: Arc<Setup>,
     limits: Limits,
@@ -59,9 +59,9 @@ struct SessionInfo {
 /// A household, as people see it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct SessionEntry {
-    /// Its name.
+    /// Name of the session in the pool.
     pub session: String,
-    /// How it stands.
+    /// Status of the session: its state, task, step count and last trace.
     #[serde(flatten)]
     pub state: SessionStatus,
     /// Seconds since its last call.
@@ -71,7 +71,7 @@ pub struct SessionEntry {
 }
 
 impl SessionPool {
-    /// An empty pool.
+    /// Creates a pool that has no session yet.
     pub fn new(setup: Setup, limits: Limits) -> Self {
         Self {
             setup: Arc::new(setup),
@@ -100,10 +100,10 @@ impl SessionPool {
         self.open_for(name, None)
     }
 
-    /// [`Pool::open`] for a prompt group.
+    /// [`SessionPool::open`] for a prompt group.
     ///
     /// # Errors
-    /// As [`Pool::open`], and when the task is unknown or the name is taken.
+    /// As [`SessionPool::open`], and when the task is unknown or the name is taken.
     pub fn open_for(&self, name: &str, lease: Option<Lease>) -> Result<(), LiveError> {
         check_name(name)?;
         if let Some(lease) = &lease

@@ -76,7 +76,7 @@ pub struct StartedEpisode {
     pub of: usize,
     /// How many episodes were begun here before.
     pub number: u32,
-    /// The first picture.
+    /// The head camera's frame before the first call.
     pub frame: Frame,
     /// The state before the first call.
     pub view: PrivilegedState,
@@ -111,7 +111,7 @@ pub struct PrivilegedState {
     pub held: Option<InstanceId>,
     /// The receptacle the robot stands at.
     pub landmark: Option<ReceptacleId>,
-    /// The robot.
+    /// Pose of the base and of the camera, and the path driven so far.
     pub robot: RobotState,
 }
 
@@ -126,7 +126,7 @@ pub struct SessionStatus {
     pub steps: u32,
     /// How many episodes were begun.
     pub episodes: u32,
-    /// Who plays.
+    /// Name of the policy that plays; `client` until one is set.
     pub policy: String,
     /// Why and how the last episode ended.
     pub ended: Option<EndedEpisode>,
@@ -137,11 +137,11 @@ pub struct SessionStatus {
 /// How an episode ended.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct EndedEpisode {
-    /// Why.
+    /// Why the episode ended, e.g. finished or aborted.
     pub reason: EndReason,
     /// Whether the goal held then.
     pub success: bool,
-    /// Its cumulative reward.
+    /// Undiscounted cumulative reward of the episode.
     pub total_reward: f64,
 }
 
@@ -362,7 +362,7 @@ impl Session {
         }
     }
 
-    /// How it stands.
+    /// Status of the session: its state, task, step count and last trace.
     pub fn state(&self) -> SessionStatus {
         let (state, task, steps, ended) = match &self.now {
             Phase::Empty => ("empty", None, 0, None),

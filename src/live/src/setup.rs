@@ -48,13 +48,13 @@ pub struct PreparedTaskCache(Arc<Mutex<HashMap<String, Weak<PreparedTask>>>>);
 /// A household that is let for a prompt group: it plays one task at one seed so many times.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Lease {
-    /// The group.
+    /// Id of the prompt group that the session is leased to.
     pub group_id: String,
-    /// The task.
+    /// Id of the task that every rollout plays.
     pub task_id: String,
     /// The seed of every rollout.
     pub seed: u64,
-    /// G.
+    /// G, the number of rollouts that the session plays.
     pub rollouts: u32,
 }
 

@@ -48,7 +48,7 @@ use serde_json::{Value, json};
 use tokio::{net::TcpListener, sync::Notify, time};
 use tokio_util::sync::CancellationToken;
 
-/// A red pixel.
+/// PNG file of one red pixel, in Base64.
 const PNG: &str =
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4z8AAAAMBAQDJ/pLvAAAAAElFTkSuQmCC";
 /// A millisecond of silence.
@@ -118,7 +118,7 @@ async fn breakable(
     )
 }
 
-/// One session.
+/// State of one MCP session of the conformance server.
 #[derive(Default)]
 #[expect(deprecated, reason = "logging")]
 struct Fixture {

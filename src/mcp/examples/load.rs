@@ -565,7 +565,7 @@ fn machine_cpu_s() -> Result<f64, Failure> {
     Ok((ticks.iter().sum::<f64>() - idle) / TICKS_PER_S)
 }
 
-/// Splitmix64.
+/// SplitMix64 pseudorandom number generator, with its state.
 struct Random(u64);
 
 impl Random {

@@ -73,8 +73,9 @@ impl Guard {
     }
 
     /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not
-    /// [`Guard::pass`]: where there is a [`Page::preflight`] it is the answer, before anything else
-    /// is looked at; every other answer goes through [`Page::share`].
+    /// [`Guard::middleware`]: where there is a [`BrowserRequest::preflight`] it is the answer,
+    /// before anything else is looked at; every other answer goes through
+    /// [`BrowserRequest::add_cors_headers`].
     pub fn page(&self, request: &Request) -> BrowserRequest {
         let headers = request.headers();
         let is_listed = self.is_of_a_listed_page(headers, request.uri()) == Ok(true);

@@ -29,11 +29,11 @@ use tokio::{runtime::Handle, sync::oneshot};
 use crate::{Questions, Worker, catalogue, response};
 use response::Response;
 
-/// Who answers `ask`.
+/// Who answers the questions that a policy asks with `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AskResponder {
-    /// The rule-based user.
+    /// The rule-based user that the simulator provides.
     #[default]
     Rules,
     /// The person at the client, by elicitation; the rule-based user where the client cannot ask
@@ -50,7 +50,7 @@ pub type CallObserver = Arc<dyn Fn(&'static str, &'static str, Duration) + Send 
 /// How policy sessions behave.
 #[derive(Clone)]
 pub struct ToolServerOptions {
-    /// Who answers `ask`.
+    /// Who answers the questions of `ask`; the rule-based user by default.
     pub ask: AskResponder,
     /// How long a person may take to answer.
     pub ask_patience: Duration,

@@ -23,9 +23,9 @@ struct Waiting {
 /// A question that waits for an answer.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Question {
-    /// Whose.
+    /// Name of the session whose policy asked the question.
     pub session: String,
-    /// What was asked.
+    /// Text of the question, as the policy asked it.
     pub question: String,
     /// For how long it has been waiting, in seconds.
     pub waiting_s: u64,

@@ -50,7 +50,7 @@ tokio::task_local! {
 
 type Error = LocalSessionManagerError;
 
-/// The open sessions.
+/// The open MCP sessions, and the limit on their number.
 pub(crate) struct Sessions {
     this: Weak<Self>,
     open: Mutex<HashMap<SessionId, Arc<Session>>>,
@@ -61,7 +61,7 @@ pub(crate) struct Sessions {
     tended: Once,
 }
 
-/// One session.
+/// One open MCP session, with its events and its slot under the limit.
 struct Session {
     local: LocalSessionManager,
     events: SessionEvents,

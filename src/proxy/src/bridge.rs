@@ -102,7 +102,7 @@ impl Bridge {
         Ok((bridge, format!("http://{address}{PATH}")))
     }
 
-    /// Ends every server.
+    /// Ends the server process of every session.
     pub fn end_all(&self) {
         self.end_where(|_| true);
     }

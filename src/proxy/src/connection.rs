@@ -113,7 +113,7 @@ impl Connection {
         }
     }
 
-    /// Passes requests on.
+    /// Forwards the agent's requests to the server until the connection closes.
     fn requests(&self, mut agent: &TcpStream, mut server: &TcpStream) -> io::Result<()> {
         let mut buffer = Vec::new();
         loop {
@@ -255,7 +255,7 @@ impl Connection {
         }
     }
 
-    /// Passes responses on.
+    /// Forwards the server's responses to the agent until the connection closes.
     fn responses(self: &Arc<Self>, server: TcpStream) -> io::Result<()> {
         let mut buffer = Vec::new();
         loop {

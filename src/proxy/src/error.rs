@@ -8,15 +8,15 @@ pub enum ProxyError {
     /// The address cannot be had.
     #[error("cannot listen: {source}; choose another address with --listen: {address}")]
     Listen {
-        /// The address.
+        /// The address that the recorder could not listen on.
         address: SocketAddr,
-        /// Why not.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The address of the server is none.
-    #[error("{what}; write e.g. http://127.0.0.1:8000: {url}")]
+    #[error("{problem}; write e.g. http://127.0.0.1:8000: {url}")]
     Url {
-        /// What was given.
+        /// The server's URL, as it was given.
         url: String,
         /// What is wrong with it.
         problem: &'static str,
@@ -24,9 +24,9 @@ pub enum ProxyError {
     /// The server's program does not start.
     #[error("cannot start the server: {source}; check the words behind --stdio: {command}")]
     Spawn {
-        /// Its words.
+        /// Command line of the server, its words joined by spaces.
         command: String,
-        /// Why not.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The system refused something else.

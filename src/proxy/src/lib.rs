@@ -62,11 +62,11 @@ pub enum OnFull {
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum ProxyEvent<'a> {
-    /// An episode began.
+    /// An episode began in a session, and its recording with it.
     Began {
-        /// Its session.
+        /// Name of the session in which the episode began.
         session: &'a str,
-        /// What is played.
+        /// The task that the episode plays.
         task: &'a Task,
         /// The trace that it becomes.
         path: &'a Path,
@@ -75,41 +75,41 @@ pub enum ProxyEvent<'a> {
     },
     /// A step is on disk.
     Step {
-        /// Its session.
+        /// Name of the session that made the step.
         session: &'a str,
-        /// The step.
+        /// Record of the step, as the trace holds it.
         record: &'a StepRecord,
-        /// Its clock.
+        /// When the call came and how long its result took.
         timing: Timing,
     },
     /// An episode ended, and its trace is whole.
     Ended {
-        /// Its session.
+        /// Name of the session whose episode ended.
         session: &'a str,
-        /// The trace.
+        /// Path of the finished trace file.
         path: &'a Path,
-        /// Why.
+        /// Why the episode ended, e.g. finished or aborted.
         reason: EndReason,
         /// What it came to.
         metrics: &'a Metrics,
     },
     /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
     ImageOmitted {
-        /// Its session.
+        /// Name of the session whose image was omitted.
         session: &'a str,
-        /// Why.
+        /// Why the trace cannot hold the image.
         why: &'a str,
     },
     /// Something was not recorded, or refused.
     RecordingFailed {
-        /// The session.
+        /// Name of the session in which this happened.
         session: &'a str,
-        /// What and why.
+        /// What was not recorded or was refused, and why.
         problem: &'a str,
     },
 }
 
-/// Who is told.
+/// Callback that receives every event of the recorder as it happens.
 pub type EventHandler = Box<dyn Fn(ProxyEvent<'_>) + Send + Sync>;
 
 /// How everything is recorded.
@@ -143,9 +143,9 @@ pub struct Setup {
     pub idle: Duration,
     /// Names of this machine that agents may call, besides addresses and localhost.
     pub hosts: Vec<String>,
-    /// Who is told.
+    /// Callback that receives every event of the recorder as it happens.
     pub watch: EventHandler,
-    /// What went by.
+    /// Counts of sessions, episodes, calls and messages so far.
     pub report: Report,
     /// What is still being finished.
     pub endings: PendingTraces,

@@ -10,7 +10,7 @@ use serde::Serialize;
 /// Numbers of a whole run.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct Counts {
-    /// Sessions.
+    /// Sessions that agents began with the recorder.
     pub sessions: u64,
     /// Episodes whose traces are whole.
     pub episodes: u64,

@@ -17,7 +17,7 @@ pub(crate) struct Scanner {
 pub(crate) enum Byte {
     /// Stands in an event.
     Within,
-    /// Ends it.
+    /// Ends the event that is being read.
     Ends,
     /// Belongs to the end of the event before.
     Behind,

@@ -102,11 +102,11 @@ fn call(message: &Value) -> Option<Call> {
 /// The content of a result.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub(crate) struct ToolResultContent {
-    /// In their order.
+    /// Texts of the result's content in their order, or the error's message.
     pub texts: Vec<String>,
     /// In Base64, with their types.
     pub images: Vec<(String, String)>,
-    /// `structuredContent`
+    /// The result's `structuredContent`; `None` if it is absent or null.
     pub structured: Option<Value>,
     /// Whether it is an error, of the tool or of the protocol.
     pub failed: bool,

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-/// Longest head.
+/// Bytes after which an incomplete head counts as unreadable.
 pub(crate) const HEAD_MAX: usize = 64 << 10;
 const HEADERS_MAX: usize = 128;
 

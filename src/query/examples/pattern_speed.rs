@@ -67,7 +67,7 @@ fn masks(conditions: usize) -> Vec<u64> {
         .collect()
 }
 
-/// Knuth's MMIX generator.
+/// Pseudorandom numbers of Knuth's MMIX generator, starting from seed 1.
 fn random() -> impl Iterator<Item = u64> {
     std::iter::successors(Some(1_u64), |state| {
         Some(

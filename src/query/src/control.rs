@@ -27,7 +27,7 @@ pub enum StopReason {
         "stopped after {seconds} s, the limit on time; narrow the question down or raise --timeout"
     )]
     Time {
-        /// The limit.
+        /// Time limit of the query, in seconds.
         seconds: u64,
     },
     /// It took too much memory.
@@ -35,7 +35,7 @@ pub enum StopReason {
         "stopped at {bytes} bytes, the limit on memory; narrow the question down or raise --memory"
     )]
     Memory {
-        /// The limit.
+        /// Limit on the growth of the process's memory, in bytes.
         bytes: usize,
     },
     /// Its answer is too long.
@@ -43,17 +43,17 @@ pub enum StopReason {
         "stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows"
     )]
     Rows {
-        /// The limit.
+        /// Most rows that an answer may have.
         rows: usize,
     },
     /// A value that no question needs.
     #[error("'{function}' would make {bytes} bytes for one row; the limit is {limit}")]
     Value {
-        /// Which function.
+        /// Name of the SQL function that would make the value.
         function: String,
-        /// How large.
+        /// Size that the value would have, in bytes.
         bytes: u128,
-        /// The limit.
+        /// Largest size of a value for one row, in bytes.
         limit: u128,
     },
 }

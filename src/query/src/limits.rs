@@ -40,7 +40,7 @@ pub struct Limits {
     /// Memory that sorts, joins and aggregations may take before they spill to disk, and that the
     /// process may grow by (four times it), in bytes.
     pub memory_bytes: usize,
-    /// Wall-clock time.
+    /// Longest wall-clock time that a query may run.
     pub time: Duration,
     /// Rows of the answer.
     pub rows: usize,

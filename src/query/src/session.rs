@@ -95,7 +95,7 @@ pub enum CacheScope {
 /// Why a query has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum QueryError {
-    /// Not a question.
+    /// The text is not exactly one read-only query.
     #[error(
         "only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}"
     )]
@@ -117,7 +117,7 @@ pub enum QueryError {
         /// How many operators it has.
         operators: usize,
     },
-    /// It was stopped.
+    /// The query was cancelled or exceeded one of its limits.
     #[error("{0}")]
     Stopped(StopReason),
     /// A parameter is missing, unknown or no value.
@@ -232,7 +232,7 @@ impl QuerySession {
     /// Runs one query with values for its `$parameters`.
     ///
     /// # Errors
-    /// As [`Session::run`], and when a parameter is missing.
+    /// As [`QuerySession::run`], and when a parameter is missing.
     pub fn run_with(
         &self,
         sql: &str,
@@ -250,7 +250,7 @@ impl QuerySession {
     /// It may wait: the query waits with it. Says how long the answer holds.
     ///
     /// # Errors
-    /// As [`Session::run_with`]; some batches may have been handed on then.
+    /// As [`QuerySession::run_with`]; some batches may have been handed on then.
     pub fn run_each(
         &self,
         sql: &str,
@@ -283,7 +283,7 @@ impl QuerySession {
     /// Fields of `episodes.steps` that a query reads from disk; none: all of them.
     ///
     /// # Errors
-    /// As [`Session::run`].
+    /// As [`QuerySession::run`].
     pub fn step_fields(&self, sql: &str) -> Result<Option<BTreeSet<String>>, QueryError> {
         self.0.runtime.block_on(async {
             let (context, plan) = self

@@ -23,9 +23,9 @@ use crate::{Verdict, on_workers, player, verify_from};
 pub struct Changes {
     /// The simulator in the trace.
     pub recorded_sim_version: u32,
-    /// This simulator.
+    /// Version of this simulator for the trace's profile.
     pub sim_version: u32,
-    /// Calls executed.
+    /// Number of calls in the trace that are executed again.
     pub calls: u32,
     /// Calls whose outcome differs, in their order.
     pub outcomes: Vec<ChangedOutcome>,
@@ -40,44 +40,44 @@ pub struct Changes {
 /// A call that comes to something else.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ChangedOutcome {
-    /// Which, from 0.
+    /// Index of the call in the episode, from 0.
     pub call: u32,
     /// The call, for people.
     pub what: String,
-    /// As recorded.
+    /// Outcome of the call as the trace records it.
     pub recorded: Outcome,
-    /// As executed again.
+    /// Outcome of the call when executed again by this simulator.
     pub replayed: Outcome,
 }
 
 /// An episode that ends otherwise.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ChangedEnd {
-    /// As recorded.
+    /// How the episode ended according to the trace.
     pub recorded: EndSummary,
-    /// As executed again.
+    /// How the episode ends when executed again by this simulator.
     pub replayed: EndSummary,
 }
 
 /// How an episode ended, in a few figures.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct EndSummary {
-    /// Why.
+    /// Why the episode ended, e.g. by `finish` or at the horizon.
     pub reason: EndReason,
     /// SR: no goal change is left.
     pub success: bool,
     /// CR: share of the goal changes that hold.
     pub completion: f64,
-    /// Cumulative reward, undiscounted.
+    /// Cumulative reward of the episode, undiscounted.
     pub total_reward: f64,
-    /// Calls.
+    /// Number of calls that the episode made.
     pub steps: u32,
 }
 
 /// A trace file's verdict, and what changed where it is not exact.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ReplayReport {
-    /// The file.
+    /// Path of the trace file that was replayed.
     pub trace: PathBuf,
     /// What a replay found.
     #[serde(flatten)]

@@ -39,15 +39,15 @@ pub struct Comparison {
 /// What an episode is, in a few words.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct EpisodeSummary {
-    /// The trace.
+    /// Path of the trace file of this episode.
     pub trace: PathBuf,
-    /// Its id.
+    /// Id of the episode, from the trace header.
     pub episode_id: String,
-    /// The task.
+    /// Id of the task that the episode plays.
     pub task_id: String,
-    /// Who decided.
+    /// Name of the policy that chose the calls.
     pub policy: String,
-    /// The seed.
+    /// Seed of the episode, from the trace header.
     pub seed: u64,
     /// Chain digest of the trace.
     pub chain: Digest,
@@ -58,9 +58,9 @@ pub struct EpisodeSummary {
 /// A call of each.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct CallPair {
-    /// The first one's.
+    /// Call of the first episode; `None` if only the second has a call here.
     pub a: Option<CallSummary>,
-    /// The second one's.
+    /// Call of the second episode; `None` if only the first has a call here.
     pub b: Option<CallSummary>,
     /// Whether both made the same call; what came of it may differ.
     pub same_call: bool,
@@ -71,7 +71,7 @@ pub struct CallPair {
 /// A call and what came of it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct CallSummary {
-    /// Which, from 0.
+    /// Index of the call in its episode, from 0.
     pub call: u32,
     /// As made, for people.
     pub what: String,
@@ -93,13 +93,13 @@ pub struct CallSummary {
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("{a} plays task {a_task}, {b} plays {b_task}: episodes of different tasks have nothing to lay side by side", a = a.display(), b = b.display())]
 pub struct TaskMismatch {
-    /// The first trace.
+    /// Path of the first of the two traces.
     pub a: PathBuf,
-    /// Its task.
+    /// Task id of the first trace, with its digest if both ids are equal.
     pub a_task: String,
-    /// The second trace.
+    /// Path of the second of the two traces.
     pub b: PathBuf,
-    /// Its task.
+    /// Task id of the second trace, with its digest if both ids are equal.
     pub b_task: String,
 }
 

@@ -12,7 +12,7 @@ use serde_json::Value;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodePosition {
-    /// The header.
+    /// The episode header, which is compared before everything else.
     Header,
     /// Spawning and settling, before the first call.
     Start,
@@ -25,7 +25,7 @@ pub enum EpisodePosition {
 /// The first difference found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
-    /// Where.
+    /// Moment of the episode at which the first difference lies.
     pub moment: EpisodePosition,
     /// The call as recorded, for people.
     pub call: Option<String>,
@@ -35,9 +35,9 @@ pub struct Divergence {
     pub body: Option<String>,
     /// The field that differs, e.g. `position[2]` or `outcome.text`.
     pub field: String,
-    /// As recorded.
+    /// Value of the field in the recorded (or the first) trace, as text.
     pub recorded: String,
-    /// As executed again.
+    /// Value of the field in the replay (or the second trace), as text.
     pub replayed: String,
 }
 

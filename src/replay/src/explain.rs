@@ -39,11 +39,11 @@ pub struct FieldChange {
     /// The body it belongs to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub body: Option<String>,
-    /// e.g. `position[2]`
+    /// Path of the field in its record or body, e.g. `position[2]`.
     pub field: String,
     /// As recorded; numbers of motion with their bits.
     pub recorded: String,
-    /// As executed again.
+    /// Value when executed again, in the same format as the recorded one.
     pub replayed: String,
     /// How many floats lie between, for numbers of motion and of rewards.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -59,10 +59,10 @@ pub struct FrameChange {
     pub bbox: Option<[u16; 4]>,
     /// Largest difference of a channel.
     pub most: Option<u8>,
-    /// Recorded RGB.
+    /// RGB bytes of the recorded frame; `None` if the trace does not hold it.
     #[serde(skip)]
     pub recorded: Option<Vec<u8>>,
-    /// Replayed RGB.
+    /// RGB bytes of the replayed frame; `None` if the replay rendered none.
     #[serde(skip)]
     pub replayed: Option<Vec<u8>>,
 }

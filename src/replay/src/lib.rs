@@ -46,16 +46,16 @@ pub use viewpoint::{Viewpoint, ViewpointError, view_at, views};
 pub enum Verdict {
     /// Every digest, picture and text is identical.
     Exact {
-        /// Calls re-executed.
+        /// Number of recorded calls that the replay covers.
         calls: u32,
         /// Physics steps re-executed, those of a sleeping world left out.
         physics_steps: u64,
-        /// Pictures rendered again.
+        /// Number of frames that the replay rendered.
         pictures: u32,
     },
-    /// Something differs.
+    /// The replay differs from the trace in at least one compared value.
     Diverged {
-        /// The first difference.
+        /// The first difference, in the order of the episode.
         #[serde(flatten)]
         divergence: Box<Divergence>,
     },
@@ -63,14 +63,14 @@ pub enum Verdict {
     OtherSimulator {
         /// The version in the trace.
         recorded: u32,
-        /// This simulator's version.
+        /// Version of this simulator for the trace's profile.
         this: u32,
         /// What changed in the versions between, the later ones last.
         changes: Vec<String>,
     },
     /// There is no simulator behind it (a robot, another simulator).
     NotReplayable {
-        /// Why.
+        /// Why it cannot be executed again, e.g. an unknown reward preset.
         reason: String,
     },
     /// The trace cannot be read or was tampered with.

@@ -21,7 +21,7 @@ const NOTES: &str = "NOTES.md";
 /// Where new traces lie until all of them are written, in the corpus.
 const WORKSHOP: &str = ".minting";
 
-/// What to mint.
+/// What to mint: the corpus, the reason and the traces to add.
 #[derive(Clone, Debug)]
 pub struct MintOptions<'a> {
     /// The folder of the golden traces.
@@ -32,10 +32,10 @@ pub struct MintOptions<'a> {
     pub add: &'a [PathBuf],
 }
 
-/// What was minted.
+/// Result of minting a corpus: the simulator version and every trace in it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Minted {
-    /// This simulator.
+    /// Current simulator version, under which the notes list this minting.
     pub sim_version: u32,
     /// Every trace of the corpus, in the order of their names.
     pub traces: Vec<MintedTrace>,
@@ -62,13 +62,13 @@ pub enum MintError {
         "a golden trace changes only for a reason; '{reason}' has fewer than {REASON_CHARS} characters: say what changed and why"
     )]
     Reason {
-        /// What was given.
+        /// The reason that was given, its whitespace collapsed to single spaces.
         reason: String,
     },
-    /// Nothing to mint.
+    /// The corpus holds no trace, and none is added.
     #[error("there is no .mcap file in {corpus}; add the first ones with --add")]
     Empty {
-        /// The folder.
+        /// Folder of the golden traces, where no trace was found.
         corpus: PathBuf,
     },
     /// A trace cannot be read.
@@ -77,15 +77,15 @@ pub enum MintError {
     /// A trace cannot be executed.
     #[error("{path}: {verdict}")]
     NotExecutable {
-        /// The trace.
+        /// Path of the trace that cannot be executed.
         path: PathBuf,
-        /// Why.
+        /// Verdict that says why the trace cannot be executed.
         verdict: Box<Verdict>,
     },
     /// A trace breaks off.
     #[error("{path} has no end; play the episode again or leave it out")]
     NoEnd {
-        /// The trace.
+        /// Path of the trace that breaks off before its end.
         path: PathBuf,
     },
     /// A trace of this very version gives something else.
@@ -94,17 +94,17 @@ pub enum MintError {
          raise SIM_VERSION, or find what broke"
     )]
     SameVersion {
-        /// The trace.
+        /// Path of the trace that no longer replays exactly.
         path: PathBuf,
         /// The simulator's version for its profile.
         version: u32,
-        /// The first difference.
+        /// Verdict of the failed replay, usually with the first difference.
         verdict: Box<Verdict>,
     },
     /// A trace to add does not replay.
     #[error("{path} is not exact and cannot be added: {verdict}")]
     NotExact {
-        /// The trace.
+        /// Path of the recorded trace that was to be added.
         path: PathBuf,
         /// What a replay found.
         verdict: Box<Verdict>,
@@ -112,17 +112,17 @@ pub enum MintError {
     /// Something else stands where a trace should go.
     #[error("{path} stands there already; give the new one another name")]
     Taken {
-        /// The place.
+        /// Path in the corpus that is already occupied.
         path: PathBuf,
     },
     /// The operating system refused while everything still stood where it was.
     #[error("cannot {action} {path}: {source}; nothing was changed in the corpus")]
     Io {
-        /// What was tried.
+        /// Operation that failed, as a verb, e.g. `read` or `copy`.
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// Why not.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The operating system refused while files took their places.
@@ -130,9 +130,9 @@ pub enum MintError {
         "cannot write {path}: {source}; nothing is lost, but some traces are new and some old: mint again"
     )]
     Place {
-        /// The file.
+        /// Path in the corpus that the new file could not be moved to.
         path: PathBuf,
-        /// Why not.
+        /// The error that the operating system reported for the move.
         source: io::Error,
     },
 }

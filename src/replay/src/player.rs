@@ -27,7 +27,7 @@ pub struct Replay<'t> {
 /// What a call gave that differs from its record.
 #[derive(Clone, Debug)]
 pub struct StepMismatch {
-    /// The first difference.
+    /// First difference between the recorded call and its replay.
     pub divergence: Box<Divergence>,
     /// What this simulator gave.
     pub output: StepOutput,

@@ -13,7 +13,7 @@ pub enum RepackError {
     /// Its pictures could not be brought back, or not these.
     #[error("its pictures cannot be made again: {verdict}")]
     NotExact {
-        /// What replay found.
+        /// Verdict of the replay, or of the input check before it.
         verdict: Box<Verdict>,
     },
     /// It cannot be written.

@@ -41,17 +41,17 @@ pub enum ViewpointError {
     /// The free camera without its points.
     #[error("the free camera needs {0} as x,y,z in metres, e.g. 2.5,1,1.8")]
     NoPoint(&'static str),
-    /// No finite point.
+    /// A text that is not three finite coordinates `x,y,z`.
     #[error("'{0}' is not three finite numbers x,y,z")]
     NoNumbers(String),
-    /// No such object.
+    /// No object of the task has this name.
     #[error("task {task} has no object {name}; there are {known}")]
     NoObject {
-        /// The task.
+        /// Id of the task whose objects were searched.
         task: String,
         /// What was asked for.
         name: String,
-        /// What there is.
+        /// Instance ids of all objects of the task, comma-separated.
         known: String,
     },
     /// Several of that name.
@@ -59,7 +59,7 @@ pub enum ViewpointError {
     Several {
         /// What was asked for.
         name: String,
-        /// Which they are.
+        /// Instance ids of the objects that match the name, comma-separated.
         found: String,
     },
 }

@@ -1,5 +1,5 @@
-//! How often asking can pay in a task (SPEC section 5, `ask`), by its words and distractors. Never
-//! answers a question.
+//! How often asking can pay in a task (docs/spec.md#reward-preset-paper, `ask`), by its words and
+//! distractors. Never answers a question.
 
 use std::collections::BTreeSet;
 

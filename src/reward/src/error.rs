@@ -9,7 +9,7 @@ pub enum RewardError {
     /// The text is no TOML.
     #[error("line {line}, column {column}: {message}")]
     Toml {
-        /// From 1.
+        /// Line of the syntax error in the preset file, from 1.
         line: usize,
         /// From 1, in characters.
         column: usize,
@@ -19,13 +19,13 @@ pub enum RewardError {
     /// A key that no preset of this base has.
     #[error("line {line}, column {column}: unknown key '{key}' in {table}{hint}")]
     UnknownKey {
-        /// From 1.
+        /// Line of the unknown key in the preset file, from 1.
         line: usize,
         /// From 1, in characters.
         column: usize,
         /// As it stands in the file.
         key: String,
-        /// Where it stands.
+        /// Table that holds the key, e.g. `[weights] of base paper`.
         table: String,
         /// The nearest key that exists, or all of them.
         hint: String,
@@ -33,7 +33,7 @@ pub enum RewardError {
     /// A value of another kind, or out of range.
     #[error("line {line}, column {column}: {key} must be {expected}, not {found}")]
     Value {
-        /// From 1.
+        /// Line of the value in the preset file, from 1.
         line: usize,
         /// From 1, in characters.
         column: usize,
@@ -47,7 +47,7 @@ pub enum RewardError {
     /// A key without which a file is no preset.
     #[error("a reward preset needs '{key}': {expected}")]
     Missing {
-        /// Which.
+        /// Name of the missing key, `base` or `name`.
         key: &'static str,
         /// What it can be.
         expected: String,
@@ -59,7 +59,7 @@ pub enum RewardError {
     Lengths {
         /// Of the first list.
         expected: usize,
-        /// Of the other.
+        /// Number of values in the other list.
         found: usize,
     },
     /// A mean over nothing.
@@ -68,11 +68,11 @@ pub enum RewardError {
     /// A log-probability that is none.
     #[error("token {token}: log-probabilities {new} and {old} must both be finite")]
     LogProbability {
-        /// From 0.
+        /// Index of the token in the rollout, from 0.
         token: usize,
-        /// The first policy's.
+        /// Log-probability of the token under the first policy.
         new: f64,
-        /// The other's.
+        /// Log-probability of the token under the policy it is compared with.
         old: f64,
     },
     /// Policies so far apart that their ratio is no number.
@@ -108,7 +108,7 @@ pub enum RewardError {
     /// A clip radius that is none.
     #[error("a clip radius must be finite and not negative, not {found}")]
     ClipRadius {
-        /// Which.
+        /// Radius that was given, which is negative or not finite.
         found: f64,
     },
 }

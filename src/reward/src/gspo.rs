@@ -93,7 +93,7 @@ impl ClipRange {
 }
 
 impl KlEstimator {
-    /// All three.
+    /// All three KL estimators in ascending order.
     pub const ALL: [KlEstimator; 3] = [KlEstimator::K1, KlEstimator::K2, KlEstimator::K3];
 
     /// As it is named on the command line and in tables.

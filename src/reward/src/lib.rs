@@ -1,4 +1,5 @@
-//! Rewards and metrics as pure functions of what was recorded (SPEC sections 5 and 6).
+//! Rewards and metrics as pure functions of what was recorded (docs/spec.md#reward-preset-paper and
+//! docs/spec.md#metrics).
 //!
 //! One engine, two sources: records and table columns become the same facts ([`TaskFacts`],
 //! [`EpisodeFacts`]), and a [`Scorer`] runs the rules of a [`Preset`] on facts alone. It reads them
@@ -9,23 +10,23 @@
 //! [`EpisodeFacts::record`]:
 //!
 //! ```
-//! use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+//! use reel_reward::{Authority, EpisodeFacts, EpisodeReward, MarkerReferent, Preset, Scorer, StepHead, TaskFacts};
 //! # fn columns(task: &reel_world::Task, scene: &reel_world::Scene) -> Option<()> {
 //! let mut facts = TaskFacts::new(task, scene); // once a task and thread
 //! let mut scorer = Scorer::new(&Preset::paper()); // once a thread, for all tasks
 //! let (mut episode, mut reward) = (EpisodeFacts::default(), EpisodeReward::default()); // buffers
 //! facts.begin(&mut episode); // once an episode; first how its start differs from the task's, by authority
 //! episode.change(Authority::Physics, facts.change("add", Some("red_on_table_1_at_t"), "floor", None, None)?);
-//! episode.saw(facts.object("red_on_table_1_at_t"));
+//! episode.push_visible(facts.object("red_on_table_1_at_t"));
 //! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
 //! let red = facts.object("red_on_table_1_at_t");
 //! let reply = None::<&str>.map(|text| facts.text(text));
-//! let told = facts.told(&call, "Picked up the object."); // what the policy read; for `real-trainer`
-//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, told, ..call });
+//! let trainer_reading = facts.trainer_reading(&call, "Picked up the object."); // for `real-trainer`
+//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, trainer_reading, ..call });
 //! episode.change(Authority::Registry, facts.change("remove", Some("red_on_table_1_at_t"), "table_1", None, None)?);
-//! episode.saw(facts.object("green_on_table_1_at_t")); // seen or told for the first time
+//! episode.push_visible(facts.object("green_on_table_1_at_t")); // seen or told for the first time
 //! episode.set_markers(); // the whole map after the call; may be left out where it is as before
-//! episode.mark(1, Marked::Object(red));
+//! episode.mark(1, MarkerReferent::Object(red));
 //! scorer.score(&mut facts, &episode, &mut reward);
 //! println!("{} {} {}", reward.total(), reward.discounted_return(), reward.component("task"));
 //! # Some(())

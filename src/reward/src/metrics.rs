@@ -1,4 +1,5 @@
-//! Metrics of one episode (SPEC sections 5 and 6). Never reads a reward rule.
+//! Metrics of one episode (docs/spec.md#metrics and docs/spec.md#advantages). Never reads a reward
+//! rule.
 
 use reel_world::{
     InstanceId, Task, WorldGraph,

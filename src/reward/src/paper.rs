@@ -1,5 +1,5 @@
 //! Preset `paper`: the reward of the paper's Detailed Reward Configuration, by the definitions of
-//! SPEC section 5.
+//! docs/spec.md#reward-preset-paper.
 //!
 //! The physical graph scores. Where the definitions leave a corner, it is decided so:
 //! - `Delta_task` is a set union: an aux element that is a goal change already (a door to be opened
@@ -74,7 +74,7 @@ pub(crate) struct Paper {
     valid_picks: Vec<ObjectKey>,
     transits: Vec<ObjectKey>,
     recovery: Recovery,
-    /// By object.
+    /// Whether each object has been seen so far, by object number.
     seen: Vec<bool>,
     /// Candidates that fit the replies so far.
     left: Vec<bool>,
@@ -91,7 +91,7 @@ enum Recovery {
     },
     /// One of them was put back.
     PutBack { object: ObjectKey },
-    /// Rewarded.
+    /// The recovery was rewarded, which happens once per episode at most.
     Done,
 }
 

@@ -168,7 +168,7 @@ impl Preset {
         Box::new(RecordRewarder::new(self, task, scene))
     }
 
-    /// The graph that scores under this preset (SPEC section 1, "Authority").
+    /// The graph that scores under this preset (docs/spec.md#authority).
     pub fn authority<'a>(&self, graphs: &'a Graphs) -> &'a WorldGraph {
         match self.base {
             Base::Paper => &graphs.physics,

@@ -1,5 +1,5 @@
 //! Preset `real-repo`: the reward of the published code (REAL's gspo branch), number for number, by
-//! the definitions of SPEC section 5.
+//! the definitions of docs/spec.md#reward-preset-real-repo.
 //!
 //! The registry scores, and objects count as their assets. What is repeated here is the published
 //! *reward class* (`src/difference_reward.rs` has its rules); a step is a decision of the record,

@@ -33,11 +33,11 @@ enum State {
 /// One term that a step paid.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AppliedTerm {
-    /// Which.
+    /// Term of the preset that paid in this step.
     pub term: Term,
     /// What it paid; never zero.
     pub value: f64,
-    /// Why, for [`TaskFacts::reason`].
+    /// Why the term paid, from which [`TaskFacts::reason`] makes its text.
     pub(crate) cause: Cause,
 }
 
@@ -92,7 +92,7 @@ impl Scorer {
         }
     }
 
-    /// What it runs.
+    /// The reward preset by which this scorer scores episodes.
     pub fn preset(&self) -> &Preset {
         &self.preset
     }
@@ -179,7 +179,7 @@ impl EpisodeReward {
         &self.totals
     }
 
-    /// Cumulative reward, undiscounted.
+    /// Cumulative reward of the episode: the undiscounted sum over its steps.
     pub fn total(&self) -> f64 {
         self.total
     }

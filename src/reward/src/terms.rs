@@ -80,7 +80,7 @@ macro_rules! terms {
                 match self { $(Term::$name => $component,)* }
             }
 
-            /// The published weight.
+            /// The term's published weight, which a preset file may override.
             pub fn published_weight(self) -> f64 {
                 match self { $(Term::$name => $weight,)* }
             }

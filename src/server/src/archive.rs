@@ -29,7 +29,7 @@ pub(crate) struct Archive {
 pub(crate) struct TraceFile {
     /// Its name, without `.mcap`.
     pub trace: String,
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// When it was written, in seconds since 1970.
     pub written: u64,
@@ -96,7 +96,7 @@ impl Archive {
         Err(ApiError::not_found(format!("there is no trace {name}")))
     }
 
-    /// Reads a trace.
+    /// Reads a finished trace of the archive by its name.
     pub fn read(&self, name: &str) -> Result<Trace, ApiError> {
         let path = self.existing(name)?;
         Trace::read(&path).map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
@@ -148,7 +148,7 @@ impl Archive {
         )
     }
 
-    /// The folder.
+    /// Absolute path of the folder that holds the traces.
     pub fn folder(&self) -> &Path {
         &self.folder
     }

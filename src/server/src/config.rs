@@ -41,28 +41,28 @@ pub struct Config {
     pub hosts: Vec<String>,
     /// Origins of web pages that may call it, e.g. `https://lab.example`.
     pub origins: Vec<String>,
-    /// How logs look.
+    /// Format of the server's logs: text or JSON.
     pub log: LogFormat,
     /// Which logs: a level, or directives such as `info,reel_mcp=debug`.
     pub log_filter: String,
-    /// What is played.
+    /// What the sessions play: tasks, seed, profile, rewards and who answers.
     pub play: Play,
     /// What clients may take.
     pub limits: Limits,
 }
 
-/// How logs look.
+/// Format in which the server writes its logs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LogFormat {
-    /// For people.
+    /// Lines of plain text, to be read by people.
     #[default]
     Text,
     /// One JSON object a line.
     Json,
 }
 
-/// What is played.
+/// What the sessions play and how their episodes are recorded.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Play {
@@ -73,7 +73,7 @@ pub struct Play {
     /// or among those that come with Reel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<PathBuf>,
-    /// In which order.
+    /// Order in which the tasks are played.
     pub order: Order,
     /// Seed of everything random, the order included.
     pub seed: u64,
@@ -94,7 +94,7 @@ pub struct Play {
     /// What an acknowledged call survives: `write` (the death of the process) or `fsync` (the loss
     /// of power).
     pub durability: String,
-    /// Who answers `ask`.
+    /// Who answers the `ask` calls of the policies.
     pub ask: AskResponder,
     /// How long a person may take to answer, in seconds.
     pub ask_patience_s: u64,
@@ -127,7 +127,7 @@ pub struct Limits {
     pub close_after_s: u64,
     /// Seconds that a call waits for a worker.
     pub patience_s: u64,
-    /// Connections at once.
+    /// Most client connections that are open at once.
     pub connections: usize,
     /// Seconds that a client has for the head of a request, again for its body, and for reading any
     /// of the answer.
@@ -217,15 +217,15 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     Read {
-        /// Which.
+        /// Path of the configuration file that cannot be read.
         path: PathBuf,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// It is no configuration.
     #[error("{path}: {message}", path = path.display())]
     Syntax {
-        /// Which.
+        /// Path of the configuration file that cannot be parsed.
         path: PathBuf,
         /// What is wrong, and where.
         message: String,
@@ -233,7 +233,7 @@ pub enum ConfigError {
     /// A value that cannot be.
     #[error("{key}: {message}")]
     Value {
-        /// Which.
+        /// Dotted key of the value, e.g. `limits.sessions`.
         key: &'static str,
         /// What is wrong with it.
         message: String,
@@ -362,7 +362,7 @@ impl Config {
         self.preset().map(drop)
     }
 
-    /// The reward preset.
+    /// The reward preset of `play.preset`: a built-in one, or read from a file.
     fn preset(&self) -> Result<Preset, ConfigError> {
         let wrong = |message: String| ConfigError::Value {
             key: "play.preset",

@@ -56,7 +56,7 @@ pub(crate) enum Work {
     Taxonomy {},
     /// Scores the episodes of the tables under a built-in reward preset.
     Reward {
-        /// Which.
+        /// Name of the built-in reward preset to score with.
         preset: String,
     },
     /// Writes a training set of the tables into `exports/<name>` of the data folder.
@@ -76,11 +76,11 @@ pub(crate) enum Work {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Set {
-    /// Supervised.
+    /// Examples for supervised fine-tuning, from `reel export sft`.
     Sft,
-    /// Rollout groups.
+    /// Rollout groups for reinforcement learning, from `reel export rl`.
     Rl,
-    /// Preference pairs.
+    /// Preference pairs of episodes, from `reel export preferences`.
     Preferences,
 }
 
@@ -119,9 +119,9 @@ const EXPORT_OPTIONS: [&str; 25] = [
 pub(crate) enum Stage {
     /// Others are at work.
     Waiting,
-    /// At work.
+    /// The job's command is running now.
     Running,
-    /// Done.
+    /// The command succeeded, possibly naming what it left out.
     Done,
     /// It could not be done.
     Failed,
@@ -129,14 +129,14 @@ pub(crate) enum Stage {
     Cancelled,
 }
 
-/// A job.
+/// A job with its state, its progress and its report.
 #[derive(Clone, PartialEq, Debug, Serialize, ToSchema)]
 pub(crate) struct Job {
-    /// Its number.
+    /// Number of the job, counted from 1 since the server started.
     pub id: u64,
-    /// What it does.
+    /// What the job does, as the client requested it.
     pub work: Work,
-    /// Where it stands.
+    /// State of the job, e.g. waiting, running or failed.
     pub stage: Stage,
     /// How much is done.
     pub done: u64,
@@ -175,7 +175,7 @@ struct JobState {
 
 /// Where jobs find and leave things.
 pub(crate) struct Paths {
-    /// The `reel` command.
+    /// Path of the `reel` executable that runs the jobs.
     pub reel: OsString,
     pub archive: Archive,
     pub store: String,
@@ -298,7 +298,7 @@ impl Jobs {
             .ok_or_else(|| ApiError::not_found(format!("there is no job {id}, or it was long ago")))
     }
 
-    /// Stops a job.
+    /// Stops a waiting or running job; fails if it has ended or is unknown.
     pub fn cancel(&self, id: u64) -> Result<(), ApiError> {
         let job = self.watch(id)?;
         if job.borrow().ended() {

@@ -89,9 +89,9 @@ pub enum ServeError {
     /// The address cannot be taken.
     #[error("cannot listen on {address}: {source}")]
     Listen {
-        /// Which.
+        /// Address on which the server cannot listen.
         address: SocketAddr,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The data folder cannot be used.

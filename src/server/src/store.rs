@@ -96,7 +96,7 @@ impl Tables {
         opened.answers.insert(question, answer);
     }
 
-    /// An earlier version.
+    /// Opens the store as it was at an earlier version of the tables.
     pub fn at(&self, version: u64) -> Result<Store, StoreError> {
         Store::open_at(&self.location, version)
     }

@@ -29,7 +29,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// Reads a name.
+    /// Parses the name of a role; `None` if there is no such role.
     pub fn parse(text: &str) -> Option<Self> {
         match text {
             "read" => Some(Role::Read),
@@ -44,9 +44,9 @@ impl Role {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TokenEntry {
-    /// Whose.
+    /// Name of the token, by which it is revoked.
     pub name: String,
-    /// What it allows.
+    /// Roles that the token grants to its holder.
     pub roles: BTreeSet<Role>,
     /// BLAKE3 of the token: 256 random bits need no salt.
     pub hash: String,
@@ -65,19 +65,19 @@ pub enum TokenError {
     /// The file cannot be read or written.
     #[error("cannot {action} {path}: {source}", path = path.display())]
     Io {
-        /// What was tried.
+        /// Operation that failed, as a verb, e.g. `read` or `write`.
         action: &'static str,
-        /// Which file.
+        /// Path of the token file, e.g. `tokens.toml`.
         path: PathBuf,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
     },
     /// It is no file of tokens.
     #[error("{path} is no file of tokens: {message}", path = path.display())]
     Syntax {
-        /// Which file.
+        /// Path of the token file that cannot be parsed.
         path: PathBuf,
-        /// What is wrong.
+        /// Error message of the TOML parser, with its place in the file.
         message: String,
     },
     /// A name that is taken.
@@ -111,7 +111,7 @@ impl Tokens {
         })
     }
 
-    /// Every token.
+    /// All tokens of the file as it was last read.
     pub fn entries(&self) -> Arc<Vec<TokenEntry>> {
         self.known
             .lock()

@@ -9,35 +9,35 @@ pub const FOCAL_PX: f32 = 400.0;
 /// A convex primitive around its own origin. Cylinders and capsules stand along z.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Shape {
-    /// A box.
+    /// A box whose sides are parallel to the axes.
     Cuboid {
         /// Half extents along x, y, z.
         half: [f32; 3],
     },
-    /// A cylinder.
+    /// A cylinder whose axis is the z axis.
     Cylinder {
-        /// In metres.
+        /// Radius of the cylinder, in metres.
         radius: f32,
-        /// In metres.
+        /// Half of the cylinder's height along z, in metres.
         half_height: f32,
     },
-    /// A ball.
+    /// A ball whose centre is the origin.
     Ball {
-        /// In metres.
+        /// Radius of the ball, in metres.
         radius: f32,
     },
     /// A cylinder with half balls at its ends.
     Capsule {
-        /// In metres.
+        /// Radius of the cylinder and of its end caps, in metres.
         radius: f32,
         /// Half length of the cylinder between the balls.
         half_height: f32,
     },
     /// A cone, its tip up. Looks only: never solid.
     Cone {
-        /// In metres.
+        /// Radius of the cone's base, in metres.
         radius: f32,
-        /// In metres.
+        /// Half of the cone's height along z, in metres.
         half_height: f32,
     },
 }
@@ -45,7 +45,7 @@ pub enum Shape {
 /// How a part's colour varies over its surface.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Pattern {
-    /// One colour.
+    /// The main colour all over, without a second one.
     #[default]
     Plain,
     /// Bands of the second colour.
@@ -61,37 +61,37 @@ pub enum Pattern {
 /// A coloured primitive of a model.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Part {
-    /// Its shape.
+    /// Shape of the part, in the part's own frame.
     pub shape: Shape,
     /// Pose in the frame of the model it belongs to.
     pub pose: Pose,
-    /// Main colour, sRGB.
+    /// Main colour of the part, as sRGB bytes.
     pub color: [u8; 3],
     /// Second colour of the pattern.
     pub accent: [u8; 3],
-    /// Its pattern.
+    /// How the colour varies over the part's surface.
     pub pattern: Pattern,
     /// Whether physics knows it: looks without a collider are false.
     pub solid: bool,
 }
 
-/// Position and rotation.
+/// A rigid transform: a rotation followed by a translation.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Pose {
-    /// In metres.
+    /// Translation along x, y and z, in metres.
     pub position: [f32; 3],
     /// Quaternion x, y, z, w.
     pub rotation: [f32; 4],
 }
 
 impl Pose {
-    /// No motion.
+    /// The identity transform, without rotation or translation.
     pub const IDENTITY: Pose = Pose {
         position: [0.0; 3],
         rotation: [0.0, 0.0, 0.0, 1.0],
     };
 
-    /// A translation.
+    /// A translation in metres, without any rotation.
     pub fn at(position: [f32; 3]) -> Self {
         Self {
             position,
@@ -144,12 +144,12 @@ pub fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// Scalar product.
+/// Scalar product of two 3D vectors.
 pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Vector product.
+/// Right-handed vector product `a x b` of two 3D vectors.
 pub fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
@@ -175,7 +175,7 @@ fn quaternion_product([ax, ay, az, aw]: [f32; 4], [bx, by, bz, bw]: [f32; 4]) ->
 /// The head camera. Camera frame: x right, y down, z forward.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Camera {
-    /// In metres.
+    /// Position in the scene's frame, in metres.
     pub position: [f32; 3],
     /// Around z, in radians; 0 looks along +x.
     pub yaw: f32,

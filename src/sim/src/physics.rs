@@ -13,7 +13,7 @@ use crate::{
     model::{DoorModel, Hull, ObjectModel, SceneModel},
 };
 
-/// How far above its place an object is spawned (SPEC section 3, "Physics verification").
+/// How far above its place an object is spawned (docs/spec.md#task-filters).
 pub const SPAWN_OFFSET_M: f32 = 0.1;
 
 const FRICTION: f32 = 0.7;
@@ -34,7 +34,7 @@ const Y_TO_Z: Rotation = Rotation::from_xyzw(
 /// Motion state of one body.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Motion {
-    /// Scene from body.
+    /// Pose of the body in the scene frame, position in metres.
     pub pose: geometry::Pose,
     /// In metres per second.
     pub linear: [f32; 3],

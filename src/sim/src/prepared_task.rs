@@ -38,8 +38,8 @@ impl PreparedTask {
         Self::with_perception(scene, task, meshes, Arc::new(SimulatorPerception))
     }
 
-    /// [`Stage::with_meshes`] where the tools of the published servers ask `perception` instead of
-    /// the simulator's own geometry and camera: for tests, which give tables.
+    /// [`PreparedTask::with_meshes`] where the tools of the published servers ask `perception`
+    /// instead of the simulator's own geometry and camera: for tests, which give tables.
     pub fn with_perception(
         scene: Arc<Scene>,
         task: Arc<Task>,
@@ -79,12 +79,12 @@ impl PreparedTask {
         })
     }
 
-    /// The scene.
+    /// The scene of the episode, shared by all simulators of this stage.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// The task.
+    /// The task of the episode, shared by all simulators of this stage.
     pub fn task(&self) -> &Arc<Task> {
         &self.task
     }

@@ -18,7 +18,7 @@ use crate::{
     render::{Detail, Drawable, OverlayMark, Region, overlay, render},
 };
 
-/// Physics steps after spawning (SPEC section 3, "Physics verification").
+/// Physics steps after spawning (docs/spec.md#task-filters).
 pub const SPAWN_SETTLE_STEPS: u32 = 500;
 /// Fewest pixels of a thing that is in view.
 pub const VISIBLE_PIXELS: u32 = 12;
@@ -33,7 +33,7 @@ const REST_ASIDE_M: f32 = 0.02;
 const SHELL_ENTITY: u16 = 1;
 const FIRST_FURNITURE_ENTITY: u16 = 2;
 
-/// One episode's world.
+/// The simulated world of one episode: physics, registry, robot and markers.
 #[derive(Debug)]
 pub struct Simulator {
     pub(crate) stage: Arc<PreparedTask>,
@@ -49,7 +49,7 @@ pub struct Simulator {
     pub(crate) has_marker_map: bool,
     /// Whether the markers stay through `gaze_at` (they stand for objects).
     pub(crate) markers_persist: bool,
-    /// Furniture index.
+    /// Furniture index of the receptacle the robot went to; `None` before it went to one.
     pub(crate) landmark: Option<usize>,
     pub(crate) robot: RobotState,
     /// What stood in the last picture: (entity, pixels) runs over its rows.
@@ -99,12 +99,12 @@ impl Simulator {
         &self.stage
     }
 
-    /// The task.
+    /// The task that this episode is about, shared through the stage.
     pub fn task(&self) -> &Task {
         &self.stage.task
     }
 
-    /// The scene.
+    /// The scene in which the episode takes place, shared through the stage.
     pub fn scene(&self) -> &Scene {
         &self.stage.scene
     }
@@ -119,7 +119,7 @@ impl Simulator {
         &self.stage.object_models
     }
 
-    /// The navigation map.
+    /// The navigation map of the scene, shared through the stage.
     pub fn nav(&self) -> &NavMap {
         &self.stage.nav
     }
@@ -146,7 +146,7 @@ impl Simulator {
             .map(|index| &self.stage.model.furniture[index].id)
     }
 
-    /// The robot.
+    /// The robot's state: base, heading, camera and length of the path driven.
     pub fn robot(&self) -> RobotState {
         self.robot
     }
@@ -178,7 +178,7 @@ impl Simulator {
         self.watched.take()
     }
 
-    /// Both authorities' graphs.
+    /// The world graphs of both authorities: physics, and the registry of picks and places.
     pub fn graphs(&self) -> Graphs {
         Graphs {
             physics: self.physical_graph(),
@@ -353,7 +353,7 @@ impl Simulator {
         frame
     }
 
-    /// [`Simulator::take_picture`] for what stands in it alone.
+    /// [`Simulator::capture_frame`] for what stands in it alone.
     pub(crate) fn update_visible(&mut self) {
         self.view = runs(&self.render_with(&self.camera(), &[], Detail::Geometry).ids);
     }
@@ -404,7 +404,7 @@ impl Simulator {
         render(camera, &drawables, detail)
     }
 
-    /// The head camera.
+    /// Camera pose of the robot's head: position, yaw and pitch.
     pub fn camera(&self) -> Camera {
         Camera {
             position: self.robot.camera,

@@ -20,9 +20,9 @@ const DRIFT_YAW: [f64; 2] = [
 pub enum Primitive {
     /// Pull a door open.
     Open,
-    /// Push it closed.
+    /// Push an open door closed again.
     Close,
-    /// Take an object.
+    /// Take an object with the gripper.
     Pick,
     /// Put it on an open surface.
     PlaceOpen,

@@ -41,10 +41,10 @@ pub enum SnapshotError {
         /// The version that took it.
         found: u32,
     },
-    /// Cut or changed.
-    #[error("the snapshot is damaged ({what}); delete it, it can be made again")]
+    /// The bytes cannot be decoded, or their content does not fit the task.
+    #[error("the snapshot is damaged ({problem}); delete it, it can be made again")]
     Damaged {
-        /// What is wrong.
+        /// The decoder's message, or what does not fit the task.
         problem: String,
     },
     /// Of another task, scene or seed.

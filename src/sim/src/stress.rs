@@ -20,7 +20,7 @@ pub enum Stress {
 }
 
 impl Stress {
-    /// Every scene.
+    /// All stress scenes, in the order of their declaration.
     pub const ALL: [Stress; 3] = [Stress::Compounds, Stress::Limits, Stress::Crowd];
 
     /// Its name in tables.

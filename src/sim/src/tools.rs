@@ -1,5 +1,5 @@
 //! The paper's tool handlers (those of the published servers are in `published`): what each call
-//! does to the world, what it shows and says (SPEC section 2).
+//! does to the world, what it shows and says (docs/spec.md#tools).
 //!
 //! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers
 //! and categories, never instances, assets or poses. A failed call changes nothing.
@@ -33,7 +33,7 @@ const RECEPTACLE_PIXELS: u32 = 120;
 /// What a call came to.
 #[derive(Clone, Debug)]
 pub struct ToolResult {
-    /// For the policy.
+    /// The text and, if the call failed, the error code that the policy reads.
     pub outcome: Outcome,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
@@ -65,7 +65,7 @@ impl ToolResult {
 /// What a call is a function of, besides itself and the state.
 #[derive(Clone, Copy, Debug)]
 pub struct CallContext<'a> {
-    /// Its luck.
+    /// Actuation noise of the call: success of its skill and drift of the base.
     pub noise: ActuationNoise,
     /// Which categories a query means, where that was looked up outside.
     pub lookup: Option<&'a Lookup>,
@@ -590,7 +590,7 @@ fn not_in_view(number: u32) -> ToolFailure {
     )
 }
 
-/// As the robot's tool server tells of an exception (SPEC section 9).
+/// As the robot's tool server tells of an exception (docs/spec.md#skill-reliability).
 fn skill_failed(tool: &str, what: &str) -> ToolFailure {
     (
         ErrorCode::SkillFailed,

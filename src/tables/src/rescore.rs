@@ -20,15 +20,15 @@ use crate::{Store, StoreError, Table};
 /// An episode that was scored again: what people name it by, and what was recorded.
 #[derive(Debug)]
 pub struct ScoredEpisode<'a> {
-    /// Its id.
+    /// Id of the episode, as in column `episode_id` of `episodes`.
     pub episode_id: &'a str,
     /// Of the trace it was read from.
     pub trace_digest: &'a str,
-    /// The trace.
+    /// The trace file that holds the episode, as in column `trace`.
     pub trace: &'a str,
-    /// Who decided.
+    /// Name of the policy that decided in this episode.
     pub policy: &'a str,
-    /// Which task.
+    /// Id of the task that the episode is about.
     pub task_id: &'a str,
     /// Name of the preset at record time.
     pub preset: &'a str,

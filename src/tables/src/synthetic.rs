@@ -22,7 +22,7 @@ const GROUP: u64 = 8;
 const BATCH: u64 = 2_000;
 /// Episodes of one commit.
 const PORTION: u64 = 100_000;
-/// Made-up policies.
+/// Names of the synthetic policies that generated episodes are attributed to.
 const POLICIES: [&str; 8] = [
     "atlas", "birch", "cedar", "delta", "ember", "fjord", "grove", "haven",
 ];

@@ -34,7 +34,7 @@ pub(crate) enum Content {
 }
 
 impl Content {
-    /// For messages.
+    /// Name of the node's type for error messages, e.g. `a list`.
     pub fn kind(&self) -> &'static str {
         match self {
             Content::Null => "nothing",

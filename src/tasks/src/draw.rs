@@ -23,14 +23,14 @@ const MOST_DRAWS: usize = 200;
 /// Most receptacles like the source that hold a copy of the target.
 const MOST_COPIES: usize = 3;
 
-/// What to generate.
+/// Options of the generator: scene, families, number of tasks and seed.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawOptions<'a> {
     /// The scene. Its receptacles need captions.
     pub scene: &'a Scene,
     /// The families, taken in turn.
     pub families: &'a [Family],
-    /// How many tasks.
+    /// Number of tasks to generate, over all families.
     pub count: usize,
     /// Seed of all choices.
     pub seed: u64,
@@ -38,7 +38,7 @@ pub struct DrawOptions<'a> {
 
 /// What came of it.
 #[derive(Clone, PartialEq, Debug, Default)]
-pub struct Drawn {
+pub struct DrawnTasks {
     /// The tasks; fewer than asked for where the scene does not allow a family.
     pub tasks: Vec<Task>,
     /// How many drafts were thrown away, by reason.
@@ -46,8 +46,8 @@ pub struct Drawn {
 }
 
 /// Generates tasks. Task ids are `<family>/<scene>_<number>`.
-pub fn draw(options: &DrawOptions<'_>) -> Drawn {
-    let mut generated = Drawn::default();
+pub fn draw(options: &DrawOptions<'_>) -> DrawnTasks {
+    let mut generated = DrawnTasks::default();
     let mut seen = BTreeSet::new();
     let mut numbers: BTreeMap<Family, usize> = BTreeMap::new();
     let usable = usable_receptacles(options.scene);

@@ -8,53 +8,53 @@ pub enum TaskError {
     Read {
         /// The file or folder.
         file: String,
-        /// Why.
+        /// The file system's error, or that folders are nested too deep.
         source: std::io::Error,
     },
     /// It is larger than any task.
     #[error("{file}: larger than {most} bytes, which no task file is")]
     TooLarge {
-        /// The file.
+        /// Path of the file that is too large.
         file: String,
-        /// The limit.
+        /// Most bytes that a task or scene file may have.
         most: u64,
     },
     /// A folder without a task in it.
     #[error("{file}: no file in it ends with .yaml or .yml")]
     Empty {
-        /// The folder.
+        /// Path of the folder that holds no YAML file.
         file: String,
     },
     /// It is no YAML or JSON, or a kind of it that no honest writer makes.
     #[error("{file}:{line}: {problem}")]
     Syntax {
-        /// The file.
+        /// Path of the file that cannot be parsed.
         file: String,
         /// The line, from 1.
         line: usize,
-        /// What is wrong.
+        /// What is wrong with the syntax, in words for people.
         problem: String,
     },
     /// A field is missing or wrong.
     #[error("{file}:{line}: {field}: {problem}")]
     Field {
-        /// The file.
+        /// Path of the file with the missing or wrong field.
         file: String,
         /// The line, from 1: of the field, or of the mapping that lacks it.
         line: usize,
         /// Where in the document, e.g. `episodes[0].dest`.
         field: String,
-        /// What is wrong.
+        /// What is wrong with the field, in words for people.
         problem: String,
     },
     /// A scene that reads well but cannot be.
     #[error("{file}: {field}: {problem}")]
     Scene {
-        /// The file.
+        /// Path of the scene file that contradicts itself.
         file: String,
         /// Where in the document, e.g. `receptacles[3] (table_1)`.
         field: String,
-        /// What is wrong.
+        /// What is wrong at that place, in words for people.
         problem: String,
     },
     /// A folder that holds no published tasks.
@@ -90,11 +90,11 @@ pub enum TaskError {
     /// Two files hold a task of the same name.
     #[error("{file}: task {task_id} stands in {first} already")]
     DuplicateTask {
-        /// The second file.
+        /// Path of the later file, which repeats the task id.
         file: String,
-        /// The first file.
+        /// Path of the file that was loaded first with this task id.
         first: String,
-        /// The name.
+        /// The task id that both files use.
         task_id: String,
     },
 }

@@ -16,7 +16,7 @@ pub(crate) struct Field<'a> {
 }
 
 impl<'a> Field<'a> {
-    /// The document itself.
+    /// The root of the document, whose path is empty.
     pub fn root(node: &'a Node) -> Self {
         Self {
             node,
@@ -34,7 +34,7 @@ impl<'a> Field<'a> {
         self.node.line
     }
 
-    /// A problem here.
+    /// Reports a problem at the path and line of this field.
     pub fn problem(&self, problem: impl Into<String>) -> Problem {
         let field = if self.path.is_empty() {
             "the document".to_owned()
@@ -165,7 +165,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// A finite number.
+    /// Reads the value as a finite number, whole or not.
     pub fn number(&self) -> Result<f64, Problem> {
         match self.node.content {
             #[expect(clippy::cast_precision_loss, reason = "lengths in metres are small")]
@@ -175,7 +175,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Three finite numbers.
+    /// Reads the value as a list of exactly three finite numbers.
     pub fn vector(&self) -> Result<[f64; 3], Problem> {
         let numbers: Vec<f64> = self
             .items()?

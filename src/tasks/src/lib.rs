@@ -24,7 +24,7 @@ mod real_schema;
 mod warning;
 pub mod wording;
 
-pub use draw::{DrawOptions, Drawn, draw};
+pub use draw::{DrawOptions, DrawnTasks, draw};
 pub use error::TaskError;
 pub use load::{LoadReport, LoadedSet, ObjectOrder, load, load_as, load_with, parse};
 pub use lookup::SceneSource;

@@ -11,9 +11,9 @@ use crate::attributes;
 /// An object that can be placed.
 #[derive(Clone, PartialEq, Debug)]
 pub struct LibraryObject {
-    /// e.g. `mug_03`
+    /// Id of the asset, e.g. `mug_03`.
     pub asset: AssetId,
-    /// e.g. `mug`
+    /// Category of the object, e.g. `mug`.
     pub category: String,
     /// What it is for, e.g. `drink container`; several categories share a purpose.
     pub purpose: String,
@@ -38,7 +38,7 @@ const SIZES: [(&str, f64); VARIANTS] = [
 /// No object is lower, in metres: thinner ones are hard on any physics. Nor made larger than this.
 const LOWEST_M: f64 = 0.02;
 const LARGEST_M: [f64; 3] = [0.39, 0.29, 0.29];
-/// Categories and objects of each in [`small`].
+/// Categories and objects of each in [`small_library`].
 const SMALL: [usize; 2] = [60, 4];
 
 /// One row of `data/objects.json`.

@@ -21,7 +21,7 @@ use crate::{
 
 /// Largest task file; real ones have 30 kB.
 const MOST_BYTES: u64 = 4 * 1024 * 1024;
-/// Deepest folder.
+/// Deepest nesting of folders that is searched; deeper ones are reported as errors.
 const MOST_FOLDERS: usize = 16;
 
 /// What came of loading.

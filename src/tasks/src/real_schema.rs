@@ -1,4 +1,4 @@
-//! The YAML schema of REAL-Bench (SPEC section 10) read into a [`Task`].
+//! The YAML schema of REAL-Bench (docs/spec.md#real-bench) read into a [`Task`].
 //!
 //! Takes the published oddities without complaint and lists them. Fields it does not use are kept
 //! in [`Task::extra`] under their path in the document, e.g. `episodes[0].global_index`.

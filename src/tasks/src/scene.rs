@@ -9,7 +9,7 @@ use crate::{TaskError, attributes, load::read_file};
 /// A scene and what is doubtful in it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct LoadedScene {
-    /// The scene.
+    /// The scene, checked so that the simulator can rely on it.
     pub scene: Scene,
     /// What is doubtful but can be lived with, for people.
     pub warnings: Vec<String>,

@@ -1,4 +1,4 @@
-//! What is strange in a task file but taken all the same (SPEC section 10).
+//! What is strange in a task file but taken all the same (docs/spec.md#real-bench-oddities).
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Something strange in a task.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 pub struct TaskWarning {
-    /// The task.
+    /// Id of the task that the warning is about.
     pub task_id: String,
     /// What kind of strangeness.
     pub kind: TaskWarningKind,
@@ -15,7 +15,7 @@ pub struct TaskWarning {
     pub detail: String,
 }
 
-/// The kinds.
+/// What can be strange in a task file that is loaded all the same.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TaskWarningKind {
@@ -45,7 +45,7 @@ pub enum TaskWarningKind {
 }
 
 impl TaskWarningKind {
-    /// For people.
+    /// The kind as a phrase for messages, e.g. `thin object`.
     pub fn as_str(self) -> &'static str {
         match self {
             TaskWarningKind::SameAssetInSeveralPlaces => "same asset in several places",

@@ -22,10 +22,10 @@ pub struct Agreement {
     pub confusion: Vec<Vec<usize>>,
 }
 
-/// One class.
+/// Agreement on one class: its counts, precision, recall and F1.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct ClassAgreement {
-    /// Its name.
+    /// Name of the class that is counted.
     pub class: String,
     /// How often it is true.
     pub support: usize,

@@ -189,7 +189,7 @@ impl Classification {
         self.found.len()
     }
 
-    /// Whether none failed.
+    /// Whether there is no failed episode to classify.
     pub fn is_empty(&self) -> bool {
         self.found.is_empty()
     }
@@ -244,7 +244,7 @@ impl Classification {
         })
     }
 
-    /// Family and policy of the episodes, in the order of [`Verdicts::classes`].
+    /// Family and policy of the episodes, in the order of [`Classification::classes`].
     pub fn groups(&self) -> impl Iterator<Item = (&str, &str)> {
         let some = self
             .found

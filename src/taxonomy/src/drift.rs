@@ -11,7 +11,7 @@ pub struct Drift {
     pub name: String,
     /// Episodes of the class before.
     pub before: u64,
-    /// And after.
+    /// Episodes of the class in the later set.
     pub after: u64,
     /// Change of its share of all episodes, successes included.
     pub difference: f64,

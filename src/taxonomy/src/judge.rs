@@ -76,11 +76,11 @@ pub struct CaseStep {
 /// A picture that the agent saw.
 #[derive(Clone, PartialEq, Debug)]
 pub struct CaseImage {
-    /// After which step.
+    /// Number of the step after which the frame was taken.
     pub step: u32,
-    /// e.g. `image/png`
+    /// Media type of the image, e.g. `image/png`.
     pub media_type: String,
-    /// The file's content.
+    /// The encoded image file, in the format that `media_type` names.
     pub bytes: Vec<u8>,
 }
 
@@ -89,11 +89,11 @@ pub struct CaseImage {
 pub struct RuleFinding {
     /// One of the four classes.
     pub class: String,
-    /// Its sub-class.
+    /// Sub-class within the class; `None` if the rules name none.
     pub sub_class: Option<String>,
-    /// The decisive step.
+    /// The decisive step, by its number in the episode.
     pub step: u32,
-    /// In words.
+    /// What the rules rely on, in words for people.
     pub evidence: String,
 }
 
@@ -121,7 +121,7 @@ pub struct Opinion {
     pub proposed_sub_class: Option<String>,
     /// The decisive step, one of the transcript.
     pub step: u32,
-    /// Why.
+    /// The model's explanation of its choice, in words.
     pub comment: String,
     /// How probable it thinks the class is right, from 0 to 1.
     pub confidence: f64,
@@ -142,13 +142,13 @@ pub enum Source {
 /// A case with the judge's opinion beside what is proven.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct JudgedCase {
-    /// The episode.
+    /// Id of the episode that was judged.
     pub episode_id: String,
     /// The class that counts: the proven one wherever one is.
     pub class: String,
-    /// Its sub-class.
+    /// Sub-class of the class that counts; `None` if none is named.
     pub sub_class: Option<String>,
-    /// The decisive step.
+    /// The decisive step that goes with the class that counts.
     pub step: u32,
     /// Whose word the three are.
     pub source: Source,
@@ -160,7 +160,7 @@ pub struct JudgedCase {
     pub agrees: Option<bool>,
     /// Whether the evidence was words alone.
     pub reduced: bool,
-    /// Which model judged.
+    /// Name of the model that gave the opinion.
     pub model: String,
     /// Version of the prompt: its digest.
     pub prompt: Digest,
@@ -172,7 +172,7 @@ pub struct JudgedCase {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct JudgeOptions {
     /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At
-    /// least [`Options::TRANSCRIPT_BYTES_MIN`] are used.
+    /// least [`JudgeOptions::TRANSCRIPT_BYTES_MIN`] are used.
     pub transcript_bytes: usize,
     /// Most pictures, spread evenly over the episode; 0 for a model without eyes.
     pub frames: usize,

@@ -28,7 +28,7 @@ const COLUMNS: [&str; 9] = [
 /// What a line that leaves it out says.
 #[derive(Clone, Copy, Debug)]
 pub struct Defaults<'a> {
-    /// The author.
+    /// Author of the labels whose line names none.
     pub author: &'a str,
     /// When it was said, milliseconds since 1970.
     pub at_ms: i64,

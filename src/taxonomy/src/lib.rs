@@ -1,6 +1,6 @@
 //! Why episodes fail: a versioned set of rules in SQL gives every failed episode a class with its
-//! evidence (paper, Failure Mode Taxonomy; SPEC section 7), and labels of people, judges and
-//! injected faults tell how often the rules are right.
+//! evidence (paper, Failure Mode Taxonomy; docs/spec.md#failure-taxonomy), and labels of people,
+//! judges and injected faults tell how often the rules are right.
 //!
 //! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a trace
 //! or runs physics.
@@ -33,15 +33,15 @@ pub enum TaxonomyError {
     Rule {
         /// Which one: its file's name.
         rule: String,
-        /// What is wrong.
+        /// What is wrong with the rule, in words.
         reason: String,
     },
     /// A file cannot be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     Io {
-        /// Which.
+        /// The rule file or folder that cannot be read.
         path: PathBuf,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: std::io::Error,
     },
     /// The rules cannot be asked.

@@ -15,14 +15,14 @@ pub const CLASSES: [&str; 4] = FailureClass::NAMES;
 /// The rules that come with Reel: name and text.
 const BUILT_IN: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/rules.rs"));
 
-/// A rule.
+/// One rule of the taxonomy: an SQL question with its class and sub-class.
 #[derive(Clone, Debug, Serialize)]
 pub struct Rule {
     /// Its name: the file's, without `.sql`.
     pub name: String,
-    /// One of [`CLASSES`].
+    /// Class of the failures that it finds, one of [`CLASSES`].
     pub class: &'static str,
-    /// What within it.
+    /// Sub-class within that class, e.g. `wrong_attribute`.
     pub sub_class: String,
     /// Of several rules that hold the one with the lowest number decides; of equal ones that whose
     /// evidence comes first.
@@ -31,7 +31,7 @@ pub struct Rule {
     pub secondary: bool,
     /// What it says, in prose.
     pub prose: String,
-    /// The whole file.
+    /// Text of the whole rule file, its header comments included.
     pub sql: String,
     #[serde(skip)]
     pub(crate) question: RowExpression,

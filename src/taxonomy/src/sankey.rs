@@ -21,7 +21,7 @@ pub struct Flow {
     pub family: String,
     /// Class of the taxonomy, e.g. `Object Confusion`.
     pub class: String,
-    /// Sub-class, e.g. `wrong_attribute`.
+    /// Sub-class of these failures within their class, e.g. `wrong_attribute`.
     pub sub_class: String,
     /// How many episodes; flows of the same names add up, flows of none are left out.
     pub episodes: u64,
@@ -54,9 +54,9 @@ pub enum SankeyError {
     /// There is no memory for a picture of this size.
     #[error("a picture of {width_px} x {height_px} pixels is too large: choose a smaller scale")]
     Size {
-        /// Width in pixels.
+        /// Width of the PNG at the requested scale, in pixels.
         width_px: u32,
-        /// Height in pixels.
+        /// Height of the PNG at the requested scale, in pixels.
         height_px: u32,
     },
     /// The PNG could not be written.

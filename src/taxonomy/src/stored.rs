@@ -9,22 +9,22 @@ use reel_query::{QueryError, QuerySession};
 use reel_world::FailureClass;
 use serde::Serialize;
 
-/// A classified episode.
+/// A failed episode with its class, sub-class and decisive step.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct StoredClass {
-    /// The episode.
+    /// Id of the episode, as in the table `episodes`.
     pub episode_id: String,
-    /// Its family.
+    /// Task family of the episode, e.g. `FDP`.
     pub family: String,
-    /// Who decided.
+    /// Name of the policy that played the episode.
     pub policy: String,
-    /// The trace.
+    /// The trace file, as the table `episodes` names it.
     pub trace: String,
-    /// Its class.
+    /// Failure class of the episode, e.g. `Object Confusion`.
     pub class: String,
-    /// What within it.
+    /// Sub-class within that class, e.g. `wrong_attribute`.
     pub sub_class: String,
-    /// The decisive step.
+    /// Index of the decisive step, from 0; also 0 if no such step is known.
     pub step: i32,
 }
 

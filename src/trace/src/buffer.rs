@@ -20,7 +20,7 @@ thread_local! {
 pub(crate) struct Buffer(Vec<u8>);
 
 impl Buffer {
-    /// An empty one.
+    /// An empty buffer, reused from this thread's pool if one is left.
     pub(crate) fn take() -> Self {
         Self(BUFFERS.with_borrow_mut(Vec::pop).unwrap_or_default())
     }

@@ -23,25 +23,25 @@ const FOOTER: usize = RECORD_PREFIX + 20;
 
 /// A thing found in the data section.
 pub(crate) enum Item<'a> {
-    /// A schema.
+    /// A schema record, with its header and encoded data.
     Schema {
         header: &'a records::SchemaHeader,
         data: &'a [u8],
     },
-    /// A channel.
+    /// A channel record, which binds a topic to a schema.
     Channel(&'a records::Channel),
     /// A chunk, before what it holds.
     Chunk(&'a records::ChunkHeader),
     /// The index of one channel in the chunk before it.
     MessageIndex(&'a records::MessageIndex),
-    /// A metadata record.
+    /// A metadata record: a name with pairs of strings.
     Metadata(&'a records::Metadata),
-    /// An attachment.
+    /// An attachment record, with its header and data.
     Attachment {
         header: &'a records::AttachmentHeader,
         data: &'a [u8],
     },
-    /// A message.
+    /// A message record, with the topic of its channel.
     Message {
         header: &'a records::MessageHeader,
         topic: &'a str,

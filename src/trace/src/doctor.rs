@@ -20,12 +20,12 @@ use crate::{
     schema::{self, SchemaMatch},
 };
 
-/// What was found.
+/// The result of examining a trace: its size, contents and every finding.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct DoctorReport {
-    /// The file.
+    /// Path of the file that was examined.
     pub path: PathBuf,
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// How many steps are whole.
     pub steps: u32,
@@ -51,7 +51,7 @@ pub struct Finding {
     pub step: Option<u32>,
     /// What is wrong with it.
     pub what: String,
-    /// What to do.
+    /// What the user should do about it, in words.
     pub advice: String,
 }
 

@@ -12,11 +12,11 @@ pub enum TraceError {
         "cannot {action} a trace: {source}; check that the folder exists and has space: {path}"
     )]
     Io {
-        /// What was tried.
+        /// The operation that failed, e.g. `create`, `read` or `write`.
         action: &'static str,
-        /// The file.
+        /// Path of the trace or recording that the operation concerned.
         path: PathBuf,
-        /// Why not.
+        /// The error that the operating system or the MCAP library reported.
         source: io::Error,
     },
     /// A recording could not be continued.
@@ -25,17 +25,17 @@ pub enum TraceError {
         acknowledged(*.steps)
     )]
     Write {
-        /// The unfinished recording.
+        /// Path of the `.part` file that holds the acknowledged steps.
         part: PathBuf,
         /// How many steps are acknowledged; none: not even the start.
         steps: Option<u32>,
-        /// Why not.
+        /// The I/O error that stopped the recording.
         source: io::Error,
     },
     /// Somebody is writing this recording.
     #[error("the recording is still being written; recover it when its process has ended: {part}")]
     InUse {
-        /// The unfinished recording.
+        /// Path of the `.part` file that its recorder still holds locked.
         part: PathBuf,
     },
     /// Another file is where the recovered one should go.
@@ -53,23 +53,23 @@ pub enum TraceError {
         "nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}"
     )]
     NothingRestored {
-        /// The file.
+        /// Path of the file that the recovery wrote.
         path: PathBuf,
         /// Name of the recording.
         source_name: String,
-        /// What was lost.
+        /// Everything that was lost, in words, one item a line.
         lost: String,
     },
     /// A recording of this name was left unfinished.
     #[error("an unfinished recording is in the way; recover or delete it first: {part}")]
     PartExists {
-        /// The unfinished recording.
+        /// Path of the `.part` file that is in the way.
         part: PathBuf,
     },
     /// There is only an unfinished recording of this name.
     #[error("the recording was never finished; read what there is from {part}")]
     Unfinished {
-        /// The unfinished recording.
+        /// Path of the `.part` file that there is instead of the trace.
         part: PathBuf,
     },
     /// The file is larger than the reader's limit.
@@ -77,17 +77,17 @@ pub enum TraceError {
         "the trace has {found} bytes, more than the limit of {limit}; raise the limit if it is yours: {path}"
     )]
     TooLarge {
-        /// The file.
+        /// Path of the file that exceeds the limit.
         path: PathBuf,
-        /// The limit.
+        /// Largest file that the reader accepts, in bytes.
         limit: u64,
-        /// What was found.
+        /// Size of the file that was found, in bytes.
         found: u64,
     },
     /// Not an MCAP file.
     #[error("not an MCAP file: it does not begin with the magic bytes: {path}")]
     NotMcap {
-        /// The file.
+        /// Path of the file that is not MCAP.
         path: PathBuf,
     },
     /// The file ends too early.
@@ -95,47 +95,47 @@ pub enum TraceError {
         "the trace is torn at byte {offset}: {lost}; {steps_readable} steps are readable, recover them: {path}"
     )]
     Torn {
-        /// The file.
+        /// Path of the torn trace or recording.
         path: PathBuf,
         /// Where what is whole ends.
         offset: u64,
         /// How many steps are whole.
         steps_readable: u32,
-        /// What is lost.
+        /// What is missing or cut off there, in words.
         lost: String,
     },
     /// A checksum or a record of the container is wrong.
     #[error(
-        "the trace is damaged at byte {offset}: {what}; take another copy or record it again: {path}"
+        "the trace is damaged at byte {offset}: {problem}; take another copy or record it again: {path}"
     )]
     Damaged {
-        /// The file.
+        /// Path of the damaged trace or recording.
         path: PathBuf,
-        /// Where.
+        /// Byte offset of the damaged record or chunk; 0 for an attachment that does not parse.
         offset: u64,
-        /// What is wrong.
+        /// What is wrong with that record, in words.
         problem: String,
     },
     /// A message is not what its schema says, or is missing, twice or in the wrong place.
     #[error(
-        "{topic} at byte {offset} does not belong in a trace: {what}; it was changed or written by another program: {path}"
+        "{topic} at byte {offset} does not belong in a trace: {problem}; it was changed or written by another program: {path}"
     )]
     Message {
-        /// The file.
+        /// Path of the trace with the unexpected message.
         path: PathBuf,
-        /// Where.
+        /// Byte offset of the record at fault, or of the chunk that holds it.
         offset: u64,
-        /// The channel.
+        /// Topic of the message's channel, e.g. `/tool/call`.
         topic: String,
-        /// What is wrong.
+        /// What is wrong with the message, in words.
         problem: String,
     },
     /// Something that every trace holds is not there.
-    #[error("the trace holds no {what}; it was cut or written by another program: {path}")]
+    #[error("the trace holds no {part}; it was cut or written by another program: {path}")]
     Missing {
-        /// The file.
+        /// Path of the trace that is incomplete.
         path: PathBuf,
-        /// What.
+        /// What the trace lacks, e.g. `end of the episode` or `task.json`.
         part: &'static str,
     },
     /// An attachment is not the one that the header names, or no valid one.
@@ -143,31 +143,31 @@ pub enum TraceError {
         "{attachment} is not the one of this episode (expected digest {expected}, found {found}): {path}"
     )]
     Attachment {
-        /// The file.
+        /// Path of the trace that the attachment belongs to.
         path: PathBuf,
-        /// `task.json` or `scene.json`.
+        /// Name of the attachment: `task.json` or `scene.json`.
         attachment: &'static str,
         /// Digest in the header.
         expected: Digest,
-        /// Digest found.
+        /// Digest of the attachment's actual content.
         found: Digest,
     },
     /// A record is not what was recorded: the hash chain does not hold.
     #[error("the hash chain breaks at {}: expected {expected}, found {found}; the records were changed: {path}", position(*.step))]
     ChainBroken {
-        /// The file.
+        /// Path of the trace whose hash chain breaks.
         path: PathBuf,
         /// The step; none: the start.
         step: Option<u32>,
         /// What the records before and here give.
         expected: Digest,
-        /// What is written.
+        /// The chain digest that the record itself states.
         found: Digest,
     },
     /// A picture cannot be read or is not the recorded one.
-    #[error("the picture of {} {what}; it was changed or damaged: {path}", position(*.step))]
+    #[error("the picture of {} {problem}; it was changed or damaged: {path}", position(*.step))]
     Image {
-        /// The file.
+        /// Path of the trace with the faulty image.
         path: PathBuf,
         /// The step; none: the start.
         step: Option<u32>,
@@ -196,7 +196,7 @@ pub enum TraceError {
     },
     /// A line that holds no log-probabilities of a decision.
     #[error(
-        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({what}); `reel logprobs list` shows the form: {path}"
+        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel logprobs list` shows the form: {path}"
     )]
     ScoredLine {
         /// Path of the file of log-probabilities.
@@ -207,9 +207,9 @@ pub enum TraceError {
         problem: String,
     },
     /// The recorder was called out of turn.
-    #[error("cannot record {what}: {expected} comes next: {path}")]
+    #[error("cannot record {record}: {expected} comes next: {path}")]
     UnexpectedCall {
-        /// The file.
+        /// Path of the recording in progress.
         path: PathBuf,
         /// What should be recorded.
         record: String,

@@ -48,7 +48,7 @@ pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
 pub(crate) enum FrameSource<'a> {
     /// 8-bit RGB, to be encoded.
     Rgb(&'a [u8]),
-    /// Already encoded.
+    /// An image that is already encoded as WebP and stored as it is.
     Webp(&'a [u8]),
     /// A PNG file in Base64, as a protocol brought it; the finished file holds it as WebP.
     Base64(&'a str),
@@ -57,7 +57,7 @@ pub(crate) enum FrameSource<'a> {
 /// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then
 /// `end`.
 pub(crate) struct Journal<W: Write + Seek> {
-    /// For messages.
+    /// Path of the recording, named in error messages.
     path: PathBuf,
     images: Images,
     reward_preset: String,
@@ -376,7 +376,7 @@ impl<W: Write + Seek> Journal<W> {
         Ok(())
     }
 
-    /// Records the end.
+    /// Records the end of the episode: final graphs, metrics and reason.
     pub(crate) fn end(&mut self, record: &EndRecord) -> Result<(), TraceError> {
         if !matches!(self.turn, Expected::InputOrEnd { step } if step == record.steps) {
             return Err(self.out_of_turn(&format!("the end after {} steps", record.steps)));

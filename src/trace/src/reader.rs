@@ -25,13 +25,13 @@ use crate::{
 /// A trace in memory: records decoded, pictures still encoded.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Trace {
-    /// The file.
+    /// Path of the file that the trace was read from.
     pub path: PathBuf,
     /// The inputs known before the first call.
     pub header: EpisodeHeader,
-    /// The task.
+    /// The task of the episode, from the attachment `task.json`.
     pub task: Arc<Task>,
-    /// The scene.
+    /// The scene of the episode, from the attachment `scene.json`.
     pub scene: Arc<Scene>,
     /// The meshes that the header names, as far as [`Trace::with_meshes`] found them: no trace
     /// holds any.
@@ -282,7 +282,7 @@ impl Loaded {
 
 /// Something that is wrong.
 pub(crate) struct Problem {
-    /// What and where.
+    /// What is wrong, with its place in the file if that is known.
     pub error: TraceError,
     /// How many whole steps were read before it.
     pub steps_before: u32,

@@ -24,7 +24,7 @@ use crate::{
 /// Whether pictures are stored.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Images {
-    /// Every picture, lossless.
+    /// Stores every image, encoded without loss.
     #[default]
     Full,
     /// None: only the simulator version of the header can draw them again.
@@ -87,12 +87,12 @@ pub struct Timing {
     pub took_ns: u64,
 }
 
-/// What was written.
+/// Path, size and chain digest of a trace that was written.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TraceSummary {
-    /// The finished file.
+    /// Path of the finished trace file.
     pub path: PathBuf,
-    /// Its size.
+    /// Size of the finished file, in bytes.
     pub bytes: u64,
     /// The last link of its hash chain.
     pub chain: Digest,

@@ -45,7 +45,7 @@ pub enum RecoveryStatus {
 /// What was found and done.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Recovery {
-    /// The recording.
+    /// Path of the recording that was to be recovered.
     pub source: PathBuf,
     /// What became of it.
     pub restored: RecoveryStatus,

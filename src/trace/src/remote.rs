@@ -1,6 +1,6 @@
 //! Traces that do not lie on this machine, under names like `s3://bucket/folder/trace.mcap`. This
-//! crate reaches none of them: the program says once who does ([`reach`]), and from then on they
-//! are read like files.
+//! crate reaches none of them: the program says once who does ([`install_remote_fs`]), and from
+//! then on they are read like files.
 
 use std::{
     io,
@@ -12,7 +12,7 @@ use std::{
 /// What is known of a file without reading it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct FileMetadata {
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// When it was written last, nanoseconds since 1970; 0 where nobody tells.
     pub modified_ns: i64,

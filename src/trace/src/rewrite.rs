@@ -111,9 +111,9 @@ impl Trace {
 
 /// A picture in one of its forms.
 pub(crate) enum Encoding {
-    /// 8-bit RGB.
+    /// 8-bit RGB pixels, still to be encoded as WebP.
     Rgb(Vec<u8>),
-    /// WebP.
+    /// A WebP image, already encoded and stored as it is.
     Webp(Vec<u8>),
 }
 

@@ -10,9 +10,9 @@ pub struct Odometry {
     pub step: Option<u32>,
     /// When, in nanoseconds since 1970.
     pub unix_ns: u64,
-    /// In metres.
+    /// Position along x in the odometry frame, in metres.
     pub x: f64,
-    /// In metres.
+    /// Position along y in the odometry frame, in metres.
     pub y: f64,
     /// Heading around z in radians; 0 looks along +x.
     pub yaw: f64,
@@ -46,7 +46,7 @@ pub struct VlaLatency {
     pub step: Option<u32>,
     /// When, in nanoseconds since 1970.
     pub unix_ns: u64,
-    /// In nanoseconds.
+    /// Duration of the inference, in nanoseconds.
     pub latency_ns: u64,
 }
 
@@ -73,13 +73,13 @@ pub struct Alignment {
 /// episodes without a robot.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
 pub struct RobotLog {
-    /// From `/robot/odometry`.
+    /// Poses that the robot measured, from `/robot/odometry`.
     pub odometry: Vec<Odometry>,
-    /// From `/robot/primitive`.
+    /// Outcomes of the executed skills, from `/robot/primitive`.
     pub primitives: Vec<PrimitiveOutcome>,
-    /// From `/robot/vla`.
+    /// Inference times of the low-level model, from `/robot/vla`.
     pub vla: Vec<VlaLatency>,
-    /// From `/robot/alignment`.
+    /// Alignment errors after repeated commands, from `/robot/alignment`.
     pub alignments: Vec<Alignment>,
 }
 
@@ -106,8 +106,8 @@ impl RobotLog {
 /// A camera picture as it was recorded, of any size.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct CameraImage {
-    /// `jpeg` or `png`.
+    /// File format of the image: `jpeg` or `png`.
     pub format: String,
-    /// The file.
+    /// The complete image file, as it was recorded.
     pub data: Vec<u8>,
 }

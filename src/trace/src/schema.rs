@@ -23,12 +23,12 @@ pub(crate) mod foxglove {
 
 static DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/schemas.bin"));
 
-/// A channel.
+/// A channel of a trace: its ids, topic and message type.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Channel {
     /// MCAP channel id and schema id.
     pub id: u16,
-    /// Its topic.
+    /// Topic of the channel, e.g. `/tool/call`.
     pub topic: &'static str,
     /// Full name of its message type.
     pub message: &'static str,
@@ -37,7 +37,7 @@ pub(crate) struct Channel {
 macro_rules! channels {
     ($($name:ident = $id:literal, $topic:literal, $message:literal;)*) => {
         $(pub(crate) const $name: Channel = Channel { id: $id, topic: $topic, message: $message };)*
-        /// All of them.
+        /// Every channel that a trace may hold, in the order of the ids.
         pub(crate) const CHANNELS: &[Channel] = &[$($name,)*];
     };
 }
@@ -120,7 +120,7 @@ fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {
 /// How a schema that was found compares with ours.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum SchemaMatch {
-    /// It is ours.
+    /// The schema is byte for byte that of this version of Reel.
     Same,
     /// Fields are there on one side only; each side still reads the other.
     Extended(String),

@@ -122,7 +122,7 @@ impl Canvas {
         }
     }
 
-    /// The pixels.
+    /// The pixels as 8-bit RGB, row by row from the top left.
     pub(crate) fn into_rgb(self) -> Vec<u8> {
         self.rgb
     }

@@ -39,15 +39,15 @@ pub enum ViewError {
     /// A film is too large.
     #[error("a GIF has at most 65,535 x 65,535 pixels, not {width} x {height}")]
     VideoSize {
-        /// In pixels.
+        /// Width of the film that is too large, in pixels.
         width: usize,
-        /// In pixels.
+        /// Height of the film that is too large, in pixels.
         height: usize,
     },
     /// The Rerun recording cannot be made.
     #[error("cannot make the Rerun recording: {reason}")]
     Rerun {
-        /// What Rerun says.
+        /// The error message of the Rerun library.
         reason: String,
     },
 }

@@ -26,7 +26,7 @@ pub struct SheetImage {
     pub image: Option<Vec<u8>>,
     /// In bold below it.
     pub title: String,
-    /// Below that.
+    /// Text below the title, of which at most five lines are shown.
     pub text: String,
 }
 

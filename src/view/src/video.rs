@@ -31,9 +31,9 @@ const LAST: usize = 3;
 /// Moving pictures in memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Video {
-    /// In pixels; even.
+    /// Width of every frame in pixels, an even number.
     pub width: usize,
-    /// In pixels; even.
+    /// Height of every frame in pixels, an even number.
     pub height: usize,
     /// 8-bit RGB, row by row from the top left; one before the first call, then one a call.
     pub frames: Vec<Vec<u8>>,
@@ -42,7 +42,7 @@ pub struct Video {
 /// An episode and its pictures before the first call and after each.
 #[derive(Clone, Copy, Debug)]
 pub struct VideoSegment<'a> {
-    /// The episode.
+    /// Trace of the episode, which the captions are taken from.
     pub trace: &'a Trace,
     /// 640 x 480, RGB.
     pub frames: &'a [Vec<u8>],

@@ -1,5 +1,6 @@
-//! What a model answered: reasoning, the summary, the call (SPEC section 4). As lenient as the
-//! published parser: what does not parse is absent. Owns no check of the call: the tools do that.
+//! What a model answered: reasoning, the summary, the call (docs/spec.md#answers). As lenient as
+//! the published parser: what does not parse is absent. Owns no check of the call: the tools do
+//! that.
 
 use serde_json::{Deserializer, Map, Value};
 
@@ -24,13 +25,13 @@ pub struct Call {
 pub struct AssistantTurn {
     /// The text up to `</think>`, and what stands before the JSON.
     pub reasoning: String,
-    /// `History`, in words.
+    /// The `History` of the answer in words, or `None` if it has none.
     pub history: Option<String>,
     /// `New Schedule`, in words.
     pub schedule: Option<String>,
     /// `Current subtask`, in words.
     pub subtask: Option<String>,
-    /// The next action.
+    /// The next tool call that the answer names, or `None` if none parses.
     pub action: Option<Call>,
     /// The whole JSON object.
     pub object: Option<Map<String, Value>>,

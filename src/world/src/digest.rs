@@ -13,7 +13,7 @@ const HEX: &[u8; 16] = b"0123456789abcdef";
 pub struct Digest(pub [u8; 32]);
 
 impl Digest {
-    /// Digest of bytes.
+    /// BLAKE3 digest of the given bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
     }

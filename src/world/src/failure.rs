@@ -1,5 +1,5 @@
-//! The classes of failure (paper, Failure Mode Taxonomy; SPEC section 7). Names only: what belongs
-//! to a class is for the rules.
+//! The classes of failure (paper, Failure Mode Taxonomy; docs/spec.md#failure-taxonomy). Names
+//! only: what belongs to a class is for the rules.
 
 use std::fmt;
 
@@ -17,7 +17,7 @@ pub enum FailureClass {
     /// What was done or seen is forgotten or made up.
     #[serde(rename = "Lost Memory")]
     LostMemory,
-    /// None of these.
+    /// A failure that belongs to none of the other classes.
     #[serde(rename = "Other")]
     Other,
 }

@@ -32,7 +32,7 @@ pub struct FrameDigests {
 }
 
 impl Frame {
-    /// A black frame.
+    /// A black frame in which every entity id and depth is 0.
     pub fn new() -> Self {
         let pixels = FRAME_WIDTH * FRAME_HEIGHT;
         Self {

@@ -1,5 +1,5 @@
 //! The world graph, a multiset of object instances per receptacle, and its signed difference
-//! (paper, Problem Formulation; SPEC section 1).
+//! (paper, Problem Formulation; docs/spec.md#world-graph).
 
 use std::{collections::BTreeMap, fmt};
 
@@ -49,27 +49,27 @@ pub struct WorldGraph {
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum GraphEvent {
-    /// `-object@receptacle`
+    /// An object leaves a receptacle, shown as `-object@receptacle`.
     Remove {
         /// The object that left.
         object: InstanceId,
-        /// Where it left.
+        /// The receptacle (or the floor) that the object left.
         receptacle: ReceptacleId,
     },
-    /// `+object@receptacle`
+    /// An object arrives at a receptacle, shown as `+object@receptacle`.
     Add {
         /// The object that came.
         object: InstanceId,
-        /// Where it came.
+        /// The receptacle (or the floor) that the object came to.
         receptacle: ReceptacleId,
     },
     /// `receptacle.door: from -> to`
     Door {
         /// The receptacle with the door.
         receptacle: ReceptacleId,
-        /// Before.
+        /// State of the door before the change.
         from: DoorState,
-        /// After.
+        /// State of the door after the change.
         to: DoorState,
     },
 }

@@ -55,7 +55,7 @@ string_id!(
     AssetId
 );
 string_id!(
-    /// One thing in one task: `<asset>_on_<receptacle>_at_<task>` (SPEC section 1).
+    /// One thing in one task: `<asset>_on_<receptacle>_at_<task>` (docs/spec.md#world-graph).
     InstanceId
 );
 string_id!(

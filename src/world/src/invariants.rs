@@ -10,29 +10,29 @@ use crate::{
 /// What an invariant is checked on.
 #[derive(Clone, Copy)]
 pub struct InvariantInput<'a> {
-    /// The scene.
+    /// The scene whose receptacles and doors the graph must match.
     pub scene: &'a Scene,
-    /// The task.
+    /// The task whose objects must be conserved.
     pub task: &'a Task,
-    /// One authority's graph.
+    /// World graph of one authority, physics or registry.
     pub graph: &'a WorldGraph,
     /// What the gripper holds.
     pub held: Option<&'a InstanceId>,
-    /// The marker map.
+    /// The current marker map: each marker with what it stands for.
     pub markers: &'a [Marker],
 }
 
-/// A broken invariant.
+/// An invariant that does not hold, with the reason.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("invariant {name} broken: {detail}")]
 pub struct Violation {
-    /// The invariant's name.
+    /// Name of the invariant that does not hold.
     pub name: &'static str,
-    /// What is wrong.
+    /// What contradicts the invariant, in words.
     pub detail: String,
 }
 
-/// A named predicate.
+/// A named predicate over the world's state at one moment.
 #[derive(Clone, Copy)]
 pub struct Invariant {
     /// Its name, as in messages and documents.
@@ -46,7 +46,7 @@ impl fmt::Debug for Invariant {
     }
 }
 
-/// All of them.
+/// All five invariants, in the order in which they are checked.
 pub const ALL: [Invariant; 5] = [
     Invariant {
         name: "objects_are_conserved",

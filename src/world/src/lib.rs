@@ -44,7 +44,7 @@ pub use spaced_json::spaced_json;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
 pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};
 
-/// One physics step, in seconds (SPEC section 2).
+/// One physics step, in seconds (docs/spec.md#episode).
 pub const DT_S: f32 = 1.0 / 240.0;
 /// Most decisions in an episode (`H_max`, paper, Action Space and Tool Configurations).
 pub const HORIZON: u32 = 30;

@@ -43,7 +43,7 @@ impl<A: Assets> Assets for Option<A> {
     }
 }
 
-/// Nothing but primitives.
+/// Assets without any mesh: every object is drawn as primitives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct NoAssets;
 
@@ -56,7 +56,7 @@ impl Assets for NoAssets {
 /// What a mesh consists of. In units of its own, z up. Colours are linear light, 0 to 1.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct MeshData {
-    /// Of the vertices.
+    /// Position of each vertex, in the mesh's own units, z up.
     pub positions: Vec<[f32; 3]>,
     /// Of the vertices; empty where faces are flat.
     pub normals: Vec<[f32; 3]>,
@@ -67,7 +67,7 @@ pub struct MeshData {
     pub colors: Vec<[f32; 3]>,
     /// Seen from both sides.
     pub triangles: Vec<Triangle>,
-    /// At least one.
+    /// Materials that the triangles index; a valid mesh has at least one.
     pub materials: Vec<Material>,
     /// What materials refer to.
     pub textures: Vec<Texture>,
@@ -76,7 +76,7 @@ pub struct MeshData {
 /// Three vertices and a material.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Triangle {
-    /// Vertices.
+    /// Indexes of its three vertices in the vertex lists.
     pub corners: [u32; 3],
     /// Index of its material.
     pub material: u16,
@@ -85,7 +85,7 @@ pub struct Triangle {
 /// How a surface looks.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Material {
-    /// Times the texture's.
+    /// Linear RGB from 0 to 1, multiplied with the colour of the texture.
     pub color: [f32; 3],
     /// Index of its texture.
     pub texture: Option<u16>,
@@ -100,12 +100,12 @@ impl Default for Material {
     }
 }
 
-/// A picture, sRGB.
+/// An image that materials refer to, 8-bit sRGB.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Texture {
-    /// In pixels.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// In pixels.
+    /// Height of the image in pixels.
     pub height: u32,
     /// Row by row from above.
     pub rgb: Vec<u8>,
@@ -120,37 +120,37 @@ impl fmt::Debug for Texture {
 /// Why something is no mesh.
 #[derive(Clone, PartialEq, Debug, thiserror::Error)]
 pub enum MeshDefect {
-    /// Nothing to see.
+    /// The mesh has no triangles, so there is nothing to draw.
     #[error("it has no triangles")]
     Empty,
-    /// Too much.
-    #[error("it has {found} {what}, and at most {limit} are taken; {advice}")]
+    /// The mesh exceeds one of the limits on its size.
+    #[error("it has {found} {kind}, and at most {limit} are taken; {advice}")]
     TooMany {
-        /// Of what.
+        /// What there is too much of, e.g. `triangles` or `materials`.
         kind: &'static str,
         /// How many there are.
         found: usize,
         /// How many there may be.
         limit: usize,
-        /// What to do.
+        /// What to do about it, e.g. to decimate the mesh.
         advice: &'static str,
     },
     /// Infinite or no number.
-    #[error("{what} {index} is not finite")]
+    #[error("{kind} {index} is not finite")]
     NotFinite {
-        /// Of what kind.
+        /// Kind of the value that is not finite, e.g. `vertex` or `normal`.
         kind: &'static str,
-        /// Which.
+        /// Index of that value in its list, from 0.
         index: usize,
     },
     /// A reference to nothing.
-    #[error("triangle {triangle} refers to {what} {index}, and there are {count}")]
+    #[error("triangle {triangle} refers to {kind} {index}, and there are {count}")]
     OutOfRange {
-        /// Which triangle.
+        /// Index of the triangle with the bad reference, from 0.
         triangle: usize,
-        /// To what.
+        /// What the triangle refers to: `vertex` or `material`.
         kind: &'static str,
-        /// To which.
+        /// The index that is out of range.
         index: usize,
         /// How many there are.
         count: usize,
@@ -158,7 +158,7 @@ pub enum MeshDefect {
     /// Too large or too small to compute with.
     #[error("its longest side is {found} units, which is not between {:e} and {:e}; scale it to metres", EXTENT[0], EXTENT[1])]
     Extent {
-        /// The longest side.
+        /// Length of the longest side, in the mesh's own units.
         found: f32,
     },
     /// Lines and points only.
@@ -168,25 +168,25 @@ pub enum MeshDefect {
         triangles: usize,
     },
     /// Lists that do not belong together.
-    #[error("it has {found} {what} for {expected} vertices")]
+    #[error("it has {found} {kind} for {expected} vertices")]
     Lengths {
-        /// Of what.
+        /// Which list has the wrong length: `normals`, `texture points` or `colours`.
         kind: &'static str,
         /// How many there are.
         found: usize,
         /// How many there should be.
         expected: usize,
     },
-    /// No picture.
+    /// The bytes of a texture do not match its width and height.
     #[error("texture {texture} holds {bytes} bytes, which are not {width} x {height} pixels")]
     NoTextureImage {
-        /// Which.
+        /// Index of the faulty texture, from 0.
         texture: usize,
-        /// What it holds.
+        /// Length of the texture's data, in bytes.
         bytes: usize,
-        /// As it says.
+        /// Width that the texture declares, in pixels.
         width: u32,
-        /// As it says.
+        /// Height that the texture declares, in pixels.
         height: u32,
     },
     /// A material with a texture or a triangle with a material that is not there.
@@ -194,12 +194,12 @@ pub enum MeshDefect {
         "material {material} refers to a texture that is not there, or to one without points on it"
     )]
     NoTexture {
-        /// Which.
+        /// Index of the faulty material, from 0.
         material: usize,
     },
 }
 
-/// A sound mesh.
+/// A mesh that passed every check, with its bounds, mipmaps and digest.
 #[derive(Clone)]
 pub struct Mesh {
     data: MeshData,

@@ -1,5 +1,5 @@
 //! What a tool call came to: the text for the policy and, after an error, its class and code
-//! (SPEC section 2, "Errors carry a class").
+//! (docs/spec.md#error-classes).
 
 use std::fmt;
 
@@ -23,7 +23,7 @@ macro_rules! error_codes {
         pub enum ErrorCode { $($(#[$doc])* $name,)* }
 
         impl ErrorCode {
-            /// Every code.
+            /// Every error code, in the order of declaration.
             pub const ALL: &[ErrorCode] = &[$(ErrorCode::$name,)*];
 
             /// The code as it stands in traces and tables.
@@ -85,7 +85,7 @@ error_codes! {
     OutOfReach = "out_of_reach", Moderate;
     /// The robot's skill failed; the call was right.
     SkillFailed = "skill_failed", Moderate;
-    /// Nobody answers `ask`.
+    /// No user was there to answer the `ask` call.
     NoUser = "no_user", Moderate;
     /// What is behind a proxy failed, or refused in words of its own.
     BackendError = "backend_error", Moderate;
@@ -105,7 +105,7 @@ impl ErrorCode {
     }
 }
 
-/// What the texts of failures hold (SPEC sections 2 and 9).
+/// What the texts of failures hold (docs/spec.md#published-texts).
 const TOLD: &[(&str, ErrorCode)] = &[
     (": the gripper ", ErrorCode::SkillFailed),
     (EXCEPTION, ErrorCode::BackendError),

@@ -18,10 +18,10 @@ use crate::{
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Backend {
-    /// Our simulator: re-executable.
+    /// Reel's own simulator: the episode can be re-executed.
     #[default]
     Sim,
-    /// A robot.
+    /// A physical robot: the episode cannot be re-executed.
     Robot,
     /// Another simulator behind the recording proxy.
     Proxy,
@@ -38,10 +38,10 @@ impl Backend {
     }
 }
 
-/// Who decided.
+/// The policy that made the decisions, with its settings.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct PolicyInfo {
-    /// e.g. `oracle`
+    /// Name of the policy, e.g. `oracle`.
     pub name: String,
     /// Digest of a model's checkpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,11 +64,11 @@ pub struct EpisodeHeader {
     /// Its index in that group.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollout_index: Option<u32>,
-    /// The task.
+    /// Id of the task that the episode plays.
     pub task_id: String,
-    /// Its family.
+    /// Task family of the episode, e.g. `FDP`.
     pub family: Family,
-    /// The scene.
+    /// Id of the scene that the episode plays in.
     pub scene_id: String,
     /// Of the task's canonical JSON.
     pub task_digest: Digest,
@@ -78,15 +78,15 @@ pub struct EpisodeHeader {
     pub seed: u64,
     /// The simulator's version; another one may give other bits.
     pub sim_version: u32,
-    /// Version of Reel.
+    /// Version of Reel that recorded the episode, e.g. `0.1.0`.
     pub build: String,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,
     /// Reward preset whose terms the steps hold.
     pub reward_preset: String,
-    /// Who decided.
+    /// The policy that made the decisions.
     pub policy: PolicyInfo,
-    /// Where it ran.
+    /// Where the episode ran: in the simulator, on a robot or behind a proxy.
     #[serde(default)]
     pub backend: Backend,
     /// How reliable the robot's skills were.
@@ -109,16 +109,17 @@ pub struct Parent {
     pub call: u32,
 }
 
-/// What came with a decision besides the call (SPEC section 4). Inputs, kept as they came.
+/// What came with a decision besides the call (docs/spec.md#policy-context). Inputs, kept as they
+/// came.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct PolicyOutput {
-    /// The raw text.
+    /// The policy's output as raw text; empty if there is none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub raw: String,
-    /// `c_t`: the reasoning.
+    /// `c_t`: the reasoning that came with the call; empty if there is none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub reasoning: String,
-    /// `sigma_t`: the History.
+    /// `sigma_t`: the History, which reaches the next decision; empty if there is none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub history: String,
     /// `q_t`: schedule and subtask.
@@ -140,20 +141,20 @@ pub struct PolicyOutput {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UserSource {
-    /// The rules of SPEC section 3.
+    /// The rules of docs/spec.md#simulated-user.
     RuleBased,
-    /// A model.
+    /// A model in the role of the user.
     Model,
-    /// A person.
+    /// A person in the role of the user.
     Human,
 }
 
 /// An answer to an `ask`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct UserReply {
-    /// What was said.
+    /// Text of the reply to the question.
     pub text: String,
-    /// By whom.
+    /// Who or what gave the reply.
     pub source: UserSource,
 }
 
@@ -206,16 +207,16 @@ impl StepInput {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(tag = "kind", content = "id", rename_all = "lowercase")]
 pub enum MarkerTarget {
-    /// An object.
+    /// An object of the task, by its instance id.
     Object(InstanceId),
-    /// A receptacle.
+    /// A receptacle of the scene, by its id.
     Receptacle(ReceptacleId),
 }
 
 /// One number of the current marker map.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Marker {
-    /// The number.
+    /// Number of the marker, unique in the current map.
     pub id: u32,
     /// What it stands for. Never shown to the policy.
     pub target: MarkerTarget,
@@ -224,7 +225,7 @@ pub struct Marker {
 /// An object in the current picture.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct VisibleObject {
-    /// Which.
+    /// Instance id of the visible object.
     pub object: InstanceId,
     /// How many pixels of it are seen.
     pub pixels: u32,
@@ -239,7 +240,7 @@ pub struct BodyState {
     pub body: String,
     /// Position of its origin, in metres.
     pub position: [f32; 3],
-    /// Rotation.
+    /// Orientation as a quaternion x, y, z, w.
     pub rotation: [f32; 4],
     /// In metres per second.
     pub linear_velocity: [f32; 3],
@@ -279,7 +280,7 @@ pub struct StateDigests {
     pub chain: Digest,
 }
 
-/// Both authorities' graphs (SPEC section 1, "Authority").
+/// Both authorities' graphs (docs/spec.md#authority).
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub struct Graphs {
     /// Where physics says the objects are: scores in preset `paper`.
@@ -293,7 +294,7 @@ pub struct Graphs {
 pub struct GraphChanges {
     /// Of the physical graph.
     pub physics: Vec<GraphEvent>,
-    /// Of the registry.
+    /// Changes of the registry's graph, which follows picks and places.
     pub registry: Vec<GraphEvent>,
 }
 
@@ -302,7 +303,7 @@ pub struct GraphChanges {
 pub struct RewardTerm {
     /// `task`, `prog`, `phys`, `ask`, `time`, `safe`.
     pub component: String,
-    /// Its value.
+    /// Signed value of the term; the step's reward is the sum of its terms.
     pub value: f64,
     /// Why, for people: which event or rule.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -312,7 +313,7 @@ pub struct RewardTerm {
 /// The state after the start, before the first decision.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct StartRecord {
-    /// After settling.
+    /// World graphs of both authorities after the objects have settled.
     pub graphs: Graphs,
     /// After settling, by stable id.
     pub bodies: Vec<BodyState>,
@@ -324,14 +325,14 @@ pub struct StartRecord {
     /// if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortest_path_m: Option<f32>,
-    /// Digests.
+    /// Digests of the settled state, of its frame if one was taken, and of the hash chain.
     pub digests: StateDigests,
 }
 
 /// One decision and what came of it.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct StepRecord {
-    /// From 0.
+    /// Index of the step in its episode, from 0.
     pub step: u32,
     /// What it was a function of.
     pub input: StepInput,
@@ -359,7 +360,7 @@ pub struct StepRecord {
     /// What the gripper holds after the call.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held: Option<InstanceId>,
-    /// Graph changes.
+    /// How the graphs of both authorities changed in this step.
     pub changes: GraphChanges,
     /// Motion states after the call, by stable id.
     pub bodies: Vec<BodyState>,
@@ -369,7 +370,7 @@ pub struct StepRecord {
     pub sim_step: u64,
     /// Reward terms under the header's preset; those that are zero are left out.
     pub reward: Vec<RewardTerm>,
-    /// Digests.
+    /// Digests of the state after the call, of its frame if one was taken, and of the hash chain.
     pub digests: StateDigests,
 }
 
@@ -390,9 +391,9 @@ pub enum EndReason {
 /// How an episode ended.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct EndRecord {
-    /// Why.
+    /// Why the episode ended, e.g. because the policy called `finish`.
     pub reason: EndReason,
-    /// Final graphs.
+    /// World graphs of both authorities at the end of the episode.
     pub graphs: Graphs,
     /// Metrics under the header's preset.
     pub metrics: Metrics,
@@ -402,20 +403,20 @@ pub struct EndRecord {
     pub steps: u32,
 }
 
-/// Metrics of one episode (SPEC section 6).
+/// Metrics of one episode (docs/spec.md#metrics).
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Metrics {
     /// SR: no goal change is left.
     pub success: bool,
     /// CR: share of the goal changes that hold.
     pub completion: f64,
-    /// Cumulative reward, undiscounted.
+    /// Sum of the rewards of all steps, without discounting.
     pub total_reward: f64,
     /// Discounted return, gamma 0.99.
     pub discounted_return: f64,
-    /// Decisions.
+    /// Length of the episode in decisions, one for each step.
     pub length: u32,
-    /// `ask` calls.
+    /// Number of `ask` calls in the episode, answered or not.
     pub asks: u32,
     /// `S * l / max(p, l)`; absent where `l` is unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -16,7 +16,7 @@ use crate::{Attributes, ReceptacleId, Task};
 pub struct Scene {
     /// Its name; tasks refer to it.
     pub scene_id: String,
-    /// The rooms, disjoint.
+    /// The rooms of the scene; their footprints do not overlap.
     pub rooms: Vec<Room>,
     /// Walls. Absent: the simulator builds them around the rooms, with an opening between
     /// neighbours.
@@ -85,7 +85,7 @@ impl From<Arc<Scene>> for Scenes {
 /// A room as a union of rectangles.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Room {
-    /// e.g. `living room/0`
+    /// Name of the room that receptacles refer to, e.g. `living room/0`.
     pub name: String,
     /// Its exact footprint: disjoint rectangles. Absent: the one rectangle `min`..`max`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -115,18 +115,18 @@ pub struct Wall {
     pub from: [f64; 2],
     /// The other end: x, y.
     pub to: [f64; 2],
-    /// In metres.
+    /// Height of the wall, in metres.
     pub height: f64,
 }
 
 /// A fixed piece of furniture that holds objects.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Receptacle {
-    /// e.g. `table_1`
+    /// Id of the receptacle in its scene, e.g. `table_1`.
     pub id: ReceptacleId,
     /// Name of its room.
     pub room: String,
-    /// e.g. `table`
+    /// Category of the furniture, e.g. `table`.
     pub category: String,
     /// The door, if it has one.
     #[serde(default)]
@@ -160,7 +160,7 @@ pub struct Receptacle {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(from = "DoorField", into = "DoorField")]
 pub enum Door {
-    /// None.
+    /// The receptacle has no door; the default.
     #[default]
     None,
     /// Vertical hinge on the left, seen from the front.
@@ -223,7 +223,7 @@ fn is_true(value: &bool) -> bool {
 }
 
 impl Scene {
-    /// Finds a receptacle.
+    /// The receptacle of this id, or `None` if the scene does not have it.
     pub fn receptacle(&self, id: &ReceptacleId) -> Option<&Receptacle> {
         self.receptacles
             .iter()

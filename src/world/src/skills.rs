@@ -15,7 +15,7 @@ pub enum Skills {
 }
 
 impl Skills {
-    /// All of them.
+    /// Both levels of reliability, the perfect one first.
     pub const ALL: [Skills; 2] = [Skills::Perfect, Skills::RealV1];
 
     /// As it stands on the command line and in traces.

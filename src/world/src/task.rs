@@ -52,11 +52,11 @@ impl fmt::Display for Family {
 /// One object of a task as it stands at the start.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ObjectInstance {
-    /// Its key.
+    /// Instance id: the key of the object in graphs and records.
     pub instance: InstanceId,
-    /// Its asset.
+    /// The asset that this object is an instance of.
     pub asset: AssetId,
-    /// e.g. `alarm clock`
+    /// Category of the object, e.g. `alarm clock`.
     pub category: String,
     /// How people would describe it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -99,12 +99,12 @@ pub struct PlanStep {
     pub args: BTreeMap<String, Value>,
 }
 
-/// A task.
+/// A household task: objects, instruction, start graph and goal graph.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Task {
     /// e.g. `FDP/verify_task_10`; unique within a set of tasks.
     pub task_id: String,
-    /// Its family.
+    /// Family of REAL-Bench that the task belongs to.
     pub family: Family,
     /// e.g. `store`; absent where the file has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -129,18 +129,18 @@ pub struct Task {
     pub placement_order: Vec<InstanceId>,
     /// At the start: all receptacles of the scene, the objects, doors as they stand.
     pub initial: WorldGraph,
-    /// At the end: the authority for reward and success (SPEC section 1, "Goal").
+    /// At the end: the authority for reward and success (docs/spec.md#goal).
     pub goal: WorldGraph,
     /// The instance to move; the first one where a task moves several.
     pub target: InstanceId,
-    /// Where it stands.
+    /// Receptacle that holds the target at the start.
     pub src: ReceptacleId,
     /// Where it shall go.
     pub dest: ReceptacleId,
-    /// Receptacles like `src`.
+    /// Distractors for `src`: other receptacles that resemble it.
     #[serde(default)]
     pub src_distractors: Vec<ReceptacleId>,
-    /// Receptacles like `dest`.
+    /// Distractors for `dest`: other receptacles that resemble it.
     #[serde(default)]
     pub dest_distractors: Vec<ReceptacleId>,
     /// Objects like the target.
@@ -168,7 +168,7 @@ impl Task {
         self.objects.iter().map(|object| &object.asset)
     }
 
-    /// Finds an object.
+    /// The object of this instance id, or `None` if the task does not have it.
     pub fn object(&self, instance: &InstanceId) -> Option<&ObjectInstance> {
         self.objects
             .iter()

@@ -1,5 +1,5 @@
 //! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under both name
-//! sets (SPEC section 2).
+//! sets (docs/spec.md#tools).
 
 use std::fmt;
 
@@ -60,7 +60,7 @@ pub enum NameSet {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Profile {
-    /// The paper.
+    /// Behaviour as the paper describes it; the default.
     #[default]
     Paper,
     /// The published repository's branch `main`: the server that its evaluation agents expect.
@@ -154,14 +154,14 @@ impl Profile {
 pub enum Tool {
     /// Go to a viewpoint of a receptacle.
     NavTo {
-        /// Which.
+        /// Id of the receptacle to go to.
         receptacle: ReceptacleId,
     },
     /// List what is on the current receptacle.
     WalkAround,
     /// Mark the objects in view that match a category.
     ShowObjectByCategory {
-        /// Open vocabulary.
+        /// Category to look for, in any words: the vocabulary is open.
         category: String,
     },
     /// Mark the receptacles in view.
@@ -191,12 +191,12 @@ pub enum Tool {
         /// Number in the current marker map.
         marker: u32,
     },
-    /// Ask the user.
+    /// Ask the user a question in plain words.
     Ask {
-        /// In plain words.
+        /// The question to the user, in plain words.
         question: String,
     },
-    /// End the episode.
+    /// End the episode by the policy's own decision.
     Finish,
     /// A tool of the session rather than of the world.
     Lifecycle(Lifecycle),
@@ -211,7 +211,7 @@ pub enum Lifecycle {
     ListTasks,
     /// `finish_with_id`: abort what runs and start the task of this id.
     FinishWithId {
-        /// Which.
+        /// Id of the task to start.
         task_id: String,
     },
 }
@@ -222,31 +222,31 @@ pub enum CallError {
     /// No tool of this name.
     #[error("Action '{name}' not recognized.")]
     UnknownTool {
-        /// What was called.
+        /// The tool name that the policy called.
         name: String,
     },
     /// The arguments are no JSON object.
     #[error("{tool}: arguments must be a JSON object, found {found}")]
     NotAnObject {
-        /// The tool's name.
+        /// Name of the tool, as the policy called it.
         tool: &'static str,
-        /// JSON type found.
+        /// JSON type that the arguments have, e.g. `a list`.
         found: &'static str,
     },
     /// An argument is missing.
     #[error("{tool}: missing argument '{argument}'")]
     Missing {
-        /// The tool's name.
+        /// Name of the tool, as the policy called it.
         tool: &'static str,
-        /// The argument.
+        /// Name of the missing argument, e.g. `marker_id`.
         argument: &'static str,
     },
     /// An argument has the wrong type.
     #[error("{tool}: argument '{argument}' must be {expected}, found {found}")]
     WrongType {
-        /// The tool's name.
+        /// Name of the tool, as the policy called it.
         tool: &'static str,
-        /// The argument.
+        /// Name of the argument with the wrong type, e.g. `marker_id`.
         argument: &'static str,
         /// What it should be.
         expected: &'static str,
@@ -281,7 +281,7 @@ pub struct ToolSpec {
 /// An argument of a tool.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Argument {
-    /// Its key.
+    /// Key of the argument in the JSON object, e.g. `marker_id`.
     pub name: &'static str,
     /// JSON Schema type: `string` or `integer`.
     pub json_type: &'static str,
@@ -319,7 +319,7 @@ const QUESTION: Option<Argument> = Some(Argument {
 });
 
 impl ToolSpec {
-    /// The eleven policy-facing tools, in the order of SPEC section 2.
+    /// The eleven policy-facing tools, in the order of docs/spec.md#tools.
     pub const POLICY: [ToolSpec; 11] = [
         spec(
             "nav_to",

@@ -171,7 +171,10 @@ fn forever(
         index,
         fault,
         at,
-        vec![PlanSegment::Do { calls, times }],
+        vec![PlanSegment::Do {
+            calls: deeds,
+            times,
+        }],
         vec![],
     )
 }
@@ -196,7 +199,10 @@ fn again(
         index,
         fault,
         at,
-        vec![PlanSegment::Do { calls, times }],
+        vec![PlanSegment::Do {
+            calls: deeds,
+            times,
+        }],
         vec![finish()],
     );
     inserts[0].legs.insert(0, PlanSegment::each(first));
@@ -643,7 +649,10 @@ fn turning(
             index,
             fault,
             at,
-            vec![PlanSegment::Do { calls, times }],
+            vec![PlanSegment::Do {
+                calls: deeds,
+                times,
+            }],
             vec![finish()],
         );
     }
@@ -655,7 +664,10 @@ fn turning(
         index,
         fault,
         at,
-        vec![PlanSegment::Do { calls, times }],
+        vec![PlanSegment::Do {
+            calls: deeds,
+            times,
+        }],
         vec![finish()],
     );
     inserts[0].legs.insert(0, PlanSegment::one(rightly));
@@ -762,7 +774,7 @@ fn stale_marker(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         fault,
         at,
         vec![PlanSegment::Do {
-            calls,
+            calls: deeds,
             times: Some(often),
         }],
         vec![finish()],
@@ -844,7 +856,10 @@ fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert
         index,
         fault,
         at,
-        vec![PlanSegment::Do { calls, times }],
+        vec![PlanSegment::Do {
+            calls: deeds,
+            times,
+        }],
         vec![],
     )
 }

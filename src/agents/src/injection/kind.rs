@@ -14,7 +14,7 @@ macro_rules! fault_kinds {
         pub enum FaultKind { $(#[doc = $about] $name,)* }
 
         impl FaultKind {
-            /// Every kind.
+            /// Every fault kind, in the order of declaration.
             pub const ALL: &[FaultKind] = &[$(FaultKind::$name,)*];
 
             /// Its name, as in labels.
@@ -27,7 +27,7 @@ macro_rules! fault_kinds {
                 match self { $(FaultKind::$name => $about,)* }
             }
 
-            /// Its class.
+            /// Failure class that the taxonomy assigns to this kind of fault.
             pub fn class(self) -> FailureClass {
                 match self { $(FaultKind::$name => FailureClass::$class,)* }
             }
@@ -126,7 +126,7 @@ pub enum Detour {
 }
 
 impl Detour {
-    /// Every kind.
+    /// Every kind of harmless detour, in the order of declaration.
     pub const ALL: [Detour; 5] = [
         Detour::ExtraLook,
         Detour::ThereAndBack,

@@ -9,9 +9,9 @@ use crate::{FaultKind, Injection};
 /// What an episode of an [`crate::Injected`] policy should be classified as.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Label {
-    /// The episode.
+    /// Id of the labelled episode, as its trace header has it.
     pub episode_id: String,
-    /// The task.
+    /// Id of the task that the episode plays.
     pub task_id: String,
     /// The seed of the injection.
     pub seed: u64,
@@ -28,11 +28,11 @@ pub struct Label {
 /// What came of one fault.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct FaultLabel {
-    /// Its kind.
+    /// Kind of fault that was injected.
     pub kind: FaultKind,
-    /// Its class.
+    /// Failure class of the injected fault kind.
     pub class: FailureClass,
-    /// Its sub-class.
+    /// Failure sub-class; for object mistakes it follows from the object taken.
     pub sub_class: String,
     /// The decision at which it began, from 0; none: it never came about.
     pub step: Option<u32>,
@@ -43,18 +43,18 @@ pub struct FaultLabel {
 /// The fault that decided.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Primary {
-    /// Its class.
+    /// Failure class of the decisive fault.
     pub class: FailureClass,
-    /// Its sub-class.
+    /// Failure sub-class of the decisive fault.
     pub sub_class: String,
     /// The decision at which it began.
     pub step: u32,
 }
 
 impl Primary {
-    /// The primary of several (SPEC section 7): of those not repaired `missing_ask` first,
-    /// `stale_marker` and then `timeout` last, the others by time. Where all were repaired and the
-    /// goal was missed all the same, the first of them cost it.
+    /// The primary of several (docs/spec.md#failure-taxonomy): of those not repaired `missing_ask`
+    /// first, `stale_marker` and then `timeout` last, the others by time. Where all were repaired
+    /// and the goal was missed all the same, the first of them cost it.
     pub fn of(faults: &[FaultLabel], success: bool) -> Option<Primary> {
         let rank = |fault: &FaultLabel| match fault.sub_class.as_str() {
             "missing_ask" => 0,

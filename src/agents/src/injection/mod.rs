@@ -1,9 +1,10 @@
 //! The fault library: episodes that fail in a known way, or nearly fail. An injection says what
 //! goes wrong where; a policy acts it out on top of the oracle; a label says what came of it.
 //!
-//! Written from the paper's descriptions of failures (SPEC section 7). Never anything of the rules
-//! that classify: the two share nothing but the names of classes and sub-classes. What a policy
-//! cannot cause (something falls, a robot's skill fails) is no kind here.
+//! Written from the paper's descriptions of failures (docs/spec.md#failure-taxonomy). Never
+//! anything of the rules that classify: the two share nothing but the names of classes and
+//! sub-classes. What a policy cannot cause (something falls, a robot's skill fails) is no kind
+//! here.
 
 mod choices;
 mod clutter;
@@ -28,7 +29,7 @@ pub use sample::{SampleOptions, admitted, paper_mix, sample};
 /// One thing that goes wrong.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Fault {
-    /// What.
+    /// Kind of fault that the policy acts out.
     pub kind: FaultKind,
     /// Where along the episode, from 0 to 1, where the kind leaves a choice.
     pub position: f64,
@@ -68,7 +69,7 @@ pub enum InjectionError {
     /// The kind wants an instruction that leaves open what is meant.
     #[error("{kind}: the instruction is precise; take a task with an underspecified one")]
     Precise {
-        /// The kind.
+        /// Kind that needs an underspecified instruction.
         kind: FaultKind,
     },
     /// The kind wants an instruction that says what is meant.
@@ -76,19 +77,19 @@ pub enum InjectionError {
         "{kind}: the instruction is underspecified, so a wrong object would be a question not asked; take a precise task"
     )]
     Underspecified {
-        /// The kind.
+        /// Kind that needs a precise instruction.
         kind: FaultKind,
     },
     /// No object that could be taken by that fault.
     #[error("{kind}: the task has no object that could be taken by it")]
     NoObject {
-        /// The kind.
+        /// Kind for which the task has no suitable object.
         kind: FaultKind,
     },
     /// No receptacle that the target could be put on by that fault.
     #[error("{kind}: the scene has no receptacle for it; the destination is {destination}")]
     NoReceptacle {
-        /// The kind.
+        /// Kind for which the scene has no suitable receptacle.
         kind: FaultKind,
         /// Where the target has to go.
         destination: ReceptacleId,
@@ -96,7 +97,7 @@ pub enum InjectionError {
     /// No door stands in the way.
     #[error("{kind}: no closed door is between {source_id} and {destination}")]
     NoDoor {
-        /// The kind.
+        /// Kind that needs a closed door on the way.
         kind: FaultKind,
         /// Where the target stands.
         source_id: ReceptacleId,
@@ -106,15 +107,15 @@ pub enum InjectionError {
     /// What is done by that fault cannot be undone.
     #[error("{kind}: it ends the episode and cannot be repaired")]
     NotRepairable {
-        /// The kind.
+        /// Kind that was to be repaired although it ends the episode.
         kind: FaultKind,
     },
     /// One fault keeps the other from coming about.
     #[error("{first} and {second} exclude each other in this order or at all")]
     Conflict {
-        /// The one.
+        /// Kind of one of the two conflicting faults.
         first: FaultKind,
-        /// The other.
+        /// Kind of the fault that conflicts with the first.
         second: FaultKind,
     },
     /// A number is out of its range.
@@ -122,11 +123,11 @@ pub enum InjectionError {
         "{kind}: position {position} must be within 0..=1 and strength {strength} within 1..=3"
     )]
     Range {
-        /// The kind.
+        /// Kind of the fault with the value out of range.
         kind: FaultKind,
-        /// As given.
+        /// Position as requested, formatted as text; valid is 0 to 1.
         position: String,
-        /// As given.
+        /// Strength as requested; valid is 1 to 3.
         strength: u32,
     },
 }

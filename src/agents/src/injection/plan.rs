@@ -47,9 +47,9 @@ pub(super) enum FaultTrigger {
 /// What a fault puts into the course.
 #[derive(Clone, Debug)]
 pub(super) struct InsertedCalls {
-    /// When.
+    /// Moment of the episode at which the segment is inserted.
     pub at: Until,
-    /// What.
+    /// Plan segments that are inserted at that moment, in order.
     pub legs: Vec<PlanSegment>,
     /// Whether nothing comes after it.
     pub last: bool,

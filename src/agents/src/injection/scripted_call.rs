@@ -49,7 +49,7 @@ pub(super) enum PlanSegment {
 }
 
 impl PlanSegment {
-    /// One deed.
+    /// A segment that makes one call once.
     pub fn one(deed: ScriptedCall) -> PlanSegment {
         PlanSegment::Do {
             calls: vec![deed],
@@ -84,18 +84,18 @@ pub(super) enum Until {
     AtDestination,
     /// It is about to finish.
     Placed,
-    /// It finishes.
+    /// The oracle calls `finish`, which ends the episode.
     End,
 }
 
-/// A single call.
+/// A single call to make, resolved to arguments when it is due.
 #[derive(Clone, Debug)]
 pub(super) enum ScriptedCall {
     /// A call whose arguments are known.
     Call(Tool),
     /// Something that is no call of a tool, or one with arguments that nothing fits.
     Raw(ToolCall),
-    /// Nonsense.
+    /// Output that is not a valid tool call, drawn from the random stream.
     Nonsense,
     /// `gaze_at` something on the current map.
     Gaze,

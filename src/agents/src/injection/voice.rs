@@ -1,6 +1,6 @@
 //! What an agent with a fault says along with its calls: reasoning, history and schedule, as it
-//! believes them to be (SPEC section 4). Never an identifier of an object, and never that a fault
-//! is at work.
+//! believes them to be (docs/spec.md#policy-context). Never an identifier of an object, and never
+//! that a fault is at work.
 
 use std::collections::VecDeque;
 
@@ -35,7 +35,7 @@ impl NarrationStyle {
         self.done.push(claim.to_owned());
     }
 
-    /// Takes it back.
+    /// Removes every claimed entry from the history again.
     pub fn unclaim(&mut self) {
         for index in self.claims.drain(..).rev() {
             self.done.remove(index);

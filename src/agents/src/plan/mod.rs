@@ -27,16 +27,16 @@ pub enum Intent {
     Find {
         /// What to ask the detector for.
         category: String,
-        /// The object meant.
+        /// Instance id of the object to find.
         target: InstanceId,
     },
-    /// Take the object.
+    /// Pick up the object with this instance id.
     Pick(InstanceId),
     /// Put what is held on the receptacle.
     Place(ReceptacleId),
-    /// Open its door.
+    /// Open the door of the receptacle.
     Open(ReceptacleId),
-    /// Close its door.
+    /// Close the door of the receptacle.
     Close(ReceptacleId),
     /// Ask the user what is meant.
     Ask {
@@ -45,7 +45,7 @@ pub enum Intent {
         /// What to say, word for word; none where it depends on what is seen.
         question: Option<String>,
     },
-    /// End the episode.
+    /// Call `finish` to end the episode.
     Finish,
 }
 
@@ -84,7 +84,7 @@ pub struct PlanningState<'a> {
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("{object} cannot be brought to its goal: {reason}")]
 pub struct Unreachable {
-    /// The object.
+    /// Instance id of the object that cannot reach its goal.
     pub object: InstanceId,
     /// What is in the way.
     pub reason: String,

@@ -1,6 +1,11 @@
 //! What comes from outside decides, is recorded, and is checked: a user who breaks rules, a matcher
 //! who sees things otherwise, and nobody at all.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "tests read files and the environment and use threads; what is recorded does not"
+)]
+
 use std::sync::Arc;
 
 use reel_agents::{

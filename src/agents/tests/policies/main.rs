@@ -1,5 +1,10 @@
 //! Every built-in policy in a flat without physics: what it calls, and what comes of it.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "tests read files and the environment and use threads; what is recorded does not"
+)]
+
 mod flat;
 mod injection;
 

@@ -2,6 +2,11 @@
 //! and episodes with them that replay exactly. `REEL_SKILL_SEEDS` says over how many further seeds
 //! the coverage is measured (`make eval-skills`: 20).
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "tests read files and the environment and use threads; what is recorded does not"
+)]
+
 use std::{collections::BTreeMap, env, sync::Arc, thread};
 
 use reel_episode::{Episode, EpisodeConfig, StepOutput};

@@ -23,7 +23,7 @@ use crate::{
     sidecar::{read_some, write_notes},
 };
 
-/// Decisions a request.
+/// Maximum number of decisions in one model request.
 pub const BATCH: usize = 10;
 
 /// Looks at the History of a decision, given by its index, and says what in it is not so; none if

@@ -8,7 +8,7 @@ use reel_world::Digest;
 
 use crate::voice::PhraseVariants;
 
-/// Every wording.
+/// Iterates over every wording of History, plan and reasoning.
 fn all() -> impl Iterator<Item = &'static PhraseVariants> {
     history::ALL.iter().chain(plan::ALL).chain(reasoning::ALL)
 }

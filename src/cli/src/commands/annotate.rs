@@ -67,7 +67,7 @@ struct TraceResult {
     fallbacks: Vec<(usize, String)>,
 }
 
-/// Runs the command.
+/// Annotates the given traces, prints the counts and names each that failed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;

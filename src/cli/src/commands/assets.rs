@@ -34,7 +34,7 @@ enum Command {
     },
 }
 
-/// Runs the command.
+/// Checks every mesh of a folder and prints which load and which are refused.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Command::Check { folder, json } = &arguments.command;
     check(folder, *json)

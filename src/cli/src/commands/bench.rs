@@ -99,7 +99,7 @@ pub struct Arguments {
     /// Prices of a million tokens read and written, in any currency
     #[arg(long, value_name = "READ,WRITTEN", value_delimiter = ',', num_args = 1)]
     prices: Option<Vec<f64>>,
-    /// Print JSON
+    /// Print the result table as one JSON object
     #[arg(long)]
     json: bool,
 }
@@ -111,7 +111,7 @@ impl Arguments {
     }
 }
 
-/// Runs the command.
+/// Benchmarks an agent on tasks, or compares the episodes of two folders.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match arguments.compare.as_deref() {
         Some([a, b]) => compare(a, b, arguments.json),

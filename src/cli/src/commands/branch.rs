@@ -71,12 +71,12 @@ pub struct Arguments {
     assets: inputs::Assets,
     #[command(flatten)]
     cache: inputs::Cache,
-    /// Print JSON
+    /// Print one JSON object per branch
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Plays a branch of a trace, or checks that traces are branches of it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let parent = arguments.assets.read(&arguments.trace)?;
     let Some(at) = arguments.at else {

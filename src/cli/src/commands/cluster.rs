@@ -39,7 +39,7 @@ pub struct Arguments {
 enum Command {
     /// Plan questions and hand out their parts
     Scheduler {
-        /// Where to listen
+        /// Address and port that the scheduler listens on
         #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50050")]
         listen: SocketAddr,
         /// Name or address by which executors reach it; without it the one it listens at
@@ -81,7 +81,7 @@ enum Command {
     },
 }
 
-/// Runs the command.
+/// Runs a scheduler or an executor of a cluster until it is stopped.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     match &arguments.what {

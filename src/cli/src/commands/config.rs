@@ -22,7 +22,7 @@ pub struct Arguments {
 enum Command {
     /// Check a file, load its tasks, and print what it comes to
     Check {
-        /// The file
+        /// Configuration file (TOML) to check
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
@@ -30,7 +30,7 @@ enum Command {
     Default,
 }
 
-/// Runs the command.
+/// Checks a configuration file and prints the effective values, or prints the default.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
         Command::Default => print!("{}", Config::default().to_toml()),

@@ -40,12 +40,12 @@ pub struct Arguments {
     /// Files at a time
     #[arg(long, value_name = "N", default_value_t = 8)]
     jobs: usize,
-    /// Print JSON
+    /// Print counts, bytes and failures as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Copies files to or from a bucket and reports how many were sent or failed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let outward = is_remote(&arguments.to);
     let files = files(&arguments.from)?;

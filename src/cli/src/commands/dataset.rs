@@ -42,7 +42,7 @@ enum Command {
         /// Findings of each kind that are shown
         #[arg(long, value_name = "N", default_value_t = 3)]
         examples: usize,
-        /// Print JSON
+        /// Print the report as one JSON object
         #[arg(long)]
         json: bool,
     },
@@ -77,7 +77,7 @@ struct Input {
     images: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Checks a training dataset, or prints one of its examples.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::Lint {

@@ -50,7 +50,7 @@ pub struct Arguments {
     jobs: Option<usize>,
 }
 
-/// Runs the command.
+/// Draws tasks, then plays, replays, ingests, queries and explains their episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let begun = Instant::now();
     let out = &arguments.out;

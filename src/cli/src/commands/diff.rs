@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use reel_replay::lay_beside;
+use reel_replay::compare;
 use reel_trace::Trace;
 
 use crate::ExitStatus;
@@ -19,18 +19,18 @@ use crate::ExitStatus;
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The first trace
+    /// Trace for the left column
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// The second trace
+    /// Trace for the right column
     #[arg(value_name = "B")]
     b: PathBuf,
-    /// Print JSON
+    /// Print the comparison as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Compares two traces of one task and prints them side by side.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let beside = compare(&Trace::read(&arguments.a)?, &Trace::read(&arguments.b)?)?;
     if arguments.json {

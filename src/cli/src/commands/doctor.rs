@@ -27,7 +27,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Examines every recording and prints what is wrong with it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::recordings(&arguments.paths)?;
     let bar = progress::bar(paths.len(), "doctor");

@@ -19,7 +19,7 @@ const LINES: usize = 24;
 
 /// Another build of reel.
 pub struct Build<'a> {
-    /// The program.
+    /// Path of the other build's executable.
     pub path: &'a Path,
     /// Its folder of meshes.
     pub assets: Option<&'a Path>,

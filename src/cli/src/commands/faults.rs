@@ -44,11 +44,11 @@ pub struct Arguments {
 enum Command {
     /// The kinds of fault, with their classes
     List {
-        /// Print JSON
+        /// Print one JSON object per fault kind
         #[arg(long)]
         json: bool,
     },
-    /// Play episodes
+    /// Play episodes with injected faults and label them
     Run(Run),
 }
 
@@ -70,7 +70,7 @@ struct Run {
     /// The first seed; each episode has the next
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Only these kinds
+    /// Fault kinds to inject; without it all of them
     #[arg(long, value_name = "KIND", value_delimiter = ',')]
     kinds: Vec<String>,
     /// Share of episodes with two faults
@@ -102,7 +102,7 @@ const TRY: u64 = 1 << 32;
 /// Tries for an episode of the paper's mix: a fault may not fit a task, or not cost the success.
 const TRIES_MAX: u64 = 60;
 
-/// Runs the command.
+/// Lists the fault kinds, or plays and labels episodes with injected faults.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
         Command::List { json } => {

@@ -25,7 +25,7 @@ use crate::{ExitStatus, camera::Camera, inputs};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The trace
+    /// Trace whose frames are written as PNG files
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
     /// Folder for the pictures
@@ -49,7 +49,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Writes the frames of a trace, or of one call, as PNG files.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     fs::create_dir_all(&arguments.out)

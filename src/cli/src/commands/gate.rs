@@ -67,7 +67,7 @@ struct TraceComparison {
     that: Option<OutcomeLine>,
 }
 
-/// Runs the command.
+/// Replays a corpus, also with another build if named, and lists what changed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let folder = &arguments.corpus;
     let paths =

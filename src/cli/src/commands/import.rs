@@ -115,7 +115,7 @@ struct Importing {
     json: bool,
 }
 
-/// Runs the command.
+/// Imports episodes of the REAL framework or recordings of a robot as traces.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::RealEval {

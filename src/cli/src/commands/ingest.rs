@@ -26,12 +26,12 @@ pub struct Arguments {
     store: String,
     #[command(flatten)]
     elsewhere: ClusterArguments,
-    /// Print JSON
+    /// Print counts and quarantined files as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Ingests traces into a store and reports what was added or quarantined.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let report = ingest(&paths, &arguments.store, &arguments.elsewhere)?;

@@ -59,7 +59,7 @@ pub struct Arguments {
 /// Episodes whose cases are in memory at a time.
 const PORTION: usize = 32;
 
-/// Runs the command.
+/// Asks a model why episodes failed and stores its opinions as labels.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let client = client.context("--endpoint and --model are missing: whom to ask")?;

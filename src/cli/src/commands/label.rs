@@ -34,14 +34,14 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store", global = true)]
     store: String,
-    /// Print JSON
+    /// Print labels as JSON (`list` and `disputed`)
     #[arg(long, global = true)]
     json: bool,
 }
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Label one episode
+    /// Label one episode of the store
     Set(Set),
     /// Read labels: CSV, JSON, or a folder with the `.label.json` files of injected faults
     Import {
@@ -58,7 +58,7 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// List the labels
+    /// List every label of the store
     List,
     /// List the episodes on whose class people disagree and nobody has decided
     Disputed,
@@ -75,24 +75,24 @@ struct Set {
     /// What within the class (`reel taxonomy rules` lists them; others are possible)
     #[arg(long, value_name = "NAME")]
     sub_class: Option<String>,
-    /// The decisive step
+    /// Decisive step of the episode, counted from 0
     #[arg(long, value_name = "STEP")]
     step: Option<i32>,
     /// How sure, from 0 to 1
     #[arg(long, value_name = "SHARE")]
     confidence: Option<f64>,
-    /// Why, in words
+    /// Reason for the label, as free text
     #[arg(long, value_name = "TEXT")]
     note: Option<String>,
-    /// Who says so
+    /// Name of the author of the label
     #[arg(long, value_name = "NAME")]
     author: String,
-    /// Decide between others
+    /// Mark the label as the decision between disagreeing authors
     #[arg(long)]
     adjudicate: bool,
 }
 
-/// Runs the command.
+/// Adds, imports, exports or lists labels, or lists disputed episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let now_ms = SystemTime::now()
         .duration_since(UNIX_EPOCH)

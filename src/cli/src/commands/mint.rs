@@ -28,7 +28,7 @@ pub struct Arguments {
     add: Vec<PathBuf>,
 }
 
-/// Runs the command.
+/// Re-executes the traces of a corpus, rewrites them and prints what changed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let minted = mint(&MintOptions {
         corpus: &arguments.corpus,

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Traces or folders of them
     #[arg(required = true, value_name = "TRACE")]
     traces: Vec<PathBuf>,
-    /// Where to listen
+    /// Address and port that the mock endpoint listens on
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8000")]
     listen: SocketAddr,
     /// What goes wrong, and at which call; may be repeated
@@ -44,7 +44,7 @@ pub struct Arguments {
     retry_after: u64,
 }
 
-/// Runs the command.
+/// Serves the decisions of recorded episodes as a mock model until stopped.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.traces)?;
     let traces = paths

@@ -46,18 +46,18 @@ const ROUNDS: usize = 3;
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// How many tasks
+    /// Number of tasks drawn for the measurement
     #[arg(long, value_name = "N", default_value_t = 12)]
     count: usize,
     /// Folder for the traces of the measurement; removed at the end
     #[arg(long, value_name = "DIR", default_value = "bench-out")]
     out: PathBuf,
-    /// Print JSON
+    /// Print the measurements as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// What was measured.
+/// Everything that `reel perf` measures: rates, durations, ratios and sizes.
 #[derive(Serialize)]
 struct Figures {
     episodes: usize,
@@ -87,7 +87,7 @@ struct Figures {
     bytes_lean: f64,
 }
 
-/// Runs the command.
+/// Measures and prints the costs; the check fails if a replay is not exact.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let figures = measure(arguments)?;
     fs::remove_dir_all(&arguments.out)

@@ -31,7 +31,7 @@ use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, progres
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// SQL text
+    /// SQL text to run, instead of --file or --named
     #[arg(value_name = "SQL", conflicts_with_all = ["named", "file"])]
     sql: Option<String>,
     /// File with the SQL text; `-` reads standard input
@@ -85,7 +85,7 @@ pub struct Arguments {
     functions: bool,
 }
 
-/// Runs the command.
+/// Answers an SQL query over a store, or lists the named queries or functions.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.functions {
         for function in reel_query::functions() {

@@ -145,7 +145,7 @@ impl Arguments {
     }
 }
 
-/// Runs the command.
+/// Records the episodes that pass between agents and a tool server.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let setup = Arc::new(setup(arguments)?);
     if arguments.takes_its_place() {

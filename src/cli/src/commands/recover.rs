@@ -36,7 +36,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Restores the given recordings and prints what each gave and lost.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::recordings(&arguments.paths)?;
     if let Some(out) = &arguments.out {

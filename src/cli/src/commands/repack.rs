@@ -69,14 +69,14 @@ struct Common {
     json: bool,
 }
 
-/// Runs `reel compact`.
+/// Drops the frames of traces (`reel compact`), after a replay unless told otherwise.
 pub fn compact(arguments: &Compact) -> anyhow::Result<ExitStatus> {
     repack(&arguments.common, "compact", |trace, to| {
         reel_replay::compact(trace, to, !arguments.unverified)
     })
 }
 
-/// Runs `reel expand`.
+/// Renders the frames of lean traces again (`reel expand`).
 pub fn expand(arguments: &Expand) -> anyhow::Result<ExitStatus> {
     repack(&arguments.common, "expand", reel_replay::expand)
 }

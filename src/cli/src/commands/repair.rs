@@ -36,7 +36,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Repairs a failed episode, writes the new trace and prints the edits.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let found = blame(&trace);

@@ -70,7 +70,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Replays the given traces and reports the first difference of each.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let assets = arguments.assets.open()?;

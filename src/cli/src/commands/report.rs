@@ -31,7 +31,7 @@ pub struct Arguments {
     /// The file to write
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// Title
+    /// Title at the head of the report
     #[arg(long, default_value = "Episodes and why they failed")]
     title: String,
     /// Only these episodes: a condition in SQL on the columns of `episodes`
@@ -100,7 +100,7 @@ struct Example {
     advice: Option<String>,
 }
 
-/// Runs the command.
+/// Writes the HTML report of a store and prints its path.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = match arguments.at {
         Some(version) => Store::open_at(&arguments.store, version)?,

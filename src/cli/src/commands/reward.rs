@@ -49,7 +49,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Scores episodes under a preset, compares presets, or checks recorded rewards.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.list {
         list(arguments.json);
@@ -250,7 +250,7 @@ fn line(
 #[derive(Serialize, Deserialize, Default)]
 struct TermComparison {
     equal: usize,
-    /// Episode and trace.
+    /// Episode id and trace path of each episode whose recorded terms differ.
     differing: Vec<(String, String)>,
     unknown: usize,
 }
@@ -331,7 +331,7 @@ enum Request {
 /// What came of some files.
 #[derive(Serialize, Deserialize)]
 enum Response {
-    /// Rows as [`Rescored::to_bytes`] gives them, in base64.
+    /// Rows as [`RescoredEpisodes::to_bytes`] gives them, in base64.
     Kept(String),
     Compared {
         episodes: usize,

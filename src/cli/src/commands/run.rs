@@ -37,7 +37,7 @@ pub struct Arguments {
     pub scene: Option<PathBuf>,
     #[command(flatten)]
     pub assets: inputs::Assets,
-    /// Who decides
+    /// Built-in policy that decides every call
     #[arg(long, value_name = "NAME", default_value = "oracle")]
     pub policy: String,
     /// Seed of everything random
@@ -77,7 +77,7 @@ pub struct Arguments {
     pub json: bool,
 }
 
-/// Runs the command.
+/// Plays the tasks with a built-in policy and records every episode as a trace.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !POLICIES.iter().any(|(name, _)| *name == arguments.policy) {
         let known: Vec<String> = POLICIES

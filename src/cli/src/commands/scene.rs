@@ -37,7 +37,7 @@ enum Command {
     /// Example:
     ///   reel scene list
     List {
-        /// Print JSON
+        /// Print the scenes as a JSON array
         #[arg(long)]
         json: bool,
     },
@@ -70,7 +70,7 @@ enum Command {
         /// Seed of everything random
         #[arg(long, value_name = "N", default_value_t = 0)]
         seed: u64,
-        /// How many rooms
+        /// Number of rooms in the new scene
         #[arg(long, value_name = "N", default_value_t = 6)]
         rooms: usize,
         /// How many receptacles; without it about two a room
@@ -95,10 +95,10 @@ enum Command {
     ///   reel scene check S1 S2
     ///   reel scene check my_flat.json --json
     Check {
-        /// Names or files
+        /// Scenes to check, by name or file
         #[arg(value_name = "SCENE", required = true)]
         scenes: Vec<PathBuf>,
-        /// Print JSON
+        /// Print the findings of each scene as JSON
         #[arg(long)]
         json: bool,
     },
@@ -117,7 +117,7 @@ enum Command {
         /// Write a sheet of pictures, each with its caption
         #[arg(long, value_name = "PNG")]
         pictures: Option<PathBuf>,
-        /// Print JSON
+        /// Print the objects as a JSON array
         #[arg(long)]
         json: bool,
     },
@@ -127,7 +127,7 @@ enum Command {
     /// Example:
     ///   reel scene plan S3 --out s3.svg       # or .png
     Plan {
-        /// Name or file
+        /// Scene to draw, by name or file
         #[arg(value_name = "SCENE")]
         scene: PathBuf,
         /// File to write: its ending says whether SVG or PNG
@@ -136,7 +136,7 @@ enum Command {
     },
 }
 
-/// Runs the command.
+/// Lists, shows, generates, checks or draws scenes, or lists library objects.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::List { json } => list(*json),

@@ -35,7 +35,7 @@ pub struct Arguments {
     /// The store of tables: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", env = "REEL_STORE")]
     store: Option<String>,
-    /// File of tokens
+    /// File of API tokens; without it tokens.toml in the data folder
     #[arg(long, value_name = "FILE", env = "REEL_TOKENS")]
     tokens: Option<PathBuf>,
 }
@@ -54,7 +54,7 @@ pub struct Mcp {
 /// What is played, and where it is kept.
 #[derive(clap::Args)]
 pub struct Settings {
-    /// Configuration file (TOML)
+    /// Configuration file (TOML); flags and environment override it
     #[arg(long, value_name = "FILE", env = "REEL_CONFIG")]
     config: Option<PathBuf>,
     /// Folder for traces, exports and tables
@@ -133,7 +133,7 @@ impl Settings {
     }
 }
 
-/// Runs the command.
+/// Applies the flags to the configuration and serves agents until Ctrl-C.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut config = arguments.settings.config()?;
     config.listen = arguments.listen.unwrap_or(config.listen);
@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-/// Runs `reel mcp`.
+/// Serves one agent over standard input and output (`reel mcp`).
 pub fn mcp(arguments: &Mcp) -> anyhow::Result<ExitStatus> {
     reel_server::run_stdio(arguments.settings.config()?)?;
     Ok(ExitStatus::Success)

@@ -18,7 +18,7 @@ use crate::{ExitStatus, inputs};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The trace
+    /// Trace to print as a transcript
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
     /// The state after so many calls instead: robot, gripper, markers, graph, motion; made again,
@@ -34,7 +34,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Prints a trace as a transcript, or its state after a number of calls.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
     if let Some(calls) = arguments.at {

@@ -28,7 +28,7 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store", global = true)]
     store: String,
-    /// Print JSON
+    /// Print results as JSON (all but `synthesize`)
     #[arg(long, global = true)]
     json: bool,
 }
@@ -43,7 +43,7 @@ enum Command {
     Quarantine,
     /// Fill a new store with made-up episodes, to measure queries; no traces lie behind them
     Synthesize {
-        /// How many episodes
+        /// Number of synthetic episodes to write
         #[arg(long, value_name = "N", default_value_t = 1_000_000)]
         episodes: u64,
         /// How many tasks they play
@@ -68,7 +68,7 @@ enum Command {
     },
 }
 
-/// Runs the command.
+/// Lists, compacts or vacuums a store, or fills a new one with synthetic episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if let Command::Synthesize {
         episodes,

@@ -13,7 +13,7 @@ use reel_taxonomy::{
     Agreement, CLASSES, RuleSet, StoredClass, agreement, baseline, classify, disputed, drift,
     label_set,
     sankey::{Flow, Sankey},
-    stored,
+    stored_classes,
 };
 use serde_json::json;
 
@@ -67,7 +67,7 @@ struct Classify {
     /// Only episodes that fulfil this condition in SQL; keeps nothing
     #[arg(long = "where", value_name = "SQL")]
     condition: Option<String>,
-    /// Keep nothing
+    /// Classify and print, but leave the store unchanged
     #[arg(long)]
     dry_run: bool,
     /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png; may be given
@@ -84,7 +84,7 @@ struct Rules {
     /// Folder with rule files of your own, beside those that come with Reel
     #[arg(long, value_name = "DIR")]
     rules: Option<PathBuf>,
-    /// Print JSON
+    /// Print each rule as one line of JSON
     #[arg(long)]
     json: bool,
 }
@@ -106,7 +106,7 @@ struct WithLabels {
     /// List so many disagreements
     #[arg(long, value_name = "N", default_value_t = 20)]
     show: usize,
-    /// Print JSON
+    /// Print the comparison and the disagreements as JSON
     #[arg(long)]
     json: bool,
 }
@@ -119,15 +119,15 @@ struct Drift {
     /// The episodes before, as a condition in SQL
     #[arg(long, value_name = "SQL")]
     before: String,
-    /// The episodes after
+    /// The episodes after, as a condition in SQL
     #[arg(long, value_name = "SQL")]
     after: String,
-    /// Print JSON
+    /// Print the counts and test results as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Runs the given taxonomy subcommand; without one, classifies the failed episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
         None => run_classify(&arguments.classify),

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// The server's data folder [default: reel-data]
     #[arg(long, value_name = "DIR", env = "REEL_DATA", global = true)]
     data: Option<PathBuf>,
-    /// Print JSON
+    /// Print each token's name and roles as a line of JSON
     #[arg(long, global = true)]
     json: bool,
     #[command(subcommand)]
@@ -38,7 +38,7 @@ pub struct Arguments {
 enum Command {
     /// Make a token, and print it this once
     Create {
-        /// Whose
+        /// Name of the new token; no other token may have it
         #[arg(value_name = "NAME")]
         name: String,
         /// What it allows; may be given several times
@@ -49,7 +49,7 @@ enum Command {
     List,
     /// Take a token back; a running server notices within a second
     Revoke {
-        /// Whose
+        /// Name of the token to revoke
         #[arg(value_name = "NAME")]
         name: String,
     },
@@ -59,7 +59,7 @@ fn role(text: &str) -> Result<Role, String> {
     Role::parse(text).ok_or_else(|| "there are read, act and admin".to_owned())
 }
 
-/// Runs the command.
+/// Creates, lists or revokes the tokens that clients of `reel serve` show.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let defaults = Config::default();
     let data = arguments.data.clone().unwrap_or(defaults.data.clone());

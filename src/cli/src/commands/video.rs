@@ -8,7 +8,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_replay::{lay_beside, views};
+use reel_replay::{compare, views};
 use reel_trace::Trace;
 use reel_view::{Video, VideoSegment};
 use serde_json::json;
@@ -28,7 +28,7 @@ use crate::{ExitStatus, camera::Camera, inputs};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The trace
+    /// The trace to show as a video
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
     /// Another trace of the task, e.g. a branch, to show beside it
@@ -41,15 +41,15 @@ pub struct Arguments {
     assets: inputs::Assets,
     #[command(flatten)]
     camera: Camera,
-    /// Calls a second
+    /// Calls shown per second, from 0.01 to 50
     #[arg(long, value_name = "N", default_value_t = 0.7)]
     fps: f64,
-    /// Print JSON
+    /// Print file, image size and number of images as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Replays one or two traces and writes their frames, with captions, as a GIF or MP4 file.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !(arguments.fps.is_finite() && (0.01..=50.0).contains(&arguments.fps)) {
         bail!("--fps is from 0.01 to 50, not {}", arguments.fps);

@@ -16,7 +16,7 @@ use crate::{ExitStatus, inputs};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The trace
+    /// The trace of the episode to open
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
     /// The step to begin at (in the web viewer)
@@ -32,7 +32,7 @@ pub struct Arguments {
     listen: SocketAddr,
 }
 
-/// Runs the command.
+/// Opens an episode in Rerun, or serves Reel's web viewer until Ctrl-C.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let last = trace.steps.len().checked_sub(1);

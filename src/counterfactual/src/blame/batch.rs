@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::blame::{Alternative, Blame, alternative, blame};
 
-/// A measured trace.
+/// A trace with what its measurement found.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct MeasuredTrace {
-    /// The trace.
+    /// Path of the trace that was measured.
     pub trace: PathBuf,
-    /// What was measured.
+    /// What the measurement found; its fields stand beside `trace` in JSON.
     #[serde(flatten)]
     pub blame: Blame,
     /// What would have been better at the decisive step, where it was asked for.

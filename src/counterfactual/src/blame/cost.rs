@@ -24,7 +24,7 @@ pub(crate) struct DecisionPoint {
     /// What is left to do in truth, wherever the robot stands and whatever is in view: calls by
     /// what has to be done with.
     pub work: BTreeMap<Item, u32>,
-    /// Decisions left.
+    /// Number of decisions that are left until the horizon.
     pub budget: u32,
     /// What the competent agent would do.
     pub advice: Tool,
@@ -46,12 +46,12 @@ pub(crate) enum Item {
 /// What one step cost. The costs are of what its agent knew, at worst, in decisions.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct StepCost {
-    /// From 0.
+    /// Index of the step in the episode, from 0.
     pub step: u32,
     /// Before it; none where success could not be had for sure within the decisions left. It may
     /// still come by luck.
     pub before: Option<u32>,
-    /// After it.
+    /// Cost after the step; `None` on the same condition as for `before`.
     pub after: Option<u32>,
     /// Before it, for one who knows besides which receptacles are meant; what decides is told by
     /// this.

@@ -21,26 +21,26 @@ use crate::blame::{
 pub enum Edit {
     /// Before that call comes another one.
     Insert {
-        /// From 0.
+        /// Index of the parent's call that the new call precedes, from 0.
         before: usize,
-        /// The new one.
+        /// The call that is inserted there.
         call: ToolCall,
     },
     /// Instead of that call.
     Replace {
-        /// From 0.
+        /// Index of the parent's call that is replaced, from 0.
         at: usize,
-        /// The new one.
+        /// The call that replaces the parent's call.
         call: ToolCall,
     },
-    /// Without that call.
+    /// One of the parent's calls is left out.
     Delete {
-        /// From 0.
+        /// Index of the parent's call that is left out, from 0.
         at: usize,
     },
 }
 
-/// A repaired episode.
+/// The smallest change that was found to make a failed episode succeed.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Repair {
     /// What has to change; no single one of these can be left out.
@@ -119,7 +119,7 @@ pub fn repair(
 /// One call of a parent, or of a better future.
 #[derive(Clone, PartialEq, Debug)]
 enum Op {
-    /// In both.
+    /// The call is in the parent and in the changed list.
     Keep(ToolCall),
     /// Only in the parent.
     Delete(ToolCall),

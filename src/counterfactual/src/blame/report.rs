@@ -12,7 +12,7 @@ use crate::blame::{
     decide::{self, Harm},
 };
 
-/// Which capacity failed.
+/// The capacity of an agent to which a failure is attributed.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
@@ -42,13 +42,13 @@ impl Cause {
 /// lost.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Shares {
-    /// See [`Cause::Perception`].
+    /// Share of the loss that is due to [`Cause::Perception`], from 0 to 1.
     pub perception: f64,
-    /// See [`Cause::Communication`].
+    /// Share of the loss that is due to [`Cause::Communication`], from 0 to 1.
     pub communication: f64,
-    /// See [`Cause::Memory`].
+    /// Share of the loss that is due to [`Cause::MarkerMemory`], from 0 to 1.
     pub memory: f64,
-    /// See [`Cause::Other`].
+    /// Share of the loss that is due to [`Cause::Other`], from 0 to 1.
     pub other: f64,
 }
 
@@ -71,17 +71,17 @@ impl Shares {
 /// The step that decided.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Decisive {
-    /// From 0.
+    /// Index of the decisive step in the episode, from 0.
     pub step: u32,
     /// The tool's name in the paper, or the name as called.
     pub tool: String,
-    /// The call.
+    /// The call that the agent made at that step.
     pub call: ToolCall,
     /// What it got for it, in one line.
     pub outcome: String,
     /// What kind of harm it did.
     pub harm: Harm,
-    /// Which capacity failed.
+    /// The capacity that failed; for [`Harm::Time`] the one with the largest share.
     pub cause: Cause,
     /// Why it did harm, in a sentence.
     pub why: String,
@@ -92,11 +92,11 @@ pub struct Decisive {
 /// What a measured episode shows.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Blame {
-    /// The episode.
+    /// Id of the measured episode, from the trace's header.
     pub episode_id: String,
     /// Chain digest of the trace.
     pub trace_digest: Digest,
-    /// Its task.
+    /// Id of the episode's task, from the trace's header.
     pub task_id: String,
     /// Whether it succeeded; none: it was broken off.
     pub success: Option<bool>,

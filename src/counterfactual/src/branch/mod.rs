@@ -4,15 +4,15 @@
 //! Never looks for the future that would be better; it plays the one it is told to. Going to the
 //! moment, and comparing a branch with its parent, is `replay`'s.
 
-mod branch;
 mod calls;
+mod continuation;
 
 use std::path::PathBuf;
 
 use reel_replay::Verdict;
 
-pub use branch::{Branch, Continuation, POLICY_NAME, fork};
 pub use calls::{parse_call, parse_calls};
+pub use continuation::{Branch, Continuation, POLICY_NAME, fork};
 
 /// Why there is no branch.
 #[derive(Debug, thiserror::Error)]
@@ -20,19 +20,19 @@ pub enum BranchError {
     /// The episode cannot be executed up to there, or differs on the way.
     #[error("cannot branch at call {call}: {what}: {path}", what = told(verdict), path = path.display())]
     Parent {
-        /// The trace.
+        /// Path of the parent's trace file.
         path: PathBuf,
-        /// Where to.
+        /// Index of the parent's call to branch at, from 0.
         call: usize,
-        /// What was found.
+        /// Replay verdict that says why the parent cannot be executed up to there.
         verdict: Box<Verdict>,
     },
     /// The parent's calls end before the one to go on with.
     #[error("there is no call {from} to go on with: the episode has {calls} calls, from 0: {path}", path = path.display())]
     NoSuchCall {
-        /// The trace.
+        /// Path of the parent's trace file.
         path: PathBuf,
-        /// Which call.
+        /// Index of the parent's call to continue from, from 0.
         from: usize,
         /// How many there are.
         calls: usize,
@@ -40,37 +40,37 @@ pub enum BranchError {
     /// A picture of the parent is wanted and cannot be had.
     #[error("the pictures before call {call} cannot be had: {what}: {path}", what = told(verdict), path = path.display())]
     Frames {
-        /// The trace.
+        /// Path of the parent's trace file.
         path: PathBuf,
         /// The call it branches at.
         call: usize,
-        /// Why.
+        /// Replay verdict that says why the frames are missing.
         verdict: Box<Verdict>,
     },
     /// A call is not written as one.
     #[error(
-        "{what}; write a call as {{\"name\": \"pick\", \"arguments\": {{\"marker_id\": 1}}}}: {text}"
+        "{reason}; write a call as {{\"name\": \"pick\", \"arguments\": {{\"marker_id\": 1}}}}: {text}"
     )]
     Call {
-        /// As written.
+        /// The text that was given as a call.
         text: String,
-        /// What is wrong.
+        /// Why the text is not a valid call.
         reason: String,
     },
     /// A line of a file of calls is none.
     #[error("line {line}: {source}")]
     Line {
-        /// Which, from 1.
+        /// Number of the line in the file, from 1.
         line: usize,
-        /// Why.
+        /// Why the call on that line is invalid.
         source: Box<BranchError>,
     },
     /// A branch cannot be read again.
     #[error("the branch cannot be read again: {error}: {path}", path = path.display())]
     Unreadable {
-        /// The trace.
+        /// Path of the branch's trace file.
         path: PathBuf,
-        /// Why.
+        /// Error message of the failed attempt to read the trace.
         error: String,
     },
     /// The policy is unknown, or the trace cannot be written.

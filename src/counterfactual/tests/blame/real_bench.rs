@@ -1,5 +1,5 @@
-//! The published tasks (SPEC section 10): the planner regrets nothing in them, and the detours of
-//! the published plans are regret.
+//! The published tasks (docs/spec.md#real-bench): the planner regrets nothing in them, and the
+//! detours of the published plans are regret.
 
 #[path = "../../../agents/tests/real_bench/data.rs"]
 mod data;

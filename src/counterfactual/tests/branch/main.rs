@@ -11,7 +11,7 @@ mod takeover;
 use std::sync::Arc;
 
 use reel_counterfactual::branch::{Branch, BranchError, Continuation, POLICY_NAME, fork};
-use reel_replay::{Fork, Verdict, compact, lay_beside, verify_branch, verify_trace};
+use reel_replay::{Fork, Verdict, compact, compare, verify_branch, verify_trace};
 use reel_trace::{Images, Trace};
 use reel_world::{
     ToolCall,

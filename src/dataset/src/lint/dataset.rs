@@ -30,9 +30,9 @@ pub struct Dataset {
 /// One file of a training set.
 #[derive(Debug)]
 pub struct DatasetFile {
-    /// Where it is.
+    /// Path of the file, as given or as found below a given folder.
     pub path: PathBuf,
-    /// Its format.
+    /// Format of the rows, as declared, given or recognised by content.
     pub format: Format,
     /// The split that its name, or that of its folder, tells.
     pub split: Option<String>,
@@ -51,8 +51,8 @@ impl Dataset {
     /// file and in the folders above it.
     ///
     /// # Errors
-    /// [`Error`], where a named file is no training set, or a folder holds none. Files of a folder
-    /// that are something else are in [`Dataset::skipped`].
+    /// [`LintError`], where a named file is no training set, or a folder holds none. Files of a
+    /// folder that are something else are in [`Dataset::skipped`].
     pub fn open(
         paths: &[PathBuf],
         format: Option<Format>,

@@ -1,4 +1,4 @@
-//! What cannot be read: a whole path ([`Error`]), or one row of a file that is otherwise fine
+//! What cannot be read: a whole path ([`LintError`]), or one row of a file that is otherwise fine
 //! ([`RowError`]).
 
 use std::{io, path::PathBuf};
@@ -21,13 +21,13 @@ pub enum LintError {
     /// A folder without a file of rows.
     #[error("no .json, .jsonl or .parquet file with training rows: name the folder that holds them: {}", path.display())]
     NoRows {
-        /// The folder.
+        /// The folder that was searched for files of rows.
         path: PathBuf,
     },
     /// None of the six formats.
     #[error("not a training set: {found}; expected {expected}: {}", path.display())]
     NotRecognised {
-        /// The file.
+        /// Path of the file whose format was not recognised.
         path: PathBuf,
         /// What its first rows are like.
         found: String,
@@ -37,7 +37,7 @@ pub enum LintError {
     /// Not a Parquet file, or a torn one.
     #[error("not a whole Parquet file: {source}: {}", path.display())]
     Parquet {
-        /// The file.
+        /// Path of the file that cannot be read as Parquet.
         path: PathBuf,
         /// What the reader said.
         source: ParquetError,
@@ -48,7 +48,7 @@ pub enum LintError {
 #[derive(thiserror::Error, Clone, PartialEq, Eq, Debug)]
 #[error("{message}")]
 pub struct RowError {
-    /// The row.
+    /// Location of the unreadable row in the dataset.
     pub location: RowLocation,
     /// Column of the offending character in its line, from 1; 0 where there is none.
     pub column: usize,

@@ -19,10 +19,10 @@ pub struct RowLocation {
     pub line: u32,
 }
 
-/// A training row.
+/// One training row in the form that all formats share.
 #[derive(Clone, Debug)]
 pub struct Example {
-    /// Where it stands.
+    /// Location of the row in the dataset.
     pub location: RowLocation,
     /// The format it was read as.
     pub format: Format,
@@ -48,31 +48,31 @@ pub struct FormatWarning {
     pub kind: &'static str,
     /// Whether training on it is harmful.
     pub harmful: bool,
-    /// For people.
+    /// What is wrong, in a message for people.
     pub message: String,
 }
 
 /// What one party says.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Turn {
-    /// Who.
+    /// The party that speaks in this turn.
     pub role: Role,
-    /// What, in order.
+    /// Pieces of the turn, in order: text, images and calls.
     pub parts: Vec<Part>,
 }
 
-/// Who speaks.
+/// The party that speaks in a turn.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub enum Role {
-    /// The instructions.
+    /// The system message, which holds the instructions.
     System,
     /// The user: task and observations.
     User,
-    /// The model.
+    /// The model, whose turns hold the answers to be learned.
     Assistant,
     /// The model, calling a tool (a role of its own in ms-swift and LLaMA-Factory).
     ToolCall,
-    /// A tool's result.
+    /// The result that a tool returned for a call.
     ToolResult,
     /// A role that no loader knows, as written.
     Other(String),
@@ -103,7 +103,7 @@ pub struct Image {
 pub enum ImageSource {
     /// A file, which may be missing.
     File(PathBuf),
-    /// In the row.
+    /// Bytes of the image file, which the row itself holds.
     Bytes(Vec<u8>),
     /// Somewhere else (`https:` and the like); not read.
     Remote,
@@ -117,7 +117,7 @@ impl Role {
         matches!(self, Role::Assistant | Role::ToolCall)
     }
 
-    /// For people.
+    /// Name of the role for messages, e.g. `tool call`.
     pub fn as_str(&self) -> &str {
         match self {
             Role::System => "system",

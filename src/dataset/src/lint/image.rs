@@ -8,29 +8,29 @@ use serde::Serialize;
 /// What the header says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 pub struct ImageHeader {
-    /// Its format.
+    /// Format of the file, recognised by its first bytes.
     pub format: ImageFormat,
-    /// Width, pixels.
+    /// Width in pixels, as the header says, at least 1.
     pub width: u32,
-    /// Height, pixels.
+    /// Height in pixels, as the header says, at least 1.
     pub height: u32,
 }
 
 /// Formats that trainers read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 pub enum ImageFormat {
-    /// PNG
+    /// PNG, recognised by its signature of eight bytes.
     Png,
-    /// JPEG
+    /// JPEG, recognised by its first bytes `ff d8`.
     Jpeg,
-    /// WebP
+    /// WebP, recognised by `RIFF` and `WEBP` in its header.
     WebP,
 }
 
 /// Why a picture cannot be used.
 #[derive(thiserror::Error, Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ImageError {
-    /// No bytes.
+    /// There are no bytes to read.
     #[error("the picture is empty")]
     Empty,
     /// Another format, or none.
@@ -48,7 +48,7 @@ impl ImageHeader {
     /// Reads a whole picture's header and looks for its end.
     ///
     /// # Errors
-    /// A [`PictureError`] for what a decoder would refuse; damage inside the pixels is not seen.
+    /// A [`ImageError`] for what a decoder would refuse; damage inside the pixels is not seen.
     pub fn of(bytes: &[u8]) -> Result<Self, ImageError> {
         match bytes {
             [] => Err(ImageError::Empty),
@@ -85,7 +85,7 @@ impl ImageHeader {
         }
     }
 
-    /// Number of pixels.
+    /// Number of pixels in the image: width times height.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
     }

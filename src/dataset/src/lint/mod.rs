@@ -1,5 +1,5 @@
-//! What is wrong with a training set, ours or anybody's: reads the formats of SPEC section 11 and
-//! reports with examples.
+//! What is wrong with a training set, ours or anybody's: reads the formats of
+//! docs/spec.md#dataset-formats and reports with examples.
 //!
 //! Owns the reading of rows into one common form ([`Example`]), the checks, the report and the
 //! showing of an example. Never changes a file and never asks a model; what a trainer's loader

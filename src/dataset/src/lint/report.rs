@@ -13,7 +13,7 @@ use crate::lint::{Dataset, RowLocation};
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// Worth knowing.
+    /// Information that is worth knowing, but no warning.
     Note,
     /// Probably not what was wanted.
     Warning,
@@ -26,7 +26,7 @@ pub enum Severity {
 pub struct ExampleRef {
     /// Number of the row in the dataset, from 0.
     pub index: u64,
-    /// Its file.
+    /// Path of the file that holds the row.
     pub file: String,
     /// Its line, or in Parquet its row, from 1.
     pub line: u32,
@@ -43,7 +43,7 @@ pub struct Finding {
     pub severity: Severity,
     /// The rows; the first is the one that is wrong, the others are what it was compared with.
     pub examples: Vec<ExampleRef>,
-    /// What is wrong.
+    /// What is wrong, in a message for people.
     pub message: String,
     /// The text it is about; empty where there is none.
     pub excerpt: String,
@@ -52,19 +52,19 @@ pub struct Finding {
 /// What one check found.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct CheckReport {
-    /// Its name.
+    /// Name of the check, e.g. `rows`.
     pub check: &'static str,
     /// What it looks for.
     pub what: &'static str,
     /// Whether the dataset has what the check needs.
     pub applies: bool,
-    /// Number of findings.
+    /// Number of findings, including those that `examples` leaves out.
     pub findings: u64,
     /// Number of rows with at least one.
     pub rows: u64,
     /// That number as a share of all rows that were read.
     pub share: f64,
-    /// The worst finding.
+    /// Severity of the worst finding; `None` if there are no findings.
     pub worst: Option<Severity>,
     /// Number of findings by kind.
     pub kinds: BTreeMap<&'static str, u64>,
@@ -90,9 +90,9 @@ pub struct Report {
 /// A file in a report.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct FileReport {
-    /// Its path.
+    /// Path of the file, as given or as found below a given folder.
     pub path: String,
-    /// Its format.
+    /// Format in which the rows of the file were read.
     pub format: crate::lint::Format,
     /// Its split, if its name tells.
     pub split: Option<String>,

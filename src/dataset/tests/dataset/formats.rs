@@ -4,7 +4,7 @@ use std::fs;
 
 use reel_dataset::{
     DatasetError, Episode, ExampleOptions, Format, ImageOptions, ImageStore, LeakKind,
-    PrivilegedFacts, RefusalReason, Shards, Split, Step, Style, TaskBriefing, examples, privileged,
+    PrivilegedFacts, RefusalReason, Shards, Split, Step, Style, TaskBriefing, examples, find_leak,
     strip,
 };
 use reel_prompt::{Prompt, PromptWording};

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use reel_dataset::{LeakKind, PrivilegedFacts, privileged, strip};
+use reel_dataset::{LeakKind, PrivilegedFacts, find_leak, strip};
 
 pub fn secrets() -> PrivilegedFacts {
     let instance = [

@@ -8,7 +8,7 @@ use reel_world::language::{is_a, names_object, words};
 pub(super) enum Topic {
     /// Which object is meant.
     Object,
-    /// Where it stands.
+    /// Where the object that is meant stands.
     Source,
     /// Where it shall go.
     Destination,

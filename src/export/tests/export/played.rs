@@ -24,11 +24,11 @@ pub fn play(folder: &Path, name: &str, images: Images) -> Vec<PathBuf> {
 pub struct Played {
     /// Its chain holds, but it is not what the simulator gives.
     pub diverging: PathBuf,
-    /// To be changed.
+    /// A trace in which the test flips a byte after ingesting it.
     pub changed: PathBuf,
     /// To be recorded anew.
     pub renewed: PathBuf,
-    /// To be removed.
+    /// A trace that the test deletes after ingesting it.
     pub gone: PathBuf,
 }
 

@@ -99,7 +99,7 @@ impl Reader<'_> {
         at.max(from)
     }
 
-    /// `pick({"marker_id": 3})`, `nav_to(table_1)`
+    /// Whether a call starts here, as in `pick({"marker_id": 3})` or `nav_to(table_1)`.
     pub(super) fn is_call(&self) -> bool {
         let word = &self.tokens[self.at];
         let next = self.tokens.get(self.at + 1);
@@ -112,7 +112,7 @@ impl Reader<'_> {
         (opens || named) && ToolSpec::by_name(word.word()).is_some()
     }
 
-    /// `called finish`
+    /// Whether a verb such as `called` stands before a tool name, as in `called finish`.
     pub(super) fn calls_next(&self) -> bool {
         self.names_calls(self.at) && ToolSpec::by_name(self.word_at(self.at + 1)).is_some()
     }

@@ -4,7 +4,7 @@
 mod episodes;
 
 use proptest::prelude::*;
-use reel_history::{Claim, ClaimVerdict, mend};
+use reel_history::{Claim, ClaimVerdict, repair_history};
 
 use episodes::{Episode, lines};
 

@@ -24,13 +24,13 @@ pub(crate) struct Event {
     pub payload: EventPayload,
 }
 
-/// What was said.
+/// What a message of the recording says.
 pub(crate) enum EventPayload {
-    /// An episode begins.
+    /// An episode begins, with what the message states about it.
     Begin(Box<EpisodeEvent>),
-    /// It ends.
+    /// The episode ends, with what the message states about it.
     End(Box<EpisodeEvent>),
-    /// A call.
+    /// A tool call that the policy made.
     Call(CallEvent),
     /// What a call came to.
     Result(ResultEvent),
@@ -58,7 +58,7 @@ pub(crate) struct EpisodeEvent {
     pub shortest_path_m: Option<f32>,
 }
 
-/// A call.
+/// A tool call as a message of the recording reports it.
 pub(crate) struct CallEvent {
     pub call: ToolCall,
     /// The call as it came, where it is called otherwise there.

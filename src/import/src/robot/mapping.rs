@@ -182,7 +182,7 @@ pub(crate) struct Entry {
     pub kind: Kind,
     /// As it stands in the file.
     pub word: &'static str,
-    /// Of cameras.
+    /// Name of the camera; `None` if the entry is no camera or gives none.
     pub name: Option<String>,
     /// What the file says, by key.
     pub pointers: BTreeMap<&'static str, String>,

@@ -128,7 +128,7 @@ pub fn import(
     })
 }
 
-/// Writes an episode.
+/// Writes one episode of a recording as a trace into the folder `out`.
 fn write(
     recorded: AssembledEpisode,
     source: &Path,

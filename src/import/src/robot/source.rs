@@ -22,7 +22,7 @@ pub(crate) struct Files {
     pub notes: Vec<String>,
 }
 
-/// See [`crate::robot::recordings`].
+/// Recordings at `root` or in folders below it, sorted by path.
 pub(crate) fn recordings(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut found = Vec::new();
     match fs::metadata(root) {

@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 
 /// A scene of the size the tests need.
 pub const SCENE: &str = "MVUCSQAKTKJ5EAABAAAAABY8";
-/// The target.
+/// Instance id of the target, an apple on `table_1`.
 pub const APPLE: &str = "_a1_on_table_1_at_verify_task_9";
-/// Another apple.
+/// Instance id of another apple on `table_1`, not the target.
 pub const OTHER: &str = "_a2_on_table_1_at_verify_task_9";
 
 /// One episode in the making.
@@ -31,7 +31,7 @@ pub struct Episode {
 
 /// What a tool gives back.
 pub enum Shown {
-    /// A picture alone.
+    /// A frame alone, without a text.
     Picture,
     /// A text, and the picture that follows it.
     Text(String),
@@ -70,13 +70,13 @@ impl Episode {
         episode
     }
 
-    /// Changes `task_meta.json`.
+    /// Changes the metadata and writes it to `task_meta.json`.
     pub fn write_meta(&mut self, change: impl FnOnce(&mut Value)) {
         change(&mut self.meta);
         write_json(&self.folder.join("task_meta.json"), &self.meta);
     }
 
-    /// Its folder.
+    /// The folder that holds the episode's files.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -152,7 +152,7 @@ impl Episode {
         self.summary("finished", success);
     }
 
-    /// `episode_summary.json`
+    /// Writes `episode_summary.json` with this status and success flag.
     pub fn summary(&self, status: &str, success: bool) {
         let final_action = if status == "finished" {
             json!("finish")
@@ -330,7 +330,7 @@ pub fn png_of(width: usize, height: usize, shade: u8) -> Vec<u8> {
     bytes
 }
 
-/// Its pixels.
+/// RGB pixels of the test image, row by row; `shade` is the red channel.
 pub fn pixels(width: usize, height: usize, shade: u8) -> Vec<u8> {
     (0..width * height)
         .flat_map(|index| [shade, (index / width) as u8, (index % width / 8) as u8])

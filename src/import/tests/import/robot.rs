@@ -469,7 +469,7 @@ fn parts_of_a_recording_in_their_order() {
     )
     .unwrap_err();
     assert!(
-        matches!(&error, ImportError::Storage { reason, .. } if what.contains("ros2 bag convert")),
+        matches!(&error, ImportError::Storage { reason, .. } if reason.contains("ros2 bag convert")),
         "{error}"
     );
 }

@@ -92,7 +92,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
         let pool = Arc::new(SessionPool::new(
             setup(&traced),
             Limits {
-                in_memory,
+                in_memory: awake,
                 ..limits()
             },
         ));
@@ -357,7 +357,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
     let pool = Arc::new(SessionPool::new(
         setup(folder.path()),
         Limits {
-            suspend_after,
+            suspend_after: park_after,
             close_after,
             sessions: 1,
             ..limits()

@@ -14,7 +14,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::agent::agent::{AgentStyle, image, image_part, info, no_call, output, receptacles};
+use crate::agent::style::{AgentStyle, image, image_part, info, no_call, output, receptacles};
 
 /// What a call is answered that came with others.
 const ONE_AT_A_TIME: &str =

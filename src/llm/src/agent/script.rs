@@ -40,7 +40,7 @@ const MEMORY_END: &str = "'}";
 /// What can be wrong with an answer.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum InjectedError {
-    /// Words without sense.
+    /// Text that is neither JSON nor a call.
     Gibberish,
     /// JSON that ends in the middle, as at the limit of tokens.
     Truncated,
@@ -50,7 +50,7 @@ pub enum InjectedError {
     UnknownTool,
     /// Status 429 with `Retry-After`, once.
     RateLimit,
-    /// Status 500, once.
+    /// HTTP status 500, for the first attempt of a request only.
     Error,
     /// No answer for a while, once.
     Stall,
@@ -129,7 +129,7 @@ impl fmt::Debug for Script {
     }
 }
 
-/// A recorded decision.
+/// A recorded decision, with its outcome and the policy's output.
 #[derive(Clone, Debug)]
 struct Line {
     call: ToolCall,

@@ -13,7 +13,7 @@ use reel_world::{
     record::{PolicyInfo, StepInput},
 };
 
-use crate::agent::agent::{AgentStyle, image, image_part, info, no_call, output};
+use crate::agent::style::{AgentStyle, image, image_part, info, no_call, output};
 
 /// A model that is asked anew for every decision.
 pub struct SingleTurn {

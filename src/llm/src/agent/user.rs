@@ -1,6 +1,7 @@
 //! A simulated user that is a model: it knows the profile (where everything was, what was wanted,
-//! the instruction), what the robot saw last and what was said before; four rules bind it (SPEC
-//! section 3). Whether it kept them is checked by `reel_episode::user::violations`, apart from it.
+//! the instruction), what the robot saw last and what was said before; four rules bind it
+//! (docs/spec.md#simulated-user). Whether it kept them is checked by
+//! `reel_episode::user::violations`, apart from it.
 
 use std::{fmt::Write as _, sync::Arc};
 
@@ -11,7 +12,7 @@ use reel_world::{
     record::{UserReply, UserSource},
 };
 
-/// How to behave.
+/// System prompt that tells the model how to act as the user.
 const PROMPT: &str = include_str!("../../texts/user.txt");
 /// Longest reply that is passed on, in characters.
 const REPLY_LENGTH_MAX: usize = 600;

@@ -7,10 +7,10 @@ use std::{io, path::PathBuf};
 pub enum ModelError {
     /// The address cannot be one.
     #[error(
-        "the base url of the endpoint is wrong: {what}; give it up to /v1, like http://localhost:8000/v1"
+        "the base url of the endpoint is wrong: {problem}; give it up to /v1, like http://localhost:8000/v1"
     )]
     BaseUrl {
-        /// Why.
+        /// Why the text is not a valid base URL.
         problem: &'static str,
     },
     /// No key where it should be.
@@ -25,39 +25,39 @@ pub enum ModelError {
     )]
     BadKey,
     /// Nobody answers at the address.
-    #[error("cannot connect ({what}) after {tries}; is the endpoint running, and its address right? {url}", tries = tries(*attempts))]
+    #[error("cannot connect ({problem}) after {tries}; is the endpoint running, and its address right? {url}", tries = tries(*attempts))]
     Connect {
-        /// The address.
+        /// The URL that the client could not connect to.
         url: String,
         /// How often it was tried.
         attempts: u32,
-        /// The system's word.
+        /// The error that the HTTP transport reported.
         problem: String,
     },
     /// The connection broke off.
-    #[error("the connection broke off ({what}) after {tries}; see the endpoint's log: {url}", tries = tries(*attempts))]
+    #[error("the connection broke off ({problem}) after {tries}; see the endpoint's log: {url}", tries = tries(*attempts))]
     Cut {
-        /// The address.
+        /// The URL whose connection broke off during the exchange.
         url: String,
         /// How often it was tried.
         attempts: u32,
         /// What was seen of it.
         problem: String,
     },
-    /// No secure connection.
+    /// The TLS connection could not be established.
     #[error(
-        "no secure connection ({what}); check the endpoint's certificate and this machine's root certificates: {url}"
+        "no secure connection ({problem}); check the endpoint's certificate and this machine's root certificates: {url}"
     )]
     Tls {
-        /// The address.
+        /// The URL whose TLS connection could not be established.
         url: String,
-        /// What is wrong.
+        /// The TLS error that the HTTP transport reported.
         problem: String,
     },
     /// It takes too long.
     #[error("no answer within {timeout_s} s after {tries}; allow more time, or ask for fewer tokens: {url}", tries = tries(*attempts))]
     Timeout {
-        /// The address.
+        /// The URL that did not answer within the time limit.
         url: String,
         /// How often it was tried.
         attempts: u32,
@@ -67,25 +67,25 @@ pub enum ModelError {
     /// The endpoint says no.
     #[error("the endpoint answers {status} after {tries}: {excerpt}; {hint}: {url}", tries = tries(*attempts), hint = hint(*status))]
     Status {
-        /// The address.
+        /// The URL that answered with an error status.
         url: String,
         /// How often it was tried.
         attempts: u32,
-        /// HTTP status.
+        /// HTTP status code of the endpoint's answer.
         status: u16,
         /// The beginning of what it says.
         excerpt: String,
     },
     /// What came is no answer of a chat.
     #[error(
-        "not the answer of a chat completion: {what}; does the address speak the OpenAI protocol? {url}: {excerpt}"
+        "not the answer of a chat completion: {problem}; does the address speak the OpenAI protocol? {url}: {excerpt}"
     )]
     Answer {
-        /// The address.
+        /// The URL whose answer could not be read.
         url: String,
         /// What is wrong with it.
         problem: String,
-        /// Its beginning.
+        /// Beginning of the answer's body; it never holds the API key.
         excerpt: String,
     },
     /// A reply cannot be kept, or a call not logged.
@@ -93,9 +93,9 @@ pub enum ModelError {
     Write {
         /// What was to be done.
         action: &'static str,
-        /// Where.
+        /// The file or folder that could not be written.
         path: PathBuf,
-        /// Why not.
+        /// The error that the operating system reported.
         source: io::Error,
     },
 }

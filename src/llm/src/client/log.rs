@@ -19,9 +19,9 @@ pub struct LoggedCall {
     pub time_ns: u64,
     /// Of the request's canonical JSON; names the file of the cache.
     pub request: Digest,
-    /// The address.
+    /// URL of the endpoint that the call is for.
     pub url: String,
-    /// The model's name.
+    /// Name of the model that the endpoint serves.
     pub model: String,
     /// How often the endpoint was asked; 0 for a kept reply.
     pub attempts: u32,

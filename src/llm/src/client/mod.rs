@@ -12,19 +12,19 @@
 //! else would fail again and is an error at once.
 
 mod cache;
-mod client;
 mod clock;
 mod endpoint;
 mod error;
 mod log;
 mod reply;
 mod request;
+mod requests;
 
 pub use cache::Cache;
-pub use client::Client;
 pub use clock::Clock;
 pub use endpoint::{ApiKey, Endpoint};
 pub use error::ModelError;
 pub use log::{CallLog, LoggedCall};
 pub use reply::Reply;
 pub use request::{Message, Part, Request, Role};
+pub use requests::Client;

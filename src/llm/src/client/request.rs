@@ -8,7 +8,7 @@ use crate::client::Endpoint;
 /// A conversation that the model is to continue.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Request {
-    /// In their order.
+    /// Messages of the conversation, the oldest first.
     pub messages: Vec<Message>,
     /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where
     /// there are none.
@@ -18,7 +18,7 @@ pub struct Request {
 /// A message of a conversation.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Message {
-    /// Who speaks.
+    /// Who wrote the message: system, user, assistant or tool.
     pub role: Role,
     /// Texts and pictures in their order.
     pub parts: Vec<Part>,
@@ -53,14 +53,14 @@ impl Message {
     }
 }
 
-/// Who speaks.
+/// The author of a message in a conversation.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Role {
     /// Whoever wrote the prompt.
     System,
-    /// Who asks.
+    /// The side that asks the model for an answer.
     User,
-    /// The model.
+    /// The model that answers the messages.
     Assistant,
     /// A function that the model called.
     Tool,
@@ -69,13 +69,13 @@ pub enum Role {
 /// A part of a message.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Part {
-    /// Words.
+    /// Plain text in a message's content.
     Text(String),
     /// A picture, sent as a data URL.
     Image {
-        /// e.g. `image/png`
+        /// Media type of the image file, e.g. `image/png`.
         media_type: String,
-        /// The file's content.
+        /// Content of the image file, as encoded bytes.
         bytes: Vec<u8>,
     },
 }

@@ -23,7 +23,7 @@ pub enum Act {
     Status(u16, &'static str, String),
     /// Sends these bytes and closes the connection.
     Raw(String),
-    /// Never answers.
+    /// Keeps the connection open and never answers.
     Hang,
 }
 

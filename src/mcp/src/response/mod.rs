@@ -13,13 +13,13 @@ use std::sync::Arc;
 pub(crate) enum Response {
     /// A call was made.
     CallMade(Box<CallResult>),
-    /// An episode began.
+    /// An episode began in the given scene.
     EpisodeStarted(Box<StartedEpisode>, Arc<Scene>),
     /// Every task was played.
     Completed,
     /// The ids of the tasks.
     Tasks(Vec<String>),
-    /// Rooms and furniture.
+    /// The rooms and receptacles of the scene, as `list_receptacles` reports them.
     Receptacles(Arc<Scene>),
 }
 

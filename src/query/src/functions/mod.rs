@@ -20,7 +20,7 @@ use crate::control::Control;
 pub struct FunctionHelp {
     /// How it is called.
     pub call: &'static str,
-    /// What it gives.
+    /// What the function returns, as `reel query --functions` prints it.
     pub meaning: &'static str,
     /// SQL that works on every store.
     pub example: &'static str,

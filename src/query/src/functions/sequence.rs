@@ -2,8 +2,8 @@
 //! fits, back and forth, and a column of the steps as a list. Patterns are matched over the bits
 //! that come of their conditions.
 //!
-//! The language of the patterns is `reel_query::pattern`'s. [`needs`] says which columns of the steps a
-//! call reads, so that a query reads no others from disk.
+//! The language of the patterns is `reel_query::pattern`'s. [`needs`] says which columns of the
+//! steps a call reads, so that a query reads no others from disk.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -243,7 +243,7 @@ impl ScalarUDFImpl for StepFunction {
     }
 }
 
-/// The second argument.
+/// The second argument as parsed for the kind of function.
 enum ConditionArgument {
     Pattern(Pattern),
     Condition(Condition),

@@ -9,13 +9,13 @@ use crate::pattern::{PatternError, parser};
 /// null).
 #[derive(Clone, PartialEq, Debug)]
 pub enum Condition {
-    /// Always true: `_`.
+    /// Always true: `_`, which every step fits.
     Any,
     /// A column of bools by itself: `goal_object`.
     Flag(StepColumn),
     /// `left op right`; null if either side is.
     Compare {
-        /// Left side.
+        /// The column on the left side of the comparison.
         left: StepColumn,
         /// How to compare. Text compares by its bytes.
         op: Op,
@@ -24,7 +24,7 @@ pub enum Condition {
     },
     /// `column in (values)`; null if the column is. Never empty; values of one kind.
     InList {
-        /// The column.
+        /// The column whose value the list may contain.
         column: StepColumn,
         /// What it may be.
         values: Vec<Literal>,
@@ -32,16 +32,16 @@ pub enum Condition {
     /// `column like pattern`: `%` stands for any text, `_` for one character, `\` takes the next
     /// literally.
     Like {
-        /// The column.
+        /// The text column that is matched with the pattern.
         column: StepColumn,
-        /// The pattern.
+        /// The pattern as written, with its wildcards and escapes.
         pattern: String,
     },
     /// `column is null`; never null itself.
     IsNull(StepColumn),
-    /// All of them.
+    /// True if all of the conditions are true, as SQL's `and`.
     And(Vec<Condition>),
-    /// One of them.
+    /// True if any of the conditions is true, as SQL's `or`.
     Or(Vec<Condition>),
     /// The opposite; null stays null.
     Not(Box<Condition>),
@@ -61,50 +61,50 @@ pub struct StepColumn {
 /// The right side of a comparison.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Operand {
-    /// A constant.
+    /// A constant that the left column is compared with.
     Literal(Literal),
-    /// Another column.
+    /// Another column that the left column is compared with.
     Column(StepColumn),
 }
 
-/// A constant.
+/// A constant in a condition: a text, a number or a bool.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Literal {
-    /// In quotes.
+    /// A text, written in quotes in a condition.
     Text(String),
     /// Integers too; compared as `f64`.
     Number(f64),
-    /// `true` or `false`.
+    /// A boolean constant, written `true` or `false`.
     Flag(bool),
 }
 
 /// How two values are compared.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Op {
-    /// `=`
+    /// Equal to the right side, written `=`.
     Eq,
     /// `<>`, also written `!=`
     NotEq,
-    /// `<`
+    /// Less than the right side, written `<`.
     Lt,
-    /// `<=`
+    /// At most the right side, written `<=`.
     LtEq,
-    /// `>`
+    /// Greater than the right side, written `>`.
     Gt,
-    /// `>=`
+    /// At least the right side, written `>=`.
     GtEq,
 }
 
 /// A value of a row.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Value<'a> {
-    /// No value.
+    /// No value, the same as SQL's null.
     Null,
-    /// Text.
+    /// A text value, compared by its bytes.
     Text(&'a str),
-    /// Any number.
+    /// A number, whether integer or not, as `f64`.
     Number(f64),
-    /// A bool.
+    /// A boolean value, `true` or `false`.
     Flag(bool),
 }
 
@@ -272,7 +272,7 @@ impl fmt::Display for Op {
     }
 }
 
-/// Kleene's "or".
+/// Kleene's three-valued "or"; `None` if no truth is `Some(true)` and one is unknown.
 fn any(truths: impl Iterator<Item = Option<bool>>) -> Option<bool> {
     let mut known = true;
     for truth in truths {

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::pattern::{
     MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_POSITIONS, MAX_REPEAT,
-    pattern::ColumnKind,
+    compiled::ColumnKind,
 };
 
 /// A pattern or condition that cannot be used. The text ends with the line concerned and a mark
@@ -15,65 +15,65 @@ use crate::pattern::{
 #[non_exhaustive]
 pub enum PatternError {
     /// The text does not follow the grammar.
-    #[error("expected {expected}, found {found} {place}")]
+    #[error("expected {expected}, found {found} {location}")]
     Unexpected {
         /// What could stand here.
         expected: &'static str,
-        /// What stands here.
+        /// What stands at the place instead, as the message quotes it.
         found: String,
-        /// Where.
+        /// Where in the pattern the unexpected token stands.
         location: SourceLocation,
     },
     /// A text literal without its closing quote.
     #[error("this text has no closing quote; a quote inside is written twice {place}")]
     OpenQuote {
-        /// Where it opens.
+        /// Location of the opening quote in the pattern.
         place: SourceLocation,
     },
     /// A character that means nothing here.
     #[error("`{character}` means nothing here; text stands in quotes {place}")]
     StrangeCharacter {
-        /// The character.
+        /// The character that the pattern language does not know.
         character: char,
-        /// Where.
+        /// Location of the character in the pattern.
         place: SourceLocation,
     },
     /// A name that is no tool.
     #[error("unknown tool `{name}`{} {place}", hint(*nearest, "; a name that is no tool is asked for by `_[tool = '...']`"))]
     UnknownTool {
-        /// The name.
+        /// The name as written in the pattern.
         name: String,
         /// What was probably meant.
         nearest: Option<&'static str>,
-        /// Where.
+        /// Location of the name in the pattern.
         place: SourceLocation,
     },
     /// A column that a step does not have.
     #[error("a step has no column `{name}`{} {place}", hint(nearest.as_deref(), ""))]
     UnknownColumn {
-        /// The name.
+        /// The column name as written in the pattern.
         name: String,
         /// What was probably meant.
         nearest: Option<String>,
-        /// Where.
+        /// Location of the column name in the pattern.
         place: SourceLocation,
     },
     /// A column used as what it is not.
     #[error("column `{name}` holds {found}, but is used as {expected} {place}")]
     WrongKind {
-        /// The column.
+        /// Name of the column as written in the pattern.
         name: String,
         /// What its use asks for.
         expected: ColumnKind,
-        /// What it holds.
+        /// Kind of values that the column actually holds.
         found: ColumnKind,
-        /// Where.
+        /// Location where the pattern uses the column.
         place: SourceLocation,
     },
     /// Two quantifiers in a row.
     #[error("a repetition of a repetition; put the first in parentheses, as in `(a+)?` {place}")]
     DoubleRepeat {
-        /// Where.
+        /// Location of the second quantifier in the pattern.
         place: SourceLocation,
     },
     /// A count that repeats nothing, or whose bounds are in the wrong order.
@@ -81,26 +81,26 @@ pub enum PatternError {
         "`{{{min},{max}}}` repeats nothing; the second number is at least 1 and not below the first {place}"
     )]
     EmptyRepeat {
-        /// Lower bound.
+        /// Fewest repetitions, the first number of the braces.
         min: u32,
-        /// Upper bound.
+        /// Most repetitions, the second number or the first if it stands alone.
         max: u32,
-        /// Where.
+        /// Location of the quantifier, from its opening brace to its closing one.
         place: SourceLocation,
     },
     /// A count over the limit.
     #[error("a repetition counts to {MAX_REPEAT} at most; `*` and `+` have no bound {place}")]
     LongRepeat {
-        /// Where.
+        /// Location of the number that exceeds the limit.
         place: SourceLocation,
     },
     /// A lookback of no step or over the limit.
     #[error("`@` looks back 1 to {MAX_LOOKBACK} steps, as in `argument@-2` {place}")]
     FarLookback {
-        /// Where.
+        /// Location of the lookback, from its `@` on.
         place: SourceLocation,
     },
-    /// Too many bytes.
+    /// The pattern has more bytes than the limit allows.
     #[error(
         "the pattern has {length} bytes, {MAX_LENGTH} at most; match parts of it and combine them in SQL"
     )]

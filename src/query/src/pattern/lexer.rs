@@ -17,7 +17,7 @@ pub(crate) enum TokenKind {
     /// Text in quotes, without them.
     Text(String),
     Number(f64),
-    /// Punctuation, as written.
+    /// Punctuation or an operator, exactly as written in the pattern.
     Sign(&'static str),
     End,
 }

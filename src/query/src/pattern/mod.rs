@@ -48,11 +48,11 @@
 //! lazy quantifiers, captures or backreferences.
 //!
 //! ```
-//! use reel_query::pattern::{Pattern, Row, Value};
+//! use reel_query::pattern::{Pattern, StepRow, Value};
 //!
 //! struct Step { tool: &'static str, argument: &'static str }
 //!
-//! impl Row for Step {
+//! impl StepRow for Step {
 //!     fn value(&self, column: &str) -> Value<'_> {
 //!         match column {
 //!             "tool" => Value::Text(self.tool),
@@ -92,20 +92,20 @@
 //! because a pass from the end first tells where a match can still be completed.
 
 mod automaton;
+mod compiled;
 mod condition;
 mod error;
 mod lexer;
 mod matcher;
 mod oscillation;
 mod parser;
-mod pattern;
 mod tools;
 
+pub use compiled::{ColumnKind, Pattern};
 pub use condition::{Condition, Literal, Op, Operand, StepColumn, StepRow, Value};
 pub use error::{PatternError, SourceLocation};
 pub use matcher::Matcher;
 pub use oscillation::{Oscillation, oscillation};
-pub use pattern::{ColumnKind, Pattern};
 
 /// Longest pattern, in bytes.
 pub const MAX_LENGTH: usize = 4096;

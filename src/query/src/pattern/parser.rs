@@ -4,8 +4,8 @@
 use crate::pattern::{
     Condition, Literal, MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_REPEAT, Op,
     Operand, PatternError, SourceLocation, StepColumn,
+    compiled::ColumnKind,
     lexer::{Token, TokenKind, tokens},
-    pattern::ColumnKind,
     tools::{is_tool, nearest_tool},
 };
 
@@ -14,13 +14,13 @@ use crate::pattern::{
 pub(crate) enum Node {
     /// One step that fits a condition, by its index; `None`: any step.
     Step(Option<usize>),
-    /// `^`
+    /// `^`: matches at the beginning of the episode.
     Begin,
-    /// `$`
+    /// `$`: matches at the end of the episode.
     End,
     /// One after the other.
     Sequence(Vec<Node>),
-    /// One of them.
+    /// Alternatives, written `a | b`: any one of them may match.
     Either(Vec<Node>),
     /// At least `min` times, at most `max` times (at least 1).
     Repeat {
@@ -30,7 +30,7 @@ pub(crate) enum Node {
     },
 }
 
-/// A parsed pattern.
+/// A parsed pattern with its conditions and the columns that it uses.
 pub(crate) struct Parsed {
     pub node: Node,
     /// Without repetition, in the order of their first use.

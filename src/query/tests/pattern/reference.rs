@@ -101,7 +101,7 @@ pub fn tree() -> impl Strategy<Value = Tree> {
     .prop_filter("within the limits", |tree| Pattern::parse(&tree.to_string()).is_ok())
 }
 
-/// A short episode.
+/// Strategy for an episode of up to 8 steps, each an index into the tools.
 pub fn episode() -> impl Strategy<Value = Vec<usize>> {
     prop::collection::vec(0..TOOLS.len(), 0..9)
 }
@@ -189,7 +189,7 @@ impl Tree {
     }
 }
 
-/// As a pattern.
+/// Writes the tree in the syntax of the pattern language.
 impl fmt::Display for Tree {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let join = |trees: &[Tree], between| {

@@ -39,7 +39,7 @@ pub struct StartFacts<'a> {
     pub visible: &'a [ObjectKey],
 }
 
-/// One step.
+/// Facts of one step: the call, the graph changes and what was seen.
 #[derive(Clone, Copy, Debug)]
 pub struct StepFacts<'a> {
     /// Its columns of one value.

@@ -43,27 +43,27 @@ pub struct TextKey(pub(crate) u32);
 /// One element of a graph difference.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Change {
-    /// `-object@place`
+    /// `-object@place`: an object left a receptacle or the floor.
     Remove {
-        /// What left.
+        /// Object instance that left its place.
         object: ObjectKey,
-        /// Where.
+        /// Receptacle that the object left, or the floor.
         place: ReceptacleKey,
     },
-    /// `+object@place`
+    /// `+object@place`: an object came to a receptacle or the floor.
     Add {
-        /// What came.
+        /// Object instance that came to the place.
         object: ObjectKey,
-        /// Where.
+        /// Receptacle that the object came to, or the floor.
         place: ReceptacleKey,
     },
     /// `place.door: from -> to`
     Door {
         /// The receptacle with the door.
         place: ReceptacleKey,
-        /// Before.
+        /// State of the door before the change.
         from: DoorState,
-        /// After.
+        /// State of the door after the change.
         to: DoorState,
     },
 }
@@ -83,7 +83,7 @@ impl Change {
     }
 }
 
-/// Whose graph changed (SPEC section 1, "Authority").
+/// Whose graph changed (docs/spec.md#authority).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Authority {
     /// Where physics says the objects are.
@@ -95,36 +95,36 @@ pub enum Authority {
 /// What a marker stands for.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum MarkerReferent {
-    /// An object.
+    /// An object instance of the task, by its number.
     Object(ObjectKey),
-    /// A receptacle.
+    /// A receptacle of the scene, by its number.
     Receptacle(ReceptacleKey),
 }
 
 /// Which tool was called, as far as a reward tells them apart.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum ToolKind {
-    /// `nav_to`
+    /// The tool `nav_to`, called `navigate_to` in the other name set.
     NavTo,
-    /// `walk_around`
+    /// The tool `walk_around`, called `explore_receptacle` in the other name set.
     WalkAround,
-    /// `show_object_by_category`
+    /// The tool `show_object_by_category`, called `find_objects` in the other name set.
     ShowObjectByCategory,
-    /// `gaze_at`
+    /// The tool `gaze_at`, called `focus_on` in the other name set.
     GazeAt,
-    /// `pick`
+    /// The tool `pick`, which has the same name in both name sets.
     Pick,
-    /// `place`
+    /// The tool `place`, called `place_on_top` in the other name set.
     Place,
     /// The call opens a door.
     Open,
     /// The call closes a door.
     Close,
-    /// `ask`
+    /// The tool `ask`, which asks the user a question.
     Ask,
-    /// `finish`
+    /// The tool `finish`, by which the policy ends the episode.
     Finish,
-    /// Another, or none.
+    /// Any other tool, or none, e.g. if the call was not understood.
     #[default]
     Other,
 }

@@ -39,14 +39,14 @@ pub struct TaskFacts {
     texts: Names,
     /// Which candidates each reply leaves, once it was asked for.
     reply_fits: Vec<Option<Box<[bool]>>>,
-    /// `Delta_goal`
+    /// `Delta_goal`: the changes from the task's initial graph to its goal graph.
     pub(crate) goal: Vec<GoalChange>,
-    /// `Delta_task`
+    /// `Delta_task`: the goal changes, first visits and door openings to be matched.
     pub(crate) targets: Vec<Target>,
     pub(crate) initial: Counts,
     /// Of the initial graph, by which the trainer judges the next one.
     pub(crate) initial_size: GraphSize,
-    /// By place.
+    /// Initial door state by receptacle number; `None` if there is no door.
     pub(crate) initial_doors: Vec<Option<DoorState>>,
     pub(crate) floor: ReceptacleKey,
     /// Objects that fit the instruction; those of one asset stand together.
@@ -58,11 +58,11 @@ pub struct TaskFacts {
 /// An element of `Delta_task`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Target {
-    /// Of `Delta_goal`.
+    /// A goal change, i.e. an element of `Delta_goal`.
     Goal(Change),
-    /// First successful `nav_to`.
+    /// The first successful `nav_to` to this receptacle.
     Visit(ReceptacleKey),
-    /// `(receptacle, open)`
+    /// `(receptacle, open)`: the opening of a door that is closed at the start.
     Opening(ReceptacleKey),
 }
 

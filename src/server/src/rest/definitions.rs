@@ -57,7 +57,7 @@ pub(super) struct Definition {
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Drawn {
-    /// As what.
+    /// Form in which the answer is drawn, e.g. as bars.
     kind: Kind,
     /// The column along the horizontal axis; without it the first one that fits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -74,13 +74,13 @@ pub(super) struct Drawn {
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Kind {
-    /// Rows and columns.
+    /// A table with the rows and columns of the answer.
     Table,
     /// A bar for each row.
     Bar,
     /// Points in a line.
     Line,
-    /// Points.
+    /// A scatter plot: points that no line connects.
     Scatter,
 }
 

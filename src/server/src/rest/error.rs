@@ -30,10 +30,10 @@ pub(crate) struct ErrorBody {
     error: ErrorDetail,
 }
 
-/// What went wrong.
+/// What went wrong, as a code for programs and a message for people.
 #[derive(Serialize, ToSchema)]
 pub(crate) struct ErrorDetail {
-    /// For programs.
+    /// Machine-readable code of the error, e.g. `not_found`.
     #[schema(example = "not_found")]
     code: String,
     /// For people: what, where, and what to do.
@@ -111,7 +111,7 @@ impl ApiError {
         self
     }
 
-    /// The disk refuses.
+    /// Logs a failed disk operation and makes an error with status 507.
     pub fn disk(error: std::io::Error) -> Self {
         tracing::error!(%error, "the disk refuses");
         let full = error.kind() == std::io::ErrorKind::StorageFull;

@@ -28,7 +28,7 @@ const MANIFEST: &str = "manifest.json";
 /// Most examples of an answer: they come with their pictures.
 const EXAMPLES_MAX: usize = 20;
 
-/// A training set.
+/// A finished training set: its files, its manifest and its card.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Export {
     /// Name of its folder.

@@ -12,13 +12,13 @@ use crate::service::App;
 /// What a living server says.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Health {
-    /// `ok`
+    /// Always `ok`: a server that is not ready answers with an error.
     status: &'static str,
-    /// Version of Reel.
+    /// Version of Reel that this server runs.
     version: &'static str,
 }
 
-/// Whether it lives.
+/// Tells whether the server process is alive.
 #[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = Health)))]
 pub(super) async fn healthz() -> Json<Health> {
     Json(Health {

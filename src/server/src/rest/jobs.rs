@@ -42,7 +42,7 @@ pub(super) async fn start(
     Ok((StatusCode::ACCEPTED, Json(app.jobs.start(work)?)))
 }
 
-/// One job.
+/// One job with its state, its progress and its report.
 #[utoipa::path(get, path = "/api/jobs/{id}", operation_id = "show_job", tag = "jobs", security(("token" = [])),
     params(("id" = u64, Path)),
     responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]

@@ -28,7 +28,7 @@ pub(super) struct LabelFilter {
     episode: Option<String>,
 }
 
-/// Labels of episodes.
+/// Labels of all episodes, or only those of one episode.
 #[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(LabelFilter),
     responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -54,7 +54,7 @@ pub(super) async fn list(
     labels.await.map(|labels| Json(json!(labels)))
 }
 
-/// A label.
+/// A label by which an author classifies an episode's failure.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LabelBody {
@@ -64,22 +64,22 @@ pub(super) struct LabelBody {
     class: Option<String>,
     /// What within the class.
     sub_class: Option<String>,
-    /// The decisive step.
+    /// Index of the decisive step in the episode, from 0.
     #[schema(minimum = 0)]
     step: Option<i32>,
     /// How sure, from 0 to 1.
     #[schema(minimum = 0, maximum = 1)]
     confidence: Option<f64>,
-    /// Why, in words.
+    /// Reason for the label, in free text.
     note: Option<String>,
     /// Who says so; with tokens, whose token it is counts.
     author: Option<String>,
-    /// Decide between others.
+    /// Whether this label decides between other labels that disagree.
     #[serde(default)]
     adjudicate: bool,
 }
 
-/// Keeps a label.
+/// Stores the label of an episode in the tables.
 #[utoipa::path(post, path = "/api/labels", tag = "tables", security(("token" = [])), request_body = LabelBody,
     responses((status = 201, body = LabelBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn set(

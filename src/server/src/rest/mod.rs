@@ -44,7 +44,7 @@ pub(crate) use tables::rows;
 
 use crate::service::App;
 
-/// Reel's REST service.
+/// General part of the OpenAPI document: title, tags and security scheme.
 #[derive(OpenApi)]
 #[openapi(
     info(title = "Reel", description = "Episodes of embodied agents: traces, replay, blame, tables, jobs, live sessions."),
@@ -187,7 +187,7 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
     (router, document)
 }
 
-/// The OpenAPI document.
+/// The complete OpenAPI document of the REST service.
 pub fn openapi() -> utoipa::openapi::OpenApi {
     documented().1
 }
@@ -211,7 +211,7 @@ async fn other_method(method: Method) -> ApiError {
     ))
 }
 
-/// Where nothing is.
+/// Answers 404 for paths that no route serves.
 pub(crate) async fn not_found() -> ApiError {
     ApiError::not_found("there is nothing here; /api/openapi.json says what there is".to_owned())
 }

@@ -36,7 +36,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     )
 }
 
-/// One live session.
+/// State of one live session, by the session's name.
 #[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
@@ -87,7 +87,7 @@ pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
     Json(json!(app.questions.pending()))
 }
 
-/// A person's answer.
+/// A person's answer to the open question of a session.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Answer {
@@ -114,7 +114,7 @@ pub(super) async fn answer(
     }
 }
 
-/// A prompt group.
+/// Request for a simulator to play one prompt group.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LeaseBody {

@@ -44,7 +44,7 @@ pub(super) enum AnswerFormat {
     Arrow,
 }
 
-/// A question.
+/// A SQL query with its parameters, answer format and table version.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Question {
@@ -91,7 +91,7 @@ pub(super) async fn ask(
 #[derive(Serialize, ToSchema)]
 pub(super) struct NamedQuery {
     name: &'static str,
-    /// What it answers.
+    /// Short description of what the query answers.
     summary: String,
     /// Its parameters, with what they are where nobody says otherwise.
     #[schema(inline)]

@@ -21,11 +21,11 @@ use crate::service::App;
 pub(super) struct Filter {
     /// FDP, FODP, FDO or SUL.
     family: Option<String>,
-    /// Who played.
+    /// Only episodes that this policy played, by its name.
     policy: Option<String>,
-    /// The run.
+    /// Only episodes of the run with this id.
     run_id: Option<String>,
-    /// The task.
+    /// Only episodes of the task with this id.
     task_id: Option<String>,
     /// Whether the goal held at the end.
     success: Option<bool>,

@@ -56,7 +56,7 @@ pub(super) struct Traces {
     next: Option<String>,
 }
 
-/// Traces by name.
+/// Traces of the archive in the order of their names, one page at a time.
 #[utoipa::path(get, path = "/api/traces", operation_id = "list_traces", tag = "traces", security(("token" = [])), params(Page),
     responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn list(
@@ -454,7 +454,7 @@ pub(super) async fn branch(
         if path.exists() || path.with_added_extension("part").exists() {
             return Err(taken());
         }
-        let then = match (body.policy, body.parent_from) {
+        let continuation = match (body.policy, body.parent_from) {
             (Some(_), Some(_)) => return Err(wrong("policy or parent_from, not both".to_owned())),
             (Some(name), None) => Continuation::Policy {
                 name,

@@ -2,10 +2,10 @@
 //! integer grid, and every decision after that is integer arithmetic. So it is closed and convex by
 //! construction, whatever the input, and the same on every platform.
 
-/// A convex polyhedron.
+/// A closed convex polyhedron with triangles as faces.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Hull {
-    /// Its corners.
+    /// Corners of the polyhedron, in the frame and unit of the input points.
     pub points: Vec<[f32; 3]>,
     /// Triangles over them, counter-clockwise from outside, closed.
     pub triangles: Vec<[u32; 3]>,

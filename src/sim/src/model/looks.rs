@@ -16,7 +16,7 @@ pub(super) struct Paint {
 }
 
 impl Paint {
-    /// One colour.
+    /// Paint of one sRGB colour without a pattern.
     pub(super) const fn plain(color: [u8; 3]) -> Self {
         Self {
             color,

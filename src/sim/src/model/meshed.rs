@@ -18,7 +18,7 @@ pub struct MeshModel {
     pub mesh: Arc<Mesh>,
     /// Its vertices in the object's frame, in metres.
     pub positions: Vec<[f32; 3]>,
-    /// What physics knows.
+    /// Convex hull by which the object collides in physics.
     pub hull: Hull,
     /// Of the sphere around the object's frame that holds it, in metres.
     pub bound: f32,

@@ -48,12 +48,12 @@ pub struct SceneModel {
 /// One receptacle as parts.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Furniture {
-    /// Which.
+    /// Id of the receptacle that these parts model.
     pub id: ReceptacleId,
     /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose pot is in
     /// use).
     pub parts: Vec<Part>,
-    /// The interaction surface.
+    /// The rectangle that objects are placed on, in the scene frame.
     pub surface: Surface,
     /// Bounding box of the parts (door closed, lid on): lower and upper corner.
     pub bounds: [[f32; 3]; 2],
@@ -72,7 +72,7 @@ pub struct Surface {
     pub min: [f32; 2],
     /// Upper corner: x, y.
     pub max: [f32; 2],
-    /// Height.
+    /// Height of the surface: its z in the scene frame, in metres.
     pub z: f32,
     /// Free height above it, in metres (up to the next shelf or the ceiling of a box).
     pub clearance: f32,

@@ -63,7 +63,7 @@ pub(super) fn pillar([x, y]: [f32; 2], low_z: f32, high_z: f32, radius: f32) -> 
     (shape, Pose::at([x, y, (low_z + high_z) * 0.5]))
 }
 
-/// A ball.
+/// A ball around `center`; lengths in metres, the radius at least 0.5 mm.
 pub(super) fn ball(center: [f32; 3], radius: f32) -> PosedShape {
     (
         Shape::Ball {
@@ -134,7 +134,7 @@ pub(super) fn cone(
 /// Where a frame stands in the outer one: an origin on the floor and quarter turns around z.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Frame {
-    /// Origin: x, y.
+    /// Origin of this frame on the floor of the outer frame: x, y in metres.
     pub(super) origin: [f32; 2],
     /// Quarter turns, counter-clockwise: 0 leaves x along x.
     pub(super) quarters: usize,
@@ -190,7 +190,7 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// None yet.
+    /// Creates an empty list for parts whose poses are given in `frame`.
     pub(super) fn new(frame: Frame) -> Self {
         Self {
             frame,

@@ -35,7 +35,7 @@ pub(super) struct Grid {
     blocked: Vec<bool>,
     /// Which connected region a free cell belongs to.
     region: Vec<u32>,
-    /// Cells by region.
+    /// Number of cells of each connected region, indexed by the labels in `region`.
     region_cells: Vec<u32>,
 }
 

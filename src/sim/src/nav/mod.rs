@@ -22,7 +22,7 @@ pub const ROBOT_RADIUS_M: f32 = 0.2;
 /// Height of the head camera, in metres.
 pub const CAMERA_HEIGHT_M: f32 = 1.4;
 /// Least distance between the robot's centre and the bounding box of the receptacle it goes to
-/// (SPEC section 2).
+/// (docs/spec.md#tools).
 pub const STANDOFF_M: f32 = 0.6;
 /// How far the arm reaches horizontally from the robot's centre.
 pub const REACH_M: f32 = 1.0;
@@ -42,7 +42,7 @@ pub struct NavMap {
 /// A place to stand and look from.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Viewpoint {
-    /// Base: x, y.
+    /// Position of the robot's base on the floor: x, y in metres.
     pub base: [f32; 2],
     /// The head camera there.
     pub camera: Camera,

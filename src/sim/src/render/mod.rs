@@ -35,7 +35,7 @@ pub struct Drawable<'a> {
     pub parts: &'a [Part],
     /// In the drawable's frame.
     pub mesh: Option<&'a MeshModel>,
-    /// Scene from drawable.
+    /// Pose of the drawable in the scene frame (scene from drawable).
     pub pose: Pose,
     /// Written to the id buffer; 0 is nothing.
     pub entity: u16,
@@ -44,9 +44,9 @@ pub struct Drawable<'a> {
 /// A number to draw.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct OverlayMark {
-    /// The number shown.
+    /// The number that the label shows in the image.
     pub number: u32,
-    /// What it marks.
+    /// The entity or the rectangle that the number marks.
     pub region: Region,
 }
 
@@ -62,7 +62,7 @@ pub enum Region {
 /// How much of a picture is drawn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Detail {
-    /// All of it.
+    /// The complete frame: RGB, instance ids and depth.
     #[default]
     Full,
     /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by

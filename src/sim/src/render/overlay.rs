@@ -252,7 +252,7 @@ struct Label {
 const LABEL_SIZE: TextSize = TextSize::Medium;
 const LABEL_HEIGHT: i32 = 22;
 const LABEL_PADDING: i32 = 5;
-/// Between two labels.
+/// Least gap between two labels, in pixels.
 const LABEL_GAP: i32 = 1;
 
 fn place_labels(marks: &[OverlayMark], masks: &[Option<Mask>]) -> Vec<Label> {

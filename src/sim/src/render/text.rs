@@ -6,11 +6,11 @@ use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_wid
 /// Height of a line of text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TextSize {
-    /// 16 pixels, regular.
+    /// Lines 16 pixels high, in regular weight.
     Small,
-    /// 20 pixels, bold.
+    /// Lines 20 pixels high, in bold.
     Medium,
-    /// 24 pixels, bold.
+    /// Lines 24 pixels high, in bold.
     Large,
 }
 

@@ -28,7 +28,7 @@ struct Facet<'a> {
     /// Products of the sides, and what divides by their determinant.
     products: [f32; 3],
     inverse: f32,
-    /// Towards the eye.
+    /// Flat normal of the triangle, on the side that faces the camera.
     normal: [f32; 3],
     normals: Option<[[f32; 3]; 3]>,
     color: [f32; 3],

@@ -32,7 +32,7 @@ pub struct Cache {
 pub(crate) struct CachedName {
     /// By which the store tells contents apart.
     pub etag: String,
-    /// Of the content.
+    /// Digest of the file's content, by which the cache names its copy.
     digest: Digest,
 }
 

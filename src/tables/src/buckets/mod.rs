@@ -35,7 +35,7 @@ pub enum BucketError {
         "this names no file or folder of a bucket: {reason}; write s3://bucket/folder/file: {name}"
     )]
     Name {
-        /// What was given.
+        /// The name or URL as the caller gave it.
         name: String,
         /// What is wrong with it.
         reason: String,
@@ -43,7 +43,7 @@ pub enum BucketError {
     /// The environment describes no store that can be used.
     #[error("the environment's settings of S3 cannot be used: {reason}: {name}")]
     Settings {
-        /// What was wanted.
+        /// URL whose bucket was to be opened.
         name: String,
         /// What is wrong with them.
         reason: String,
@@ -51,13 +51,13 @@ pub enum BucketError {
     /// There is no such file.
     #[error("no such file in the bucket: {name}")]
     NotFound {
-        /// Which.
+        /// Name of the file that the bucket does not have.
         name: String,
     },
     /// The store refuses, or cannot be reached, also when it was asked again.
     #[error("cannot {action}: {reason}: {name}")]
     Store {
-        /// What was tried.
+        /// The action that failed, as words for the message, e.g. `read`.
         action: &'static str,
         /// What came of it.
         reason: String,
@@ -67,11 +67,11 @@ pub enum BucketError {
     /// A file of this machine cannot be read or written.
     #[error("cannot {action}: {source}: {path}", path = path.display())]
     Io {
-        /// What was tried.
+        /// The action that failed, as words for the message, e.g. `read`.
         action: &'static str,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
-        /// Which file.
+        /// The local file, or the name of the bucket file whose copy could not be kept.
         path: PathBuf,
     },
 }

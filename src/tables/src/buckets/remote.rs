@@ -39,7 +39,7 @@ pub struct Buckets {
 pub enum UploadOutcome {
     /// It is there now.
     Sent {
-        /// Its size.
+        /// Size of the file that was sent, in bytes.
         bytes: u64,
     },
     /// A file of this size was there already, and it is not older.

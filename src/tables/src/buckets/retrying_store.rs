@@ -18,7 +18,7 @@ const TRIES: u32 = 6;
 /// How long to wait before the second one; twice as long before each further one.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// Asks again.
+/// An object store that retries failed requests, with exponential backoff.
 #[derive(Clone, Debug)]
 pub(crate) struct RetryingStore<S>(pub S);
 

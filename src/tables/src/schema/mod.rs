@@ -16,7 +16,7 @@ use columns::{
     QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
 };
 
-/// A stored table.
+/// One of the tables that a store holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Table {
     /// One row an episode, its steps nested.
@@ -43,9 +43,9 @@ pub enum Table {
 /// A column: its name, type, whether it may be null, and what it says.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
-    /// Name in SQL.
+    /// Name of the column in SQL and in the Arrow schema.
     pub name: &'static str,
-    /// Type.
+    /// Data type of the values, nested columns included.
     pub kind: ColumnType,
     /// Whether it may be null.
     pub nullable: bool,
@@ -56,22 +56,22 @@ pub struct Column {
 /// Type of a column.
 #[derive(Clone, Copy, Debug)]
 pub enum ColumnType {
-    /// UTF-8.
+    /// Text in UTF-8 (Arrow `Utf8`).
     Text,
-    /// True or false.
+    /// A boolean: true or false (Arrow `Boolean`).
     Flag,
-    /// 32-bit signed integer.
+    /// 32-bit signed integer (Arrow `Int32`).
     Int,
-    /// 64-bit signed integer.
+    /// 64-bit signed integer (Arrow `Int64`).
     Long,
     /// 64-bit unsigned integer; a decimal of 20 digits, because Delta Lake knows no unsigned
     /// numbers.
     Unsigned,
-    /// 64-bit float.
+    /// 64-bit floating-point number (Arrow `Float64`).
     Float,
-    /// A list.
+    /// A list whose items all have the given type.
     List(&'static ColumnType),
-    /// Named fields.
+    /// A struct of named fields, each described as a column.
     Struct(&'static [Column]),
 }
 
@@ -149,7 +149,7 @@ impl Table {
         }
     }
 
-    /// Its columns.
+    /// The top-level columns in their stored order; nested ones are part of their types.
     pub fn columns(self) -> &'static [Column] {
         match self {
             Table::Episodes => EPISODES,
@@ -164,7 +164,7 @@ impl Table {
         }
     }
 
-    /// Its Arrow schema.
+    /// The Arrow schema that is made of the table's columns.
     pub fn schema(self) -> SchemaRef {
         Arc::new(Schema::new(fields(self.columns())))
     }
@@ -177,7 +177,7 @@ pub struct View {
     pub name: &'static str,
     /// What a row is.
     pub meaning: &'static str,
-    /// The query.
+    /// The `SELECT` statement that defines the view over the stored tables.
     pub sql: String,
 }
 

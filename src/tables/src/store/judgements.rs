@@ -12,7 +12,7 @@ use crate::{Table, rows::Rows};
 /// A failed episode with its class: a row of `classes`.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct ClassRow<'a> {
-    /// The episode.
+    /// Id of the failed episode, as in `episodes`.
     pub episode_id: &'a str,
     /// Of the trace that was judged.
     pub trace_digest: &'a str,
@@ -20,17 +20,17 @@ pub struct ClassRow<'a> {
     pub rules_version: &'a str,
     /// One of the four classes.
     pub class: &'a str,
-    /// What within it.
+    /// Sub-class within the class, e.g. `missing_ask`.
     pub sub_class: &'a str,
     /// The rule that decided.
     pub rule: &'a str,
-    /// The decisive step.
+    /// The decisive step: as `reel blame` measured it, else the first of the rule's evidence.
     pub step: i32,
     /// The last step of the evidence.
     pub last_step: i32,
     /// Columns that the rule looked at.
     pub fields: &'a [String],
-    /// `full` or `reduced`.
+    /// `full`, or `reduced` if the trace has no physics and the rules saw less.
     pub evidence: &'a str,
     /// What else was found.
     pub secondary: Vec<Finding<'a>>,
@@ -39,15 +39,15 @@ pub struct ClassRow<'a> {
 /// What a rule found.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Finding<'a> {
-    /// The rule.
+    /// Name of the rule that made the finding.
     pub rule: &'a str,
-    /// Its class.
+    /// Failure class that the rule assigns, one of the four.
     pub class: &'a str,
-    /// Its sub-class.
+    /// Sub-class that the rule assigns within its class.
     pub sub_class: &'a str,
     /// The first step of its evidence.
     pub step: i32,
-    /// The last one.
+    /// The last step of the finding's evidence.
     pub last_step: i32,
 }
 
@@ -81,24 +81,24 @@ pub struct BlameRow {
 /// What somebody says about an episode: a row of `labels`.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct LabelRow {
-    /// The episode.
+    /// Id of the episode that the label is about.
     pub episode_id: String,
-    /// Who says so.
+    /// Who gives the label: a person, a model, or `injected`.
     pub author: String,
     /// `human`, `judge`, `injected` or `adjudicated`.
     pub kind: String,
     /// One of the four classes.
     pub class: String,
-    /// What within it.
+    /// Sub-class within the class; `None` if the author names none.
     #[serde(default)]
     pub sub_class: Option<String>,
-    /// The decisive step.
+    /// The decisive step of the episode; `None` if the author names none.
     #[serde(default)]
     pub step: Option<i32>,
     /// From 0 to 1.
     #[serde(default)]
     pub confidence: Option<f64>,
-    /// In words.
+    /// The author's explanation in words; `None` if there is none.
     #[serde(default)]
     pub note: Option<String>,
     /// When it was said, milliseconds since 1970.

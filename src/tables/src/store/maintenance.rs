@@ -14,9 +14,9 @@ use crate::Table;
 /// What a compaction did.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct CompactReport {
-    /// Files before.
+    /// Number of data files in all tables before the compaction.
     pub files_before: usize,
-    /// Files after.
+    /// Number of data files in all tables after the compaction.
     pub files_after: usize,
     /// The store's version afterwards.
     pub version: u64,
@@ -25,7 +25,7 @@ pub struct CompactReport {
 /// What a vacuum did, or would do.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct VacuumReport {
-    /// Files deleted.
+    /// Files deleted, or to be deleted if `dry_run`, each as `table/file`.
     pub deleted: Vec<String>,
     /// Whether it only looked.
     pub dry_run: bool,

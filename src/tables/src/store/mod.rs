@@ -90,20 +90,20 @@ pub struct Commit {
 /// Why the store cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// No store there.
+    /// The location holds no store; `reel ingest` creates one.
     #[error("no tables here; fill them with `reel ingest`: {location}")]
     NoStore {
-        /// Where.
+        /// Folder or URL in which no store was found.
         location: String,
     },
-    /// No such version.
+    /// The store does not have the version that was asked for.
     #[error("there is no version {version}; the newest is {newest}: {location}")]
     NoVersion {
         /// The one asked for.
         version: u64,
-        /// The newest one.
+        /// Number of the newest version of the store.
         newest: u64,
-        /// Where.
+        /// Folder or URL of the store without that version.
         location: String,
     },
     /// A file of this version is gone.
@@ -111,19 +111,19 @@ pub enum StoreError {
         "version {version} needs a file that is gone, perhaps vacuumed: {file}; open another version or ingest anew: {location}"
     )]
     Missing {
-        /// The version.
+        /// Number of the version that needs the missing file.
         version: u64,
-        /// Table and file.
+        /// Name of the table and path of the missing file, as `table/file`.
         file: String,
-        /// Where.
+        /// Folder or URL of the store that lacks the file.
         location: String,
     },
     /// The location cannot be understood or reached.
     #[error("cannot use this store: {reason}: {location}")]
     Location {
-        /// Why.
+        /// Why the location is invalid or cannot be opened.
         reason: String,
-        /// Where.
+        /// The folder, URL or path that cannot be used.
         location: String,
     },
     /// The columns are not those of this version of Reel.
@@ -131,9 +131,9 @@ pub enum StoreError {
         "the columns of '{table}' are those of another version of Reel; ingest the traces anew into another folder: {location}"
     )]
     OtherColumns {
-        /// Which table.
+        /// Name of the table whose columns differ.
         table: &'static str,
-        /// Where.
+        /// Folder or URL of the store whose columns differ.
         location: String,
     },
     /// Others wrote all the time.
@@ -143,45 +143,45 @@ pub enum StoreError {
     Busy {
         /// How often it was tried.
         tries: u32,
-        /// Where.
+        /// Folder or URL of the store that others keep writing to.
         location: String,
     },
     /// A file or folder cannot be read or written.
     #[error("cannot {action}: {source}: {path}", path = path.display())]
     Io {
-        /// What was tried.
+        /// The action that failed, as words for the message, e.g. `make the folder`.
         action: &'static str,
-        /// The system's reason.
+        /// The error that the operating system reported.
         source: io::Error,
-        /// Which file.
+        /// The file or folder; empty if the threads could not be started.
         path: PathBuf,
     },
     /// Delta Lake or the object store fails.
     #[error("the tables cannot be read or written: {source}: {location}")]
     Delta {
-        /// What it says.
+        /// The error that Delta Lake or the object store reported.
         source: Box<DeltaTableError>,
-        /// Where.
+        /// Folder or URL of the store that failed.
         location: String,
     },
     /// A Parquet file cannot be read or written.
     #[error("part of a table: {source}: {path}")]
     Parquet {
-        /// What Parquet says.
+        /// The error that the Parquet reader or writer reported.
         source: ParquetError,
-        /// Which file.
+        /// Path of the Parquet file within its table.
         path: String,
     },
     /// A task or scene in the tables is none.
     #[error(
-        "the {what} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}"
+        "the {problem} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}"
     )]
     Document {
-        /// `task` or `scene`.
+        /// Which kind of document is damaged: `task` or `scene`.
         problem: &'static str,
-        /// Its digest.
+        /// Digest of the canonical JSON, by which the document was looked up.
         digest: String,
-        /// What is wrong.
+        /// Why the document cannot be used: missing, or the parser's message.
         reason: String,
     },
     /// Rows that came from another machine are none.
@@ -189,7 +189,7 @@ pub enum StoreError {
         "rows that another machine read cannot be used: {reason}; both have to be the same build of reel"
     )]
     Wire {
-        /// What is wrong.
+        /// Why the transferred rows cannot be decoded, in words.
         reason: String,
     },
     /// Columns of different parts do not fit together.

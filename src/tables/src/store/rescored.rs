@@ -66,7 +66,7 @@ impl RescoredEpisodes {
         Ok(bytes)
     }
 
-    /// What [`Rescored::to_bytes`] gave.
+    /// What [`RescoredEpisodes::to_bytes`] gave.
     ///
     /// # Errors
     /// When it is something else.

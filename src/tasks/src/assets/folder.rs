@@ -17,7 +17,7 @@ use crate::assets::{MeshError, MeshFormat, SiblingFiles, Survey, limits::FILE_BY
 /// what lies in folders below.
 #[derive(Debug)]
 pub struct AssetFolder {
-    /// Without links.
+    /// Canonical path of the folder, with symbolic links resolved.
     path: PathBuf,
     files: BTreeMap<AssetId, (MeshFormat, PathBuf)>,
     /// Files of assets that another kind of file comes first for.
@@ -31,7 +31,7 @@ type Read = Result<Arc<Mesh>, Arc<MeshError>>;
 /// A file of a folder, and what is to say of it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct FileReport {
-    /// Its name.
+    /// Name of the file within the folder, with its extension.
     pub file: String,
     /// The asset it shows.
     pub asset: String,
@@ -44,16 +44,16 @@ pub struct FileReport {
 #[derive(Clone, PartialEq, Debug, Serialize)]
 #[serde(rename_all = "snake_case", tag = "verdict")]
 pub enum MeshVerdict {
-    /// It is.
+    /// The file holds a valid mesh, with these properties.
     Loads(Survey),
-    /// It is not.
+    /// The file does not hold a valid mesh.
     Refused {
-        /// Why.
+        /// Why the file failed to load, as a message for people.
         reason: String,
     },
     /// Another file of the same asset comes first.
     Hidden {
-        /// That file.
+        /// Name of the file that is loaded for this asset instead.
         by: String,
     },
 }

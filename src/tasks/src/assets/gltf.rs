@@ -19,7 +19,7 @@ use crate::assets::{
     upright,
 };
 
-/// Column by column.
+/// A 4 x 4 transformation, stored column by column as in glTF.
 type Matrix = [[f32; 4]; 4];
 
 const IDENTITY: Matrix = [

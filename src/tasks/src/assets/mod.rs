@@ -2,8 +2,8 @@
 //! checked, and refused with a reason where they are not sound. Never changes a mesh: what has too
 //! many triangles is refused, not decimated.
 //!
-//! [`Folder`] is the one place that opens files, and only files of the folder itself. The parsers
-//! believe nothing.
+//! [`AssetFolder`] is the one place that opens files, and only files of the folder itself. The
+//! parsers believe nothing.
 
 mod color;
 mod folder;
@@ -27,7 +27,7 @@ pub trait SiblingFiles {
     fn read(&self, name: &str) -> Result<Vec<u8>, MeshError>;
 }
 
-/// No other files.
+/// Sibling files of a mesh that stands alone: every read fails.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoSiblings;
 
@@ -43,11 +43,11 @@ impl SiblingFiles for NoSiblings {
 /// The kinds of files that hold a mesh, the first one first where there are several of an asset.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum MeshFormat {
-    /// Binary glTF.
+    /// Binary glTF, in files that end with `.glb`.
     Glb,
-    /// glTF.
+    /// glTF as JSON, in files that end with `.gltf`.
     Gltf,
-    /// Wavefront OBJ.
+    /// Wavefront OBJ text, in files that end with `.obj`.
     Obj,
 }
 
@@ -85,32 +85,32 @@ pub enum MeshError {
     #[error("it needs {0}, which is not supported; export it without")]
     Unsupported(String),
     /// A line of text.
-    #[error("line {line}: {what}")]
+    #[error("line {line}: {problem}")]
     Line {
-        /// From 1.
+        /// Number of the line in the file, from 1.
         line: usize,
         /// What is wrong with it.
         problem: String,
     },
-    /// Beyond a limit.
+    /// The mesh or a file that it needs exceeds a limit.
     #[error("it has {found} {what}, and at most {limit} are taken; {advice}")]
     TooLarge {
-        /// Of what.
+        /// The unit that is counted, e.g. `vertices` or `bytes`.
         what: &'static str,
         /// How many there are, or at least.
         found: usize,
         /// How many there may be.
         limit: usize,
-        /// What to do.
+        /// What to change in the file, e.g. `join them`.
         advice: &'static str,
     },
-    /// No sound mesh.
+    /// The file parses, but its data do not form a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshDefect),
     /// In a file that it names.
     #[error("in {file}: {reason}")]
     In {
-        /// The file.
+        /// Name of the file as it is written there, or e.g. `image 3` if it is embedded.
         file: String,
         /// What is wrong there.
         reason: Box<MeshError>,
@@ -118,9 +118,9 @@ pub enum MeshError {
     /// A file that it names cannot be read.
     #[error("the file {file} cannot be read ({why})")]
     Missing {
-        /// The file.
+        /// Name of the file that cannot be read.
         file: String,
-        /// Why.
+        /// Why the file cannot be read, e.g. the operating system's message.
         why: String,
     },
     /// A file that it names lies elsewhere.
@@ -128,7 +128,7 @@ pub enum MeshError {
         "it names {file}, which is not in its folder; put it beside the mesh and name it without a path"
     )]
     Outside {
-        /// The file.
+        /// The path as the mesh names it, at most 200 characters of it.
         file: String,
     },
 }

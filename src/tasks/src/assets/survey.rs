@@ -8,7 +8,7 @@ use serde::Serialize;
 /// A mesh in numbers.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Survey {
-    /// Triangles.
+    /// Number of triangles of the mesh.
     pub triangles: usize,
     /// Vertices: corners that differ in place, normal, texture point or colour.
     pub vertices: usize,
@@ -27,7 +27,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Of a mesh.
+    /// Measures a mesh: counts, size, topology, textures and digest.
     pub fn of(mesh: &Mesh) -> Self {
         let data = mesh.data();
         let [low, high] = mesh.bounds();

@@ -46,7 +46,7 @@ impl TextureSet {
         Ok(index)
     }
 
-    /// All of them.
+    /// Returns all decoded textures, in the order of their indices.
     pub fn finish(self) -> Vec<Texture> {
         self.list
     }

@@ -1,6 +1,6 @@
 //! Scenes and objects: what comes along, what is made by seed, and what the check finds. Made
-//! tasks: the same on any number of threads, placed as SPEC section 3 says, settled where the graph
-//! says, written and read. Questions in their plans.
+//! tasks: the same on any number of threads, placed as docs/spec.md#placement says, settled where
+//! the graph says, written and read. Questions in their plans.
 
 mod built_in;
 mod faults;

@@ -13,11 +13,11 @@ use reel_tasks::generate::task::{
 };
 use reel_tasks::{Stream, home_scene, library::objects};
 
-/// SPEC section 3, in metres.
+/// Distances from edges and neighbours, in metres (docs/spec.md#placement).
 const MARGIN_M: f64 = 0.05;
 const BAND_M: f64 = 0.5;
 const STAND_RADIUS_M: f64 = 0.05;
-/// Placements to check.
+/// Number of placements after which the test stops.
 const PLACEMENTS: usize = 10_000;
 /// For sums of rounded numbers, in metres.
 const TOLERANCE_M: f64 = 1e-6;

@@ -3,10 +3,10 @@
 
 use std::{collections::BTreeSet, fs};
 
-use reel_tasks::{DrawOptions, Drawn, TaskWarningKind, draw, home_scene};
+use reel_tasks::{DrawOptions, DrawnTasks, TaskWarningKind, draw, home_scene};
 use reel_world::{Family, Scene, Task};
 
-fn generated(scene: &Scene, count: usize, seed: u64) -> Drawn {
+fn generated(scene: &Scene, count: usize, seed: u64) -> DrawnTasks {
     draw(&DrawOptions {
         scene,
         families: &Family::ALL,
@@ -18,7 +18,7 @@ fn generated(scene: &Scene, count: usize, seed: u64) -> Drawn {
 #[test]
 fn the_same_seed_gives_the_same_tasks_and_more_begin_with_the_fewer() {
     let home = home_scene();
-    let tasks = generated(&home_scene, 40, 7).tasks;
+    let tasks = generated(&home, 40, 7).tasks;
     assert_eq!(tasks, generated(&home, 40, 7).tasks);
     assert_eq!(tasks[..12], generated(&home, 12, 7).tasks);
     assert_ne!(
@@ -51,8 +51,8 @@ fn two_hundred_tasks_come_in_equal_parts_under_their_own_names() {
 #[test]
 fn families_are_what_they_are_called() {
     let home = home_scene();
-    for task in generated(&home_scene, 200, 2).tasks {
-        let door = |id| home_scene.receptacle(id).unwrap().door.exists();
+    for task in generated(&home, 200, 2).tasks {
+        let door = |id| home.receptacle(id).unwrap().door.exists();
         let target = task.target_object();
         let beside: Vec<_> = task
             .objects
@@ -118,9 +118,9 @@ fn families_are_what_they_are_called() {
 #[test]
 fn objects_stand_apart_on_their_surfaces_within_reach() {
     let home = home_scene();
-    for task in generated(&home_scene, 200, 3).tasks {
+    for task in generated(&home, 200, 3).tasks {
         for (index, object) in task.objects.iter().enumerate() {
-            let surface = home_scene.receptacle(&object.receptacle).unwrap();
+            let surface = home.receptacle(&object.receptacle).unwrap();
             let ([x, y, z], [width, depth, height]) = (object.position, object.size);
             let rect = surface.surface_rect();
             let gaps = [
@@ -163,9 +163,9 @@ fn objects_stand_apart_on_their_surfaces_within_reach() {
 fn instructions_name_source_destination_and_target_and_nothing_else() {
     let home = home_scene();
     let mut openings = BTreeSet::new();
-    for task in generated(&home_scene, 200, 4).tasks {
+    for task in generated(&home, 200, 4).tasks {
         for id in [&task.src, &task.dest] {
-            let captions = &home_scene.receptacle(id).unwrap().captions;
+            let captions = &home.receptacle(id).unwrap().captions;
             assert!(
                 captions
                     .keys()
@@ -197,14 +197,14 @@ fn instructions_name_source_destination_and_target_and_nothing_else() {
 #[test]
 fn writing_and_loading_gives_the_same_tasks() {
     let home = home_scene();
-    let tasks = generated(&home_scene, 80, 5).tasks;
+    let tasks = generated(&home, 80, 5).tasks;
     let folder = tempfile::tempdir().unwrap();
     for task in &tasks {
         let path = folder.path().join(format!("{}.yaml", task.task_id));
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, reel_tasks::yaml::write(task, &home_scene)).unwrap();
+        fs::write(path, reel_tasks::yaml::write(task, &home)).unwrap();
     }
-    let report = reel_tasks::load(folder.path(), &home_scene);
+    let report = reel_tasks::load(folder.path(), &home);
     assert!(report.broken.is_empty(), "{:?}", report.broken);
     let sorted = |mut tasks: Vec<Task>| {
         tasks.sort_by(|a, b| a.task_id.cmp(&b.task_id));

@@ -5,31 +5,31 @@ use reel_llm::client::ModelError;
 /// Every error of the judge. Each belongs to one case; the others go on.
 #[derive(Debug, thiserror::Error)]
 pub enum JudgeError {
-    /// Nothing to judge.
+    /// The episode has no step that could be judged.
     #[error("the episode has no step that could be judged: {episode_id}")]
     NoSteps {
-        /// The episode.
+        /// Id of the episode without a step to judge.
         episode_id: String,
     },
     /// The model did not answer.
     #[error("{source} (episode {episode_id})")]
     Model {
-        /// The episode.
+        /// Id of the episode whose request failed.
         episode_id: String,
-        /// Why not.
+        /// The error that the model client reported.
         source: ModelError,
     },
     /// It answered twice, and neither is an answer.
-    #[error("the judge's answer cannot be read, and neither could the one before: {what}{limit}; try another model: {excerpt} (episode {episode_id})",
+    #[error("the judge's answer cannot be read, and neither could the one before: {problem}{limit}; try another model: {excerpt} (episode {episode_id})",
         limit = if *truncated { " (it was cut off: allow more tokens)" } else { "" })]
     Unreadable {
-        /// The episode.
+        /// Id of the episode whose answers cannot be read.
         episode_id: String,
         /// What is wrong with it.
         problem: String,
         /// Whether it was cut off at the most tokens allowed.
         truncated: bool,
-        /// Its beginning.
+        /// The beginning of the second answer, on one line.
         excerpt: String,
     },
     /// Not tried, because nobody is there.
@@ -37,7 +37,7 @@ pub enum JudgeError {
         "not judged: {refused} calls in a row could not connect; start the endpoint and judge again (episode {episode_id})"
     )]
     Stopped {
-        /// The episode.
+        /// Id of the episode that was not judged.
         episode_id: String,
         /// How many calls failed before.
         refused: u32,
@@ -47,7 +47,7 @@ pub enum JudgeError {
     Workers {
         /// How many were wanted.
         threads: usize,
-        /// The system's word.
+        /// The thread pool's message why the threads cannot be started.
         message: String,
     },
 }

@@ -19,7 +19,7 @@ pub struct Layout {
     pub into_classes: Vec<Ribbon>,
     /// From classes to sub-classes.
     pub into_sub_classes: Vec<Ribbon>,
-    /// Of the chart.
+    /// Height of the whole chart, in units of the scene.
     pub height: f64,
     /// Episodes in all flows.
     pub episodes: u64,
@@ -273,7 +273,7 @@ impl Ribbon {
     }
 }
 
-/// Family, class, sub-class.
+/// Family, class and sub-class of a flow, cleaned for display.
 type Names = [String; 3];
 
 fn tally(flows: &[Flow]) -> BTreeMap<Names, u64> {

@@ -3,7 +3,7 @@
 
 use reel_world::FailureClass;
 
-/// Red, green, blue.
+/// An opaque colour as 8-bit red, green and blue.
 pub type Color = [u8; 3];
 
 pub const BACKGROUND: Color = [255, 255, 255];
@@ -11,13 +11,13 @@ pub const BACKGROUND: Color = [255, 255, 255];
 pub const INK: Color = [15, 23, 42];
 /// Everything that explains: 4.8 to 1 on the background.
 pub const MUTED: Color = [100, 116, 139];
-/// Rules and successes.
+/// Light grey: the successes in the bar of all episodes.
 pub const PALE: Color = [226, 232, 240];
-/// Families.
+/// Slate grey: the nodes of the task families.
 pub const FAMILY: Color = [71, 85, 105];
 /// Failures of no class, and classes we do not know.
 pub const UNKNOWN: Color = [148, 163, 184];
-/// All is well.
+/// Green: the mark that is drawn when no episode failed.
 pub const GOOD: Color = [0, 158, 115];
 
 /// The classes of the taxonomy in their order, with their hues.

@@ -5,7 +5,7 @@ use super::layout::{Layout, Node, Ribbon};
 use super::palette::{Color, GOOD, INK, MUTED, PALE, UNKNOWN};
 use super::text::{Style, clean, count, counted, elide, share, width};
 
-/// The picture.
+/// The whole diagram as a list of shapes and texts to draw.
 pub struct Scene {
     pub title: String,
     /// The whole content in words, for those who cannot see it.
@@ -25,7 +25,7 @@ pub enum Item {
 pub struct Shape {
     pub path: Vec<Segment>,
     pub color: Color,
-    /// 0 is invisible.
+    /// Opacity from 0 (invisible) to 1 (opaque).
     pub opacity: f64,
     /// Width of the line; filled where there is none.
     pub stroke: Option<f64>,

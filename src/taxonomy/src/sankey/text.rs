@@ -8,7 +8,7 @@ pub enum Style {
     Title,
     /// Names that matter most.
     Strong,
-    /// Names and counts.
+    /// Names and counts in regular weight, and the subtitle.
     Plain,
     /// Headings of columns and notes.
     Small,
@@ -105,7 +105,7 @@ pub fn width(text: &str, style: Style) -> f64 {
     text.chars().map(advances).sum::<f64>() * style.advance()
 }
 
-/// `1234567` as `1,234,567`.
+/// Formats a count with thousands separators: `1234567` as `1,234,567`.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::new();

@@ -24,7 +24,7 @@ use crate::{
 /// What a message holds, or what is wrong with it.
 type Read<T> = Result<T, String>;
 
-/// What `/sim/digest` holds.
+/// The decoded content of one `/sim/digest` message.
 pub(crate) struct DigestMessage {
     pub step: Option<u32>,
     pub sim_step: u64,
@@ -33,7 +33,7 @@ pub(crate) struct DigestMessage {
     pub digests: StateDigests,
 }
 
-/// Decodes protobuf.
+/// Decodes a protobuf message; fails if Reel would encode it differently.
 pub(crate) fn decode_message<M: Message + Default>(bytes: &[u8]) -> Read<M> {
     let message = M::decode(bytes)
         .map_err(|error| format!("it is not the protobuf message it should be ({error})"))?;

@@ -5,7 +5,7 @@
 mod play;
 
 use play::{DISTRACTOR, Play, success};
-use reel_replay::lay_beside;
+use reel_replay::compare;
 use reel_trace::{Images, Trace};
 use reel_view::{Video, VideoSegment, contact_sheet, side_by_side, transcript};
 use reel_world::{

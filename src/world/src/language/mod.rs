@@ -20,7 +20,7 @@ pub use words::{lemma, words};
 /// How a query met categories, from the best kind to none.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum MatchKind {
-    /// The same words.
+    /// The category consists of the same words as the query.
     Exact,
     /// The same words up to plural, articles and spelling with or without spaces.
     Lemma,
@@ -29,7 +29,7 @@ pub enum MatchKind {
     /// One is a more general word for the other, by the vocabulary or by the head noun (`alarm
     /// clock`, `clock`).
     Hypernym,
-    /// Not at all.
+    /// No category that is present matches the query.
     None,
 }
 
@@ -38,13 +38,13 @@ pub enum MatchKind {
 pub struct Match {
     /// Sorted, without repetition; empty only for [`MatchKind::None`].
     pub categories: Vec<String>,
-    /// How.
+    /// The best kind of match that any category reached.
     pub kind: MatchKind,
 }
 
-/// Matches a query to the categories that are present (SPEC section 2, `show_object_by_category`):
-/// all that match in the best kind. A hypernym means all its members; where nothing else matches,
-/// the head of the query decides.
+/// Matches a query to the categories that are present (docs/spec.md#tools,
+/// `show_object_by_category`): all that match in the best kind. A hypernym means all its members;
+/// where nothing else matches, the head of the query decides.
 pub fn match_category(query: &str, categories: &BTreeSet<&str>) -> Match {
     let query_words = words(query);
     let query = normal(query);

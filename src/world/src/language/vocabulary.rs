@@ -27,7 +27,7 @@ static VOCABULARY: LazyLock<Vocabulary> =
 static ATTRIBUTES: LazyLock<AttributeTable> =
     LazyLock::new(|| parse_attributes(include_str!("../../data/attributes.txt")));
 
-/// The committed vocabulary.
+/// Synonyms and hypernyms of `data/vocabulary.txt`, parsed at first use.
 pub(super) fn vocabulary() -> &'static Vocabulary {
     &VOCABULARY
 }

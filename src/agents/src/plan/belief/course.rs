@@ -8,7 +8,7 @@ use super::{Belief, DeliveryGoal, Move, ObjectIndex};
 const ASKS_MAX: u32 = 3;
 
 impl Belief {
-    /// The next move.
+    /// Chooses the next move from what is believed so far.
     pub fn next(&self) -> Move {
         if let Some(errand) = self.doubtful() {
             return Move::Ask(errand);

@@ -72,13 +72,13 @@ pub enum CallEffect {
     WalkAround,
     /// Stands before the thing.
     Gaze(ObjectIndex),
-    /// Holds it.
+    /// Picked the object up and holds it.
     Pick(ObjectIndex),
     /// Put what it held there.
     Place(ReceptacleId),
-    /// Opened the door.
+    /// Opened the door of the receptacle.
     Open(ReceptacleId),
-    /// Closed the door.
+    /// Closed the door of the receptacle.
     Close(ReceptacleId),
     /// Was answered; whether the answer names the object.
     Ask(bool),
@@ -95,23 +95,23 @@ pub enum CallEffect {
 /// What to do next, in the agent's own terms.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Move {
-    /// `nav_to`
+    /// Call `nav_to` to drive to the receptacle.
     NavTo(ReceptacleId),
-    /// `show_receptacles`
+    /// Call `show_receptacles` to number the receptacles in view.
     ShowReceptacles,
     /// `show_object_by_category`, of the category of that thing.
     Find(ObjectIndex),
-    /// `walk_around`
+    /// Call `walk_around` to survey the receptacle where the robot stands.
     WalkAround,
-    /// `gaze_at`
+    /// Call `gaze_at` to stand before the object.
     Gaze(ObjectIndex),
-    /// `pick`
+    /// Call `pick` to take the object.
     Pick(ObjectIndex),
-    /// `place`
+    /// Call `place` to put the held object on the receptacle.
     Place(ReceptacleId),
-    /// `open`
+    /// Call `open` to open the door of the receptacle.
     Open(ReceptacleId),
-    /// `close`
+    /// Call `close` to close the door of the receptacle.
     Close(ReceptacleId),
     /// `ask` which object this errand is about.
     Ask(usize),
@@ -123,7 +123,7 @@ pub enum Move {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Belief {
     errands: Vec<DeliveryGoal>,
-    /// Where it stands.
+    /// Receptacle where the robot stands; `None` before the first drive.
     at: Option<ReceptacleId>,
     held: Option<ObjectIndex>,
     /// Where it has been.
@@ -178,7 +178,7 @@ impl Belief {
         }
     }
 
-    /// Where it stands.
+    /// Receptacle where the robot stands; `None` before the first drive.
     pub fn at(&self) -> Option<&ReceptacleId> {
         self.at.as_ref()
     }

@@ -69,7 +69,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Measures failed episodes, then prints their decisive steps or stores them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     #[cfg(feature = "analytics")]
     let mut store = arguments.store.as_ref().map(Store::open).transpose()?;

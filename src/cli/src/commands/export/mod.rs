@@ -57,13 +57,13 @@ enum Command {
     /// Example:
     ///   reel export rrd traces-out/FDP_home_0001--oracle--0.mcap --out episode.rrd
     Rrd {
-        /// The trace
+        /// Trace of the episode to export
         #[arg(value_name = "TRACE")]
         trace: PathBuf,
-        /// The recording
+        /// Rerun recording (.rrd) to write
         #[arg(long, value_name = "FILE", default_value = "episode.rrd")]
         out: PathBuf,
-        /// Print JSON
+        /// Print the path of the recording as JSON
         #[arg(long)]
         json: bool,
     },
@@ -73,19 +73,19 @@ enum Command {
     /// Example:
     ///   reel export sheet traces-out/FDP_home_0001--oracle--0.mcap --out sheet.png
     Sheet {
-        /// The trace
+        /// Trace of the episode to draw
         #[arg(value_name = "TRACE")]
         trace: PathBuf,
-        /// The picture
+        /// PNG file of the contact sheet
         #[arg(long, value_name = "FILE", default_value = "contact_sheet.png")]
         out: PathBuf,
-        /// Print JSON
+        /// Print the path of the contact sheet as JSON
         #[arg(long)]
         json: bool,
     },
 }
 
-/// Runs the command.
+/// Writes the training set, recording or contact sheet that the subcommand names.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         #[cfg(feature = "analytics")]

@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs, progress};
 
-/// Discount of the value targets (paper, Training Objective).
+/// Discount of the value targets (paper, Full POMDP Definition).
 const GAMMA: f64 = 0.99;
 
 /// Preference pairs from the failed episodes of a store: each is repaired by the smallest change of
@@ -67,7 +67,7 @@ struct Pair {
     repair: Repair,
 }
 
-/// Runs the command.
+/// Repairs the failed episodes of a store and writes preference pairs.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Arguments { out, .. } = arguments;
     if out.exists() && fs::read_dir(out)?.next().is_some() {

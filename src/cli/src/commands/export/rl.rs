@@ -152,7 +152,7 @@ fn rollout_style(name: &str) -> Result<Style, String> {
     }
 }
 
-/// Runs the command.
+/// Exports the episodes of a store as rollout groups for reinforcement learning.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut options =
         arguments

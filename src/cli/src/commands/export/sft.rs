@@ -66,7 +66,7 @@ pub struct Arguments {
     shared: CommonArguments,
 }
 
-/// Runs the command.
+/// Exports the decisions of a store's episodes as supervised training examples.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut options =
         arguments

@@ -68,7 +68,7 @@ pub struct Arguments {
     /// Threads, and requests at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Print JSON
+    /// Print counts of tasks and questions as one JSON object
     #[arg(long)]
     json: bool,
 }
@@ -93,7 +93,7 @@ struct Counts {
     fallbacks: BTreeMap<String, usize>,
 }
 
-/// Runs the command.
+/// Puts questions into the plans of tasks and writes the annotated task files.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let strategies = parse_strategies(&arguments.strategies)?;
     let loaded = inputs::tasks(

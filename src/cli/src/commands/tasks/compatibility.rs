@@ -32,7 +32,7 @@ pub struct Arguments {
     /// Scenes: S1 to S7, home, or files; without it the home
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     scene: Vec<PathBuf>,
-    /// File to write
+    /// Compatibility table (JSON) to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[cfg(feature = "service")]
@@ -40,7 +40,7 @@ pub struct Arguments {
     model: Model,
 }
 
-/// Runs the command.
+/// Writes the compatibility table, as built in or as a model proposes it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let scenes = super::scenes(&arguments.scene)?;
     let committed = Compatibility::committed();
@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-/// Reads a table.
+/// Reads a compatibility table; fails if the file is missing or not such a table.
 pub fn read(file: &PathBuf) -> anyhow::Result<Compatibility> {
     let text =
         fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;

@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Scenes: S1 to S7, home, or files; without it the home
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     scene: Vec<PathBuf>,
-    /// Families, in turn
+    /// Task families to cycle through; without it all four
     #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
     families: Vec<String>,
     /// Types: basic, distractor, articulation (or store, retrieve), interactive, gather
@@ -38,7 +38,7 @@ pub struct Arguments {
     /// that comes with Reel
     #[arg(long, value_name = "FILE")]
     compatibility: Option<PathBuf>,
-    /// How many tasks
+    /// Number of tasks to generate
     #[arg(long, value_name = "N", default_value_t = 40)]
     count: usize,
     /// Seed of everything random
@@ -55,12 +55,12 @@ pub struct Arguments {
     /// Threads; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Print JSON
+    /// Print the statistics of the generation as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Generates tasks, writes the accepted ones and prints the statistics.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let scenes = super::scenes(&arguments.scene)?;
     let table = arguments

@@ -45,7 +45,7 @@ enum Command {
         /// that each task names, found beside the tasks or among those that come with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
-        /// Print JSON
+        /// Print counts, warnings and broken files as one JSON object
         #[arg(long)]
         json: bool,
     },
@@ -62,10 +62,10 @@ enum Command {
         /// Scene file; without it the home that comes with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
-        /// How many tasks
+        /// Number of tasks to draw
         #[arg(long, value_name = "N", default_value_t = 40)]
         count: usize,
-        /// Families, in turn
+        /// Task families to cycle through; without it all four
         #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
         families: Vec<String>,
         /// Seed of everything random
@@ -74,7 +74,7 @@ enum Command {
         /// Folder for the files
         #[arg(long, value_name = "DIR", default_value = "tasks-out")]
         out: PathBuf,
-        /// Print JSON
+        /// Print the counts of drawn and rejected tasks as JSON
         #[arg(long)]
         json: bool,
     },
@@ -85,7 +85,7 @@ enum Command {
     RealBench(real_bench::Arguments),
 }
 
-/// Runs the command.
+/// Checks, draws, generates, annotates, converts or describes tasks.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.as_deref(), *json),

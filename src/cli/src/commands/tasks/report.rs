@@ -22,18 +22,18 @@ use crate::{ExitStatus, inputs};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Folder of tasks
+    /// Folder of task files to describe
     #[arg(value_name = "DIR")]
     tasks: PathBuf,
     /// Folder of other tasks, to be shown beside them
     #[arg(long, value_name = "DIR")]
     against: Option<PathBuf>,
-    /// Print JSON
+    /// Print the distributions as one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Prints how a folder's tasks are distributed, beside those of another folder if given.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let ours = report(&tasks(&arguments.tasks)?);
     let theirs = arguments

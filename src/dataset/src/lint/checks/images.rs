@@ -2,8 +2,8 @@
 //! pair off.
 //!
 //! Sure: yes for missing files, counts and roles; a picture whose header is whole may still be
-//! damaged inside. URLs are not read. Memory: what [`super::seen::Looks`] keeps of each picture
-//! file.
+//! damaged inside. URLs are not read. Memory: what [`super::row_facts::ImageProbes`] keeps of each
+//! picture file.
 
 use super::{Check, RowFacts};
 use crate::lint::{Format, Part, Role, Severity, formats::has_tags, report::Findings};

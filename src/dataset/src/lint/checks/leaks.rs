@@ -9,7 +9,7 @@
 
 use std::{borrow::Cow, collections::HashSet};
 
-use crate::{PrivilegedFacts, privileged};
+use crate::{PrivilegedFacts, find_leak};
 
 use super::{
     Check, RowFacts,

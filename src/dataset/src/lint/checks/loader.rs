@@ -1,8 +1,9 @@
-//! What the loader of each format passes over in silence, or fails on (SPEC section 11).
+//! What the loader of each format passes over in silence, or fails on
+//! (docs/spec.md#dataset-formats).
 //!
 //! Why: rows that are skipped and pictures that are ignored are noticed after the training, if
-//! ever. Sure: yes, for the loaders of SPEC section 11 as they are; other loaders of the same
-//! format may be kinder. Memory: constant.
+//! ever. Sure: yes, for the loaders of docs/spec.md#dataset-formats as they are; other loaders of
+//! the same format may be kinder. Memory: constant.
 
 use super::{Check, RowFacts};
 use crate::lint::{

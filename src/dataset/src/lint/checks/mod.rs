@@ -66,7 +66,7 @@ impl Default for LintOptions {
 trait Check {
     /// Name and what it looks for.
     fn about(&self) -> (&'static str, &'static str);
-    /// One row.
+    /// Checks one row and adds what is wrong to `found`.
     fn see(&mut self, seen: &RowFacts, found: &mut Findings);
     /// The end of the data.
     fn finish(&mut self, _found: &mut Findings) {}

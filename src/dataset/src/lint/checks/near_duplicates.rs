@@ -5,7 +5,8 @@
 //! left out, and rows of one episode are not compared: each continues the one before. Sure: the
 //! similarity is an estimate within some 0.05; a pair at the threshold is found with a probability
 //! of about one half, one well above it almost surely. A row is compared with the last
-//! [`crate::lint::Options::near_rows_max`] rows. Memory: constant, some 700 bytes for each of those.
+//! [`crate::lint::LintOptions::near_rows_max`] rows. Memory: constant, some 700 bytes for each of
+//! those.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -283,7 +284,7 @@ const PERMUTATIONS: [(u32, u32); HASHES] = {
     table
 };
 
-/// SplitMix64.
+/// Mixes a 64-bit number as one step of the SplitMix64 generator does.
 const fn mixed(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -29,7 +29,7 @@ pub(super) struct RowFacts<'a> {
 
 /// A turn of the model.
 pub(super) struct ModelTurn {
-    /// Its number.
+    /// Index of the turn in its row, from 0.
     pub(super) turn: usize,
     pub(super) answer: AssistantTurn,
     /// What it calls: by function calling, or in its JSON.

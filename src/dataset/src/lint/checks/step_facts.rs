@@ -1,8 +1,8 @@
 //! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds for the
 //! History validator.
 //!
-//! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of SPEC
-//! sections 2 and 9; an outcome in other words is unknown, never guessed.
+//! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of
+//! docs/spec.md#published-texts; an outcome in other words is unknown, never guessed.
 
 use reel_history::{EpisodeFacts, MarkerFacts, ReceptacleFacts, StepFacts};
 use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};

@@ -54,7 +54,7 @@ pub struct Finding {
     pub at: String,
     /// Where on the floor, in metres.
     pub place: [f64; 2],
-    /// What, for people.
+    /// What is wrong, in a sentence for people.
     pub what: String,
 }
 

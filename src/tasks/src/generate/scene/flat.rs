@@ -18,7 +18,7 @@ const CORNER: i32 = 3;
 const CORRIDOR: i32 = 32;
 /// Most rooms along one corridor; more make another wing.
 const WING_ROOMS: usize = 12;
-/// Widest balcony.
+/// Greatest width of a balcony, in cells of 5 cm.
 const BALCONY_WIDTH: i32 = 90;
 /// Arrangements that are tried.
 const TRIES: usize = 300;

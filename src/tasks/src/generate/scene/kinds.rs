@@ -17,7 +17,7 @@ pub(super) enum Stand {
     Bed,
     /// Beside the head of a bed.
     BesideBed,
-    /// Opposite the couch.
+    /// Opposite the couch of the room and in line with it: TV stands.
     OppositeCouch,
     /// Before the couch, or in the middle.
     BeforeCouch,

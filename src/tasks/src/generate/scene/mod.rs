@@ -48,7 +48,7 @@ pub enum SceneError {
     /// Too many rooms, or none.
     #[error("a scene has 1 to {most} rooms, not {asked}")]
     Rooms {
-        /// So many.
+        /// Number of rooms that was asked for.
         asked: usize,
         /// So many are possible.
         most: usize,
@@ -58,7 +58,7 @@ pub enum SceneError {
     Receptacles {
         /// In so many rooms.
         rooms: usize,
-        /// So many.
+        /// Number of receptacles that was asked for.
         asked: usize,
         /// So many are possible.
         most: usize,

@@ -13,7 +13,7 @@ use super::check::viewpoints;
 /// What the robot sees of a receptacle.
 #[derive(Clone, PartialEq, Debug)]
 pub struct View {
-    /// Which.
+    /// Id of the receptacle that the view shows.
     pub receptacle: ReceptacleId,
     /// The picture; none where it has no viewpoint.
     pub frame: Option<Frame>,

@@ -49,7 +49,7 @@ pub(super) enum Item {
         colour: Colour,
         width: f64,
     },
-    /// A filled disc.
+    /// A filled disc without outline; centre and radius in pixels.
     Disc {
         centre: [f64; 2],
         radius: f64,

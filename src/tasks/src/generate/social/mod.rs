@@ -36,7 +36,7 @@ pub enum Strategy {
 }
 
 impl Strategy {
-    /// Both.
+    /// Both strategies, in the order of their letters.
     pub const ALL: [Strategy; 2] = [Strategy::A, Strategy::B];
 
     /// As it stands in files.
@@ -61,7 +61,7 @@ impl Strategy {
 pub enum QuestionTopic {
     /// Which object is meant.
     Object,
-    /// Where it stands.
+    /// Which receptacle the object is to be taken from.
     Source,
     /// Where it shall go.
     Destination,
@@ -97,7 +97,7 @@ impl QuestionTopic {
 /// A question in a plan.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Annotation {
-    /// The strategy.
+    /// Strategy that calls for the question, A or B.
     pub strategy: Strategy,
     /// What it asks about.
     pub about: QuestionTopic,
@@ -280,8 +280,8 @@ pub fn apply(
     insert(&mut next.plan, &annotations);
     talk::settles(&next, scene)?;
     talk::leaves_the_rest(task, &next, scene, &annotations)?;
-    // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart
-    // before.
+    // One more question that can pay (docs/spec.md#reward-preset-paper, `B_ask`), if receptacles
+    // were told apart before.
     let vaguer = QuestionTopic::ALL[1..].iter().any(|about| {
         places(task, scene, *about, &[&task.instruction]).len() < 2
             && places(&next, scene, *about, &[&next.instruction]).len() > 1
@@ -347,7 +347,7 @@ fn propose(
     }
 }
 
-/// Strategy A.
+/// Proposes a question about the target object (strategy A).
 fn object(task: &Task, scene: &Scene) -> Result<Proposal, SkipReason> {
     if !moves_one(task) {
         return Err(SkipReason::NothingAlike);
@@ -384,7 +384,7 @@ fn object(task: &Task, scene: &Scene) -> Result<Proposal, SkipReason> {
     Ok(proposal(Some((at, indefinite(&target.category)))))
 }
 
-/// Strategy B.
+/// Proposes a question about the source or the destination (strategy B).
 fn place(
     task: &Task,
     scene: &Scene,

@@ -17,13 +17,13 @@ use super::{
 /// What speaks against questions in a plan.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum Objection {
-    /// Nothing is asked.
+    /// The list of questions for the plan is empty.
     #[error("there is no question")]
     Nothing,
     /// The strategy does not ask about that.
     #[error("strategy {strategy} does not ask about the {about}")]
     Strategy {
-        /// The strategy.
+        /// Name of the strategy, `A` or `B`.
         strategy: &'static str,
         /// What is asked about.
         about: &'static str,
@@ -33,21 +33,21 @@ pub enum Objection {
     Place {
         /// What is asked about.
         about: &'static str,
-        /// The index.
+        /// Index of the plan step before which the question was to come.
         index: usize,
     },
     /// Not a question, or of more than one line, or far too long.
     #[error("the text {text:?} cannot be said")]
     Unspeakable {
-        /// The text.
+        /// The question or instruction that cannot be spoken.
         text: String,
     },
     /// It speaks an identifier.
     #[error("the text {text:?} speaks the identifier {id}")]
     Identifier {
-        /// The text.
+        /// The question or instruction that contains the identifier.
         text: String,
-        /// The identifier.
+        /// The identifier that the text must not contain.
         id: String,
     },
     /// What was told before leaves fewer than two possible, or not the right one.
@@ -55,7 +55,7 @@ pub enum Objection {
     Unneeded {
         /// What is asked about.
         about: &'static str,
-        /// What is possible.
+        /// Ids of the objects or receptacles that are possible before the question.
         possible: Vec<String>,
     },
     /// The answer does not leave the right one alone.
@@ -63,27 +63,27 @@ pub enum Objection {
     Unsettled {
         /// What was asked about.
         about: &'static str,
-        /// The answer.
+        /// The simulated user's reply to the question.
         reply: String,
-        /// What is possible.
+        /// Ids of the objects or receptacles still possible after the reply.
         possible: Vec<String>,
     },
     /// It was left open before, and nothing asks about it.
     #[error("the instruction leaves the {about} open, and nothing asks about it")]
     LeftVague {
-        /// What.
+        /// Topic that is left open: `object`, `source` or `destination`.
         about: &'static str,
     },
     /// The instruction does not even say what kind of thing it is.
     #[error("the instruction does not say what the {about} is")]
     Unnamed {
-        /// What.
+        /// Topic whose kind is not named: `object`, `source` or `destination`.
         about: &'static str,
     },
     /// What nobody asks about is told otherwise than before.
     #[error("the instruction tells the {about} otherwise than before, and nothing asks about it")]
     Rest {
-        /// What.
+        /// Topic that is worded differently: `object`, `source` or `destination`.
         about: &'static str,
     },
 }

@@ -3,8 +3,8 @@
 //! Knows words, never sizes or places.
 //!
 //! A model may write the table in the place of the committed one: it is asked once for every kind
-//! of receptacle in every kind of room ([`Compatibility::places`], [`question`]), and what it
-//! answers is a row ([`judge`]). Never speaks to a model.
+//! of receptacle in every kind of room ([`Compatibility::receptacle_kinds`], [`question`]), and
+//! what it answers is a row ([`judge`]). Never speaks to a model.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// What a model is told before it is asked about a place.
 pub const PROMPT: &str = include_str!("../../../prompts/compatibility.md");
 
-/// The table.
+/// The compatibility table: which objects receptacles of a kind hold in rooms of a kind.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Compatibility {

@@ -88,7 +88,7 @@ impl TaskType {
 pub enum Difficulty {
     /// One distractor, the least like the target.
     Easy,
-    /// Two.
+    /// Two distractors, drawn at random from the objects that qualify.
     Medium,
     /// Three, those most like the target first.
     Hard,
@@ -128,7 +128,7 @@ pub enum DraftError {
 }
 
 impl DraftError {
-    /// For people.
+    /// The reason as a phrase for reports, e.g. `too few objects are like the target`.
     pub fn as_str(self) -> &'static str {
         match self {
             DraftError::NoDistractor => "too few objects are like the target",
@@ -148,7 +148,7 @@ pub(crate) struct Source<'a> {
     pub triplets: Vec<(usize, usize, Vec<usize>)>,
 }
 
-/// What to draw.
+/// The task to draft: family, type, sites (by index) and target object.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DraftSpec {
     pub family: Family,
@@ -601,7 +601,7 @@ impl<'a> Draft<'a> {
     }
 
     /// Writes down how hard the task is: its level, the grade of each distractor (1 to 3) and what
-    /// asking can be worth (SPEC section 5, `B_ask`).
+    /// asking can be worth (docs/spec.md#reward-preset-paper, `B_ask`).
     fn grade(&self, task: &mut Task) {
         let target = self.target();
         let mut grades: BTreeMap<String, usize> = BTreeMap::new();

@@ -24,7 +24,7 @@ const FLOOR_STEP_M: f64 = 0.05;
 /// A scene and its sites.
 #[derive(Debug)]
 pub struct SceneSites {
-    /// The scene.
+    /// The scene that the sites belong to.
     pub scene: Arc<Scene>,
     /// The receptacles that tasks may use, in the scene's order.
     pub sites: Vec<Site>,
@@ -33,7 +33,7 @@ pub struct SceneSites {
 /// A receptacle that tasks may use.
 #[derive(Debug)]
 pub struct Site {
-    /// The receptacle.
+    /// The receptacle of the scene that this site describes.
     pub receptacle: Receptacle,
     /// What it is called, so that no other receptacle of the scene is meant.
     pub captions: Vec<String>,
@@ -59,7 +59,7 @@ pub struct Side {
 }
 
 impl Side {
-    /// All four.
+    /// All four sides: lower and upper of x, then of y.
     pub const ALL: [Side; 4] = [
         Side {
             axis: 0,

@@ -16,23 +16,24 @@ use super::{
     statistics::{Rejection, Statistics},
 };
 
-/// Gap between an object and the surface it is about to settle on, in metres (SPEC section 10).
+/// Gap between an object and the surface it is about to settle on, in metres
+/// (docs/spec.md#real-bench).
 const SPAWN_GAP_M: f64 = 0.02;
 
-/// What to make.
+/// Options of the task generator: what to draw from, how many, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct GenerateOptions<'a> {
     /// The scenes, in turn.
     pub scenes: &'a [Arc<Scene>],
     /// What can stand in them.
     pub library: &'a [LibraryObject],
-    /// What belongs where.
+    /// The compatibility table: which receptacles plausibly hold which objects.
     pub table: &'a Compatibility,
     /// The families, in turn.
     pub families: &'a [Family],
     /// The types, in turn within a family as [`TaskType::of_family`] has them.
     pub types: &'a [TaskType],
-    /// How many tasks.
+    /// Number of tasks to generate, over all families, types and scenes.
     pub count: usize,
     /// Seed of all choices.
     pub seed: u64,
@@ -63,15 +64,15 @@ pub enum MakeError {
     /// Two scenes have one name.
     #[error("two scenes are called {scene_id}; tasks are named after their scene")]
     SameScene {
-        /// The name.
+        /// The scene id that two of the scenes share.
         scene_id: String,
     },
     /// The worker threads cannot be started.
     #[error("{jobs} worker threads cannot be started; ask for fewer")]
     Threads {
-        /// How many.
+        /// Number of worker threads that was asked for.
         jobs: usize,
-        /// Why.
+        /// The error that the thread pool reported when it was built.
         source: rayon::ThreadPoolBuildError,
     },
 }
@@ -82,7 +83,7 @@ pub struct GenerateReport {
     /// The tasks, by family, scene and type, each with the index of its scene; fewer than asked for
     /// where the scenes do not allow more.
     pub tasks: Vec<(usize, Task)>,
-    /// What was rejected.
+    /// Counts of drafts, of tasks, and of rejected drafts by reason.
     pub statistics: Statistics,
 }
 
@@ -218,7 +219,7 @@ struct Cell<'a> {
     placing: Placing,
     /// The triplets in the order they are tried: every pair of receptacles once, then each again.
     order: Vec<(usize, usize, usize)>,
-    /// The next draft.
+    /// Number of the draft that is tried next: an index into `order`.
     next: usize,
     wanted: usize,
     tasks: Vec<Task>,

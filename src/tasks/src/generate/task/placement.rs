@@ -1,5 +1,6 @@
 //! Where objects stand: the static filter, and collision-free placement within reach (paper,
-//! Collision-Free Object Placement and Two-Stage Task Filtering; SPEC section 3). Never simulates.
+//! Collision-Free Object Placement and Two-Stage Task Filtering; docs/spec.md#placement and
+//! docs/spec.md#task-filters). Never simulates.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +39,7 @@ pub enum PlacementError {
 }
 
 impl PlacementError {
-    /// For people.
+    /// The reason as a phrase for reports, e.g. `too large for the surface`.
     pub fn as_str(self) -> &'static str {
         match self {
             PlacementError::TooLarge => "too large for the surface",

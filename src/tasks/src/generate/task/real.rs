@@ -1,6 +1,6 @@
-//! Tasks in the schema of REAL-Bench and nothing but it (SPEC section 10): what published code can
-//! read. `crate::yaml` writes more, so that nothing of a task is lost; here it is left out,
-//! and what published files have besides is made up.
+//! Tasks in the schema of REAL-Bench and nothing but it (docs/spec.md#real-bench): what published
+//! code can read. `crate::yaml` writes more, so that nothing of a task is lost; here it is left
+//! out, and what published files have besides is made up.
 
 use std::collections::BTreeMap;
 

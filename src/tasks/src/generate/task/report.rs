@@ -8,17 +8,17 @@ use serde::Serialize;
 pub struct Distribution {
     /// How many values there are.
     pub count: usize,
-    /// The smallest.
+    /// The smallest of all values.
     pub min: f64,
     /// A tenth lies below.
     pub p10: f64,
-    /// Half lies below.
+    /// The median: the middle one of the sorted values, the upper of two.
     pub median: f64,
-    /// The average.
+    /// Arithmetic mean of all values.
     pub mean: f64,
     /// A tenth lies above.
     pub p90: f64,
-    /// The largest.
+    /// The largest of all values.
     pub max: f64,
 }
 
@@ -46,7 +46,7 @@ impl Distribution {
 pub struct DistributionRow {
     /// The family; none: of all.
     pub family: Option<Family>,
-    /// The quantity.
+    /// Name of the quantity with its unit, e.g. `plan length (steps)`.
     pub quantity: &'static str,
     /// How it is distributed.
     pub distribution: Distribution,

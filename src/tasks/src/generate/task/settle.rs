@@ -1,6 +1,7 @@
 //! The physics filter: every object is spawned above its place and has to come to rest there
-//! (paper, Two-Stage Task Filtering; SPEC section 3). The simulator does what it does at the start
-//! of every episode; here is only what must come of it, and whether the robot can get near then.
+//! (paper, Two-Stage Task Filtering; docs/spec.md#task-filters). The simulator does what it does at
+//! the start of every episode; here is only what must come of it, and whether the robot can get
+//! near then.
 
 use std::sync::Arc;
 
@@ -26,7 +27,7 @@ pub enum SettleError {
 }
 
 impl SettleError {
-    /// For people.
+    /// The reason as a phrase for reports, e.g. `an object flew away`.
     pub fn as_str(self) -> &'static str {
         match self {
             SettleError::Fell => "an object fell by more than 0.3 m",

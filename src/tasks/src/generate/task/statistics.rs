@@ -13,7 +13,7 @@ pub enum Rejection {
     Draft(DraftError),
     /// The static filter, or no place within reach.
     Static(PlacementError),
-    /// The physics filter.
+    /// The physics filter: an object falls, flies away or comes to rest elsewhere.
     Physics(SettleError),
     /// The robot cannot get near enough to an object that shall move, or does not see it from
     /// there.
@@ -34,7 +34,7 @@ impl Rejection {
         }
     }
 
-    /// For people.
+    /// The reason as a phrase for reports, that of the filter's own error.
     pub fn as_str(self) -> &'static str {
         match self {
             Rejection::Draft(why) => why.as_str(),
@@ -64,7 +64,7 @@ pub struct Statistics {
 /// How many drafts a filter saw, and how many it let pass.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct FilterCounts {
-    /// Its name.
+    /// Name of the filter, one of [`Rejection::FILTERS`].
     pub filter: &'static str,
     /// How many came to it.
     pub seen: usize,

@@ -31,7 +31,7 @@ pub(crate) struct InstructionWording {
 }
 
 impl InstructionWording {
-    /// For one object.
+    /// Draws a template for an instruction that moves one object.
     pub(crate) fn moving(fuzzy: bool, stream: &mut Stream) -> Self {
         if fuzzy && stream.below(3) == 0 {
             return Self {
@@ -46,7 +46,7 @@ impl InstructionWording {
         }
     }
 
-    /// For several objects.
+    /// Draws a template for an instruction that gathers several objects.
     pub(crate) fn gathering(stream: &mut Stream) -> Self {
         Self {
             template: GATHERING[stream.below(GATHERING.len())],

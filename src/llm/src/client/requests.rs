@@ -61,7 +61,7 @@ impl Client {
         }
     }
 
-    /// Logs every call.
+    /// Adds a log that receives one line for every call.
     pub fn with_log(self, log: CallLog) -> Self {
         Self {
             log: Some(log),
@@ -69,7 +69,7 @@ impl Client {
         }
     }
 
-    /// The endpoint.
+    /// The endpoint that the client sends its requests to.
     pub fn endpoint(&self) -> &Endpoint {
         &self.endpoint
     }

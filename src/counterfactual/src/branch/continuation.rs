@@ -24,7 +24,7 @@ pub const POLICY_NAME: &str = "branch";
 pub struct Branch {
     /// The calls that come first.
     pub calls: Vec<ToolCall>,
-    /// What comes then.
+    /// How the branch goes on after these calls.
     pub continuation: Continuation,
 }
 
@@ -39,7 +39,7 @@ pub enum Continuation {
     Parent(usize),
     /// With a built-in policy, which has watched all that came before.
     Policy {
-        /// Its name.
+        /// Name of the built-in policy, e.g. `oracle`.
         name: String,
         /// The seed of everything random in it.
         seed: u64,

@@ -25,11 +25,11 @@ struct Inner {
 /// What a column holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ColumnKind {
-    /// Text.
+    /// A column of text values, such as `tool`.
     Text,
-    /// Integers or floats.
+    /// A column of numbers, either integers or floats.
     Number,
-    /// Bools.
+    /// A column of booleans, usable as a condition by itself.
     Flag,
 }
 
@@ -68,9 +68,9 @@ impl Pattern {
         check(&self.0.text, &self.0.uses, columns)
     }
 
-    /// The different conditions of the pattern, at most [`MAX_CONDITIONS`](crate::pattern::MAX_CONDITIONS):
-    /// bit `i` of a step's mask says whether the step fits the `i`-th. None of them is
-    /// [`Condition::Any`] by itself.
+    /// The different conditions of the pattern, at most
+    /// [`MAX_CONDITIONS`](crate::pattern::MAX_CONDITIONS): bit `i` of a step's mask says whether
+    /// the step fits the `i`-th. None of them is [`Condition::Any`] by itself.
     pub fn conditions(&self) -> &[Condition] {
         &self.0.conditions
     }
