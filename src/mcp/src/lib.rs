@@ -2,7 +2,7 @@
 //! stdio, in the words of the paper or of the published server.
 //!
 //! Carries calls to the pool and says what came of them; never decides, never simulates. What a
-//! profile shows is in `speech`, and nothing else reaches a policy.
+//! profile shows is in `response`, and nothing else reaches a policy.
 
 mod catalogue;
 mod event_store;

@@ -1,6 +1,6 @@
 //! REAL's published clients, as far as texts go: what each reads out of an answer, what it
-//! remembers, what it puts into a prompt. `agent` is the evaluation agent of the main branch
-//! (Qwen), `trainer` what the gspo branch executes, `gym` its single environment, `scheduler` its
+//! remembers, what it puts into a prompt. There are four: the evaluation agent of the main branch
+//! (Qwen), the trainer of the gspo branch, its single environment (gym) and the scheduler of its
 //! rollouts. Every function agrees with the published code on the vector files.
 
 mod answer;
