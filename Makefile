@@ -22,7 +22,7 @@ pages: ## build the web pages that `reel serve` shows (needs Node, which it inst
 bench: ## measure the lean release build
 	cargo run --locked --release -p reel-cli --no-default-features -- perf
 
-bench-sql: ## a million made-up episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
+bench-sql: ## a million synthetic episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
 	tests/bench/sql.sh
 
 bench-ingest: ## the same traces through reel, a Python script and a bare decoding loop (needs Python)
@@ -31,10 +31,10 @@ bench-ingest: ## the same traces through reel, a Python script and a bare decodi
 bench-export: ## the same training set by reel and by a Python script with mcap and datasets (needs Python)
 	tests/bench/export.sh
 
-bench-taxonomy: ## the failure rules over up to a million made-up episodes
+bench-taxonomy: ## the failure rules over up to a million synthetic episodes
 	tests/bench/taxonomy.sh
 
-bench-pages: ## how long the web pages take over 100,000 made-up episodes, and whether they keep memory (needs Node, Chromium)
+bench-pages: ## how long the web pages take over 100,000 synthetic episodes, and whether they keep memory (needs Node, Chromium)
 	tests/pages/large.sh
 
 bench-proxy: ## what `reel record` adds to a call, beside a direct connection in the same run (needs Python)
@@ -61,7 +61,7 @@ eval-tasks: ## make 2,000 tasks, check them and annotated ones from outside, let
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh
 
-scale: ## ten million made-up episodes: made, compacted, asked; and read by engines of others (needs Python; 20 GB; an hour)
+scale: ## ten million synthetic episodes: made, compacted, asked; and read by third-party readers (needs Python; 20 GB; an hour)
 	tests/bench/scale.sh
 
 cluster: ## scheduler and executors on machines of their own, with a bucket: same answers, dying machines, growth (needs Python; half an hour)

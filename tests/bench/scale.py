@@ -1,5 +1,5 @@
-"""Makes, compacts and asks stores of made-up episodes, one after the other, and prints time and memory of every step; then the
-benchmark table of the largest by engines of others, from the files that the Delta log names.
+"""Makes, compacts and asks stores of synthetic episodes, one after the other, and prints time and memory of every step; then the
+benchmark table of the largest by third-party readers, from the files that the Delta log names.
 
   scale.py --reel BINARY --work DIR [--gib 8] EPISODES...
 """
@@ -94,7 +94,7 @@ def same(one, other):
 
 
 def others(reel, store):
-    """Whether engines of others give the same benchmark table."""
+    """Whether third-party readers give the same benchmark table."""
     from deltalake import DeltaTable
 
     sql = (HERE / "sql" / "benchmark.sql").read_text().split("\n", 1)[1]

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make scale`: stores of made-up episodes, each ten times the one before: made, compacted, asked the four questions of
+# `make scale`: stores of synthetic episodes, each ten times the one before: made, compacted, asked the four questions of
 # `make bench-sql`, and the benchmark table once more by engines that are not ours.
 # SIZES (default "100000 1000000 10000000"), BENCH_DIR (default ~/.cache/reel-bench; 20 GB), GIB_MAX (default 8).
 set -euo pipefail

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make bench-sql`: fills a store with made-up episodes and asks the same questions of reel and of DuckDB.
+# `make bench-sql`: fills a store with synthetic episodes and asks the same questions of reel and of DuckDB.
 # EPISODES (default 1000000), BENCH_DIR (default ~/.cache/reel-bench).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

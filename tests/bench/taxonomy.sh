@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make bench-taxonomy`: the rules over made-up episodes: 10,000, 100,000, and a million (12 million steps). EPISODES_MAX.
+# `make bench-taxonomy`: the rules over synthetic episodes: 10,000, 100,000, and a million (12 million steps). EPISODES_MAX.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/bench/setup.sh

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make bench-pages`: the optimised binary with pages over 100,000 made-up episodes, in a browser. Fails where a page is slower than
+# `make bench-pages`: the optimised binary with pages over 100,000 synthetic episodes, in a browser. Fails where a page is slower than
 # docs/dashboards.md promises, or where pages keep memory.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

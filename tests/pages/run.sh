@@ -4,7 +4,7 @@
 #
 #   run.sh [NAME...]           only the tests whose names begin so
 #   run.sh --screenshots DIR   every page, light and dark, 1440 and 1024 wide
-#   run.sh --large             how long pages take over 100,000 made-up episodes, and whether they keep memory
+#   run.sh --large             how long pages take over 100,000 synthetic episodes, and whether they keep memory
 #
 # REEL        a binary that is built already (default: cargo builds it)
 # REEL_NODE   where packages are installed (default: ~/.cache/reel-node)

@@ -1,4 +1,4 @@
-"""The short form of the proof (under a minute): the pieces, and that a model learns from a few made-up rows.
+"""The short form of the proof (under a minute): the pieces, and that a model learns from a few synthetic rows.
 
     $REEL_TRAIN_PYTHON tests/training/test.py
 """

@@ -73,8 +73,8 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
     }
 }
 
-/// Takes a similar receptacle for the destination: a distractor, else one of the same category,
-/// else any other.
+/// Takes a similar receptacle for the destination: a distractor, else one of the same
+/// category, else any other.
 pub fn wrong_receptacle(task: &Arc<Task>, scene: &Scene, seed: u64) -> Oracle {
     let mut rng = random::stream(seed, "wrong-receptacle", 0);
     let start = &task.target_object().receptacle;

@@ -39,8 +39,8 @@ pub use runner::{
 pub use running::{RunningEpisode, retrace};
 pub use sink::{NoSink, RecordedTrace, Sink, SinkError};
 
-/// What can go wrong around an episode; never what goes wrong in it, which is feedback for the
-/// policy.
+/// What can go wrong around an episode; never what goes wrong in it, which is
+/// feedback for the policy.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
     /// No policy of this name.

@@ -174,8 +174,8 @@ impl Oracle {
             }
         }
         self.leave_out_detours(HORIZON.saturating_sub(context.step));
-        // An intent that needs no call is dropped or replaced; a plan is far shorter than this
-        // bound.
+        // An intent that needs no call is dropped or replaced; a plan is far
+        // shorter than this bound.
         for _ in 0..4 * HORIZON {
             let Some(intent) = self.intents.front().cloned() else {
                 break;
@@ -502,8 +502,8 @@ impl Oracle {
         self.intents = [Intent::Finish].into();
     }
 
-    /// A published plan also visits furniture that is only similar. Where time is short it does
-    /// not.
+    /// A published plan also visits furniture that is only similar. Where time is
+    /// short it does not.
     fn leave_out_detours(&mut self, decisions_left: u32) {
         if calls(self.intents.make_contiguous()) + SLACK > decisions_left {
             let next: Vec<Option<Intent>> = (1..=self.intents.len())

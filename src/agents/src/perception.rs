@@ -16,8 +16,8 @@ pub fn at_start(task: &Task, scene: &Scene, start: &StartRecord) -> Vec<Perceive
     see(task, scene, &start.graphs.physics, &[], &visible)
 }
 
-/// What is in view, numbered or told of after a step; `graph` is where physics says the objects
-/// are.
+/// What is in view, numbered or told of after a step; `graph` is where physics
+/// says the objects are.
 pub fn after_step(
     task: &Task,
     scene: &Scene,

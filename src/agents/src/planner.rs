@@ -26,16 +26,16 @@ pub(crate) const DOOR_WORDS: [&str; 6] = [
 /// What the user says as long as the object was not seen.
 const NOT_SEEN: [&str; 2] = ["please check", "look around"];
 
-/// One object to move, as the instruction and the list of receptacles tell one who understands
-/// them.
+/// One object to move, as the instruction and the list of receptacles tell
+/// one who understands them.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct GoalHint {
     /// What to look for: a category, or a purpose where the instruction is underspecified.
     pub category: String,
     /// How it is described, where the instruction is precise.
     pub caption: Option<String>,
-    /// Where it may stand and may have to go, in identifier order, and which of these the words
-    /// mean.
+    /// Where it may stand and may have to go, in identifier order, and which of
+    /// these the words mean.
     pub goal: DeliveryGoal,
 }
 
@@ -139,8 +139,8 @@ struct Last {
 }
 
 impl Planner {
-    /// A planner for what the instruction tells. It draws nothing at random; `seed` is only written
-    /// down.
+    /// A planner for what the instruction tells. It draws nothing at random; `seed`
+    /// is only written down.
     pub fn new(hints: Vec<GoalHint>, seed: u64) -> Self {
         let (looks, replies) = (BTreeMap::new(), Vec::new());
         Self {

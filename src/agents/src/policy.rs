@@ -69,8 +69,8 @@ pub struct PerceivedItem {
     pub attributes: Attributes,
     /// For an object the receptacle it is seen on; for a receptacle which of the briefing's it is.
     pub receptacle_hint: Option<ReceptacleId>,
-    /// For an object a number that it keeps for the whole episode: who follows things with the eyes
-    /// knows them again.
+    /// For an object a number that it keeps for the whole episode: who follows things with the
+    /// eyes knows them again.
     pub object: Option<ObjectIndex>,
 }
 

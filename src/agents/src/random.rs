@@ -10,8 +10,8 @@ pub fn stream(seed: u64, purpose: &str, index: u64) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(Digest::of(format!("{seed}/{purpose}/{index}").as_bytes()).0)
 }
 
-/// A number below `bound`, which is not zero. The bias of the remainder is below 2^-32 for bounds
-/// of ours.
+/// A number below `bound`, which is not zero. The bias of the remainder is below 2^-32
+/// for bounds of ours.
 pub fn below(rng: &mut ChaCha8Rng, bound: usize) -> usize {
     assert!(bound > 0, "there is no number below zero");
     (rng.next_u64() % bound as u64) as usize

@@ -1,5 +1,5 @@
-//! Plays an episode with a policy and records it, and plays many on several threads. Never decides
-//! anything.
+//! Plays an episode with a policy and records it, and plays many on several
+//! threads. Never decides anything.
 
 use std::{
     any::Any,
@@ -62,8 +62,8 @@ pub struct EpisodeReport {
 }
 
 impl EpisodeReport {
-    /// How an episode went by its records: where it was recorded and why the policy gave up, they
-    /// do not say.
+    /// How an episode went by its records: where it was recorded and why the policy gave up,
+    /// they do not say.
     pub(crate) fn new(
         header: &EpisodeHeader,
         (task, scene): (&Task, &Scene),
@@ -103,8 +103,8 @@ impl EpisodeReport {
     }
 }
 
-/// Tokens read and written, where anybody counted them, and the time that policies took, in
-/// nanoseconds.
+/// Tokens read and written, where anybody counted them, and the time that
+/// policies took, in nanoseconds.
 fn spent(steps: &[StepRecord]) -> (Option<[u64; 2]>, u64) {
     let outputs = || steps.iter().filter_map(|step| step.input.policy.as_ref());
     let tokens = outputs().filter_map(|output| output.tokens).fold(
@@ -188,8 +188,8 @@ pub fn run_episode(
 /// recorded, the label is written beside the trace, as `<trace>.label.json`.
 ///
 /// # Errors
-/// When the task does not admit the injection, the episode cannot start, or trace or label cannot
-/// be written.
+/// When the task does not admit the injection, the episode cannot start, or trace or
+/// label cannot be written.
 pub fn run_injected(
     config: EpisodeConfig,
     injection: &Injection,

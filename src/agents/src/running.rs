@@ -1,6 +1,6 @@
-//! An episode under way: the episode, where it is recorded, and what is known of its last call.
-//! Carries calls to the episode and records to the trace, inputs before they are used. Never
-//! decides anything.
+//! An episode under way: the episode, where it is recorded, and what is known of its last
+//! call. Carries calls to the episode and records to the trace, inputs before they are
+//! used. Never decides anything.
 
 use std::{
     collections::BTreeSet,
@@ -82,8 +82,8 @@ impl RunningEpisode {
         };
         let start = episode.start_record();
         sink.start(start, frame(None).as_ref()).map_err(fail)?;
-        // Pictures are not among what is known again: built-in policies have what they would see in
-        // them from `perception`.
+        // Pictures are not among what is known again: built-in policies have what they would see
+        // in them from `perception`.
         let (mut known, mut graph) = (
             AgentView::at_start(episode.task(), episode.scene(), start, None),
             start.graphs.physics.clone(),
@@ -130,8 +130,8 @@ impl RunningEpisode {
     /// Lets a policy play to the end, or for as many decisions as an episode of the paper has.
     ///
     /// # Errors
-    /// When the trace cannot be written, or somebody does not answer. The episode can be ended even
-    /// so.
+    /// When the trace cannot be written, or somebody does not answer. The episode can
+    /// be ended even so.
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
         while self.episode.ended().is_none() && self.known.calls < HORIZON {
             let input = {

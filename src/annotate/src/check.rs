@@ -2,8 +2,8 @@
 
 use reel_history::{Checker, ClaimVerdict, EpisodeFacts, StepFacts};
 
-/// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the deeds before
-/// its decision.
+/// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the
+/// deeds before its decision.
 pub fn history_check(
     setting: EpisodeFacts,
     deeds: Vec<StepFacts>,

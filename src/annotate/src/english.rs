@@ -1,5 +1,5 @@
-//! The little English that sentences need: articles, plurals, lists, first letters. Never decides
-//! what is said.
+//! The little English that sentences need: articles, plurals, lists, first letters. Never
+//! decides what is said.
 
 /// Most characters that are quoted.
 const QUOTED_CHARACTERS_MAX: usize = 400;

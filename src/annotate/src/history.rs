@@ -1,5 +1,5 @@
-//! A deed and what was learned from it, in one or two sentences that stay as they are for the rest
-//! of the episode.
+//! A deed and what was learned from it, in one or two sentences that stay as they are for the
+//! rest of the episode.
 
 use reel_world::ErrorCode;
 

@@ -1,5 +1,5 @@
-//! Reasoning, History, schedule and subtask for trajectories that came without words
-//! (docs/spec.md#policy-context and docs/spec.md#sft-data).
+//! Reasoning, History, schedule and subtask for trajectories that came without
+//! words (docs/spec.md#policy-context and docs/spec.md#sft-data).
 //!
 //! Owns the rule-based writer and the one that asks a model, and the files of REAL's annotation
 //! ([`published`]). Never changes a trace: what is written lies beside it.

@@ -27,8 +27,8 @@ pub(crate) struct Memory<'a> {
     pub in_view: Vec<ObservedObject<'a>>,
     /// Everything that was ever seen.
     pub seen: Vec<ObservedObject<'a>>,
-    /// Keys of what was marked when the robot searched for what shall be moved, in the words of the
-    /// instruction.
+    /// Keys of what was marked when the robot searched for what shall be moved, in the
+    /// words of the instruction.
     pub matched: Vec<&'a str>,
     /// What is in the hand.
     pub held: Option<ObservedObject<'a>>,

@@ -63,8 +63,8 @@ impl Reasoner<'_> {
         self.voice.say(wording, self.memory.step, gaps)
     }
 
-    /// What shall be moved, where a thing is described in the same sentence: not in the same words
-    /// twice.
+    /// What shall be moved, where a thing is described in the same sentence: not in
+    /// the same words twice.
     fn object_beside(&self, thing: &ObservedObject<'_>) -> &str {
         let object = &self.memory.task.object;
         let said_already = language::quotes(object, &appearance(thing))
@@ -76,8 +76,8 @@ impl Reasoner<'_> {
         }
     }
 
-    /// What went wrong before, and whether the same is tried again. An object that was not found is
-    /// no surprise.
+    /// What went wrong before, and whether the same is tried again. An object that was not
+    /// found is no surprise.
     fn failure(&self) -> Option<(Option<String>, bool)> {
         let last = self.memory.last?;
         let code = last.error?;

@@ -22,8 +22,8 @@ pub struct Provenance {
     pub steps: usize,
     /// `rules`, or the name of the model.
     pub annotator: String,
-    /// Version of the rules ([`crate::version`]), or that of the prompts
-    /// ([`crate::prompt_version`]).
+    /// Version of the rules ([`crate::version`]), or that
+    /// of the prompts ([`crate::prompt_version`]).
     pub version: Digest,
     /// Of the choice of words.
     pub seed: u64,

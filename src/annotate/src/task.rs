@@ -1,8 +1,8 @@
 //! What a task says to the agent, taken apart into the thing, where it is and where it shall go.
 //!
-//! The truth about the task is used here once, to find out which words of the instruction mean
-//! what. What comes out are words of the instruction and the list of receptacles that every agent
-//! starts with.
+//! The truth about the task is used here once, to find out which words of the instruction
+//! mean what. What comes out are words of the instruction and the list of receptacles that
+//! every agent starts with.
 
 use reel_world::{ReceptacleId, Scene, Task, language};
 
@@ -47,8 +47,8 @@ pub struct PublicReceptacle {
     pub category: String,
     /// Name of the room it stands in, e.g. `living room`.
     pub room: String,
-    /// What people call it. Not known to agents: says which of the instruction's words apply to
-    /// what they see.
+    /// What people call it. Not known to agents: says which of the instruction's words apply
+    /// to what they see.
     pub names: Vec<String>,
 }
 
@@ -198,8 +198,8 @@ impl ReceptacleRole {
     }
 }
 
-/// Whether a phrase names a category in some word: `fridge` for `refrigerator`, `washing machine`
-/// for `washingmachine`.
+/// Whether a phrase names a category in some word: `fridge` for `refrigerator`,
+/// `washing machine` for `washingmachine`.
 fn says_category(phrase: &str, category: &str) -> bool {
     let words = language::words(phrase);
     let named = |name: &str| language::is_a(name, category) || language::is_a(category, name);

@@ -34,8 +34,8 @@ pub struct AgentArguments {
     /// Most tokens that the agent may write for a decision
     #[arg(long, value_name = "N", default_value_t = 4096)]
     max_tokens: u32,
-    /// Record the log-probabilities of the tokens that the agent writes, where the endpoint gives
-    /// them
+    /// Record the log-probabilities of the tokens that the agent writes, where
+    /// the endpoint gives them
     #[arg(long, requires = "endpoint")]
     pub logprobs: bool,
     /// Further fields of every request, as a JSON object; null takes a field away
@@ -44,8 +44,8 @@ pub struct AgentArguments {
     /// How long the endpoint may take for one answer, in seconds
     #[arg(long, value_name = "S", default_value_t = 120.0)]
     timeout: f64,
-    /// How often a request is tried again after 408, 429, 5xx, a refused or cut connection, or no
-    /// answer in time
+    /// How often a request is tried again after 408, 429, 5xx, a refused or cut connection, or
+    /// no answer in time
     #[arg(long, value_name = "N", default_value_t = 4)]
     retries: u32,
     /// The user who answers `ask` is this model at the endpoint; without it the rules answer

@@ -7,8 +7,8 @@ use reel_world::Task;
 #[derive(clap::Args)]
 pub struct Camera {
     /// head (what the agent saw), top-down (all of the home), follow:OBJECT (near an object,
-    /// wherever it is; an instance, an asset or a category of the task, or target), or free (from
-    /// --eye at --look-at)
+    /// wherever it is; an instance, an asset or a category of the task, or target), or free
+    /// (from --eye at --look-at)
     #[arg(long, value_name = "WHICH", default_value = "head")]
     camera: String,
     /// With --camera free: where the camera is, x,y,z in metres in the scene's frame

@@ -1,5 +1,5 @@
-//! `--cluster` of commands that work on traces: the same functions, called by the executors of a
-//! cluster.
+//! `--cluster` of commands that work on traces: the same functions, called by the
+//! executors of a cluster.
 
 #[cfg(feature = "cluster")]
 use std::path::PathBuf;

@@ -1,5 +1,5 @@
-//! What a part of this process costs: wall time, CPU time and memory, the latter two where the
-//! system tells (Linux).
+//! What a part of this process costs: wall time, CPU time and memory, the latter two where
+//! the system tells (Linux).
 
 use std::{fmt, time::Instant};
 

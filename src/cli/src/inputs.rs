@@ -27,8 +27,8 @@ pub fn skills(name: &str) -> Result<Skills, String> {
     })
 }
 
-/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`); without
-/// either, the home.
+/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`);
+/// without either, the home.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     let Some(path) = path else {
         return Ok(Arc::new(reel_tasks::home_scene()));
@@ -122,8 +122,8 @@ pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
     ))
 }
 
-/// The trace files among the paths: files as given, folders, also those in buckets, searched for
-/// `.mcap`, sorted.
+/// The trace files among the paths: files as given, folders, also those in buckets,
+/// searched for `.mcap`, sorted.
 pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
@@ -192,8 +192,8 @@ fn user_cache(name: &str) -> Option<PathBuf> {
 #[cfg(feature = "analytics")]
 const BUCKET_CACHE_GIB: f64 = 10.0;
 
-/// The buckets that the environment gives access to, with the cache that `REEL_BUCKET_CACHE` and
-/// `REEL_BUCKET_CACHE_GIB` say.
+/// The buckets that the environment gives access to, with the cache that
+/// `REEL_BUCKET_CACHE` and `REEL_BUCKET_CACHE_GIB` say.
 #[cfg(feature = "analytics")]
 pub fn buckets() -> Buckets {
     let folder = env::var_os("REEL_BUCKET_CACHE")

@@ -261,8 +261,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Ends as a pipe's writer should when nobody reads on (`reel show ... | head`), instead of with a
-/// panic.
+/// Ends as a pipe's writer should when nobody reads on (`reel show ... | head`), instead
+/// of with a panic.
 fn end_with_the_reader() {
     let otherwise = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

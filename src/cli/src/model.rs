@@ -23,8 +23,8 @@ pub struct Model {
 }
 
 impl Model {
-    /// A client that keeps replies in a folder and adds every call to a file; none where no model
-    /// was named.
+    /// A client that keeps replies in a folder and adds every call to a file; none where
+    /// no model was named.
     pub fn client(&self, cache: &Path, log: &Path) -> anyhow::Result<Option<Client>> {
         let (Some(endpoint), Some(model)) = (&self.endpoint, &self.model) else {
             return Ok(None);

@@ -14,8 +14,8 @@ pub struct PromptArguments {
     /// training/mcp_gspo/prompts/real_grpo_prompt.txt; without this the one of Reel
     #[arg(long, value_name = "FILE")]
     prompt: Option<PathBuf>,
-    /// Fixed sentences around the values of the template, e.g. REAL's own: TOML, one key a sentence
-    /// (docs/datasets.md)
+    /// Fixed sentences around the values of the template, e.g. REAL's own: TOML, one
+    /// key a sentence (docs/datasets.md)
     #[arg(long, value_name = "FILE")]
     prompt_sentences: Option<PathBuf>,
 }

@@ -25,8 +25,8 @@ use crate::{
 pub(crate) const PORT: u16 = 50050;
 /// How long a scheduler may take to answer the door.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Groups of traces in one job: an answer comes when the job is done, so few; a job costs a while,
-/// so not one.
+/// Groups of traces in one job: an answer comes when the job is done, so few; a job costs a
+/// while, so not one.
 const GROUPS_IN_JOB: usize = 64;
 /// Jobs under way at a time: while the last parts of one are worked off, the next one is.
 const JOBS_AHEAD: usize = 2;
@@ -129,8 +129,8 @@ impl Cluster {
     }
 
     /// Does work on groups of traces; `take` gets each group's answer once, in their order. What
-    /// fails because a machine or the scheduler went away is done again, for some minutes. Ctrl-C
-    /// calls it off.
+    /// fails because a machine or the scheduler went away is done again, for some minutes.
+    /// Ctrl-C calls it off.
     ///
     /// # Errors
     /// When an executor refuses, the cluster stays away, or somebody called it off; what `take`

@@ -47,8 +47,8 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 type OnCluster = DistributedQueryExec<LogicalPlanNode>;
 
-/// Makes of a session's state one whose plans run on the cluster. Functions of ours are to be added
-/// afterwards.
+/// Makes of a session's state one whose plans run on the cluster. Functions of ours are
+/// to be added afterwards.
 pub(crate) fn engine(state: SessionState, url: &str) -> Result<SessionState> {
     let config = state
         .config()
@@ -105,9 +105,9 @@ impl QueryPlanner for Planner {
     }
 }
 
-/// A plan as it survives being sent: of a relation without rows the columns would not arrive, nor
-/// would its job ever end. A row of nulls, that nobody may know to be filtered out before it is,
-/// stands for it.
+/// A plan as it survives being sent: of a relation without rows the columns would not arrive,
+/// nor would its job ever end. A row of nulls, that nobody may know to be filtered out before it
+/// is, stands for it.
 fn sent(plan: &LogicalPlan) -> Result<LogicalPlan> {
     let told = |node: LogicalPlan| {
         let LogicalPlan::EmptyRelation(empty) = &node else {
@@ -236,8 +236,8 @@ impl Drop for ResultStream {
             return;
         };
         let (url, job_id) = (self.url.clone(), job.to_string());
-        // a thread of its own: whoever drops this may be about to end, and need not be where one
-        // can wait
+        // a thread of its own: whoever drops this may be about to end, and need not be
+        // where one can wait
         let call_off = thread::spawn(move || {
             let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
                 .enable_all()

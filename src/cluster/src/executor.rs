@@ -25,8 +25,8 @@ pub struct ExecutorOptions {
     pub threads: usize,
     /// Memory for sorts, joins and aggregations, in bytes; none: most of what there is.
     pub memory_bytes: Option<u64>,
-    /// Where parts of answers lie until they are fetched; none: a folder that goes with the
-    /// process.
+    /// Where parts of answers lie until they are fetched; none: a folder that
+    /// goes with the process.
     pub work: Option<PathBuf>,
     /// Folders and places in buckets whose traces may be opened.
     pub traces: Vec<PathBuf>,

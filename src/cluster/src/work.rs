@@ -1,5 +1,5 @@
-//! Work on traces that is no SQL: done by executors under a name, in parcels that come back as
-//! bytes.
+//! Work on traces that is no SQL: done by executors under a name, in parcels that
+//! come back as bytes.
 
 use std::{borrow::Cow, path::PathBuf, sync::Arc, thread};
 
@@ -32,11 +32,11 @@ const REFUSED: u8 = 1;
 pub struct TraceJob {
     /// What it is called.
     pub name: &'static str,
-    /// Whether it is given traces, which an executor has to be allowed to open; else names that
-    /// options explain.
+    /// Whether it is given traces, which an executor has to be allowed to open; else
+    /// names that options explain.
     pub traces: bool,
-    /// Does it with some of them. Options and answer are for whoever asks, which is the same build
-    /// of Reel.
+    /// Does it with some of them. Options and answer are for whoever asks, which is the
+    /// same build of Reel.
     pub run: Arc<Run>,
 }
 

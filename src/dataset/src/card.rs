@@ -12,8 +12,8 @@ pub const CARD: &str = "README.md";
 /// LLaMA-Factory's list of datasets.
 pub const DATASET_INFO: &str = "dataset_info.json";
 
-/// Writes the card, and `dataset_info.json` where the format wants it. Before [`Manifest::write`],
-/// which digests them.
+/// Writes the card, and `dataset_info.json` where the format wants it. Before
+/// [`Manifest::write`], which digests them.
 ///
 /// # Errors
 /// When a file cannot be written.

@@ -25,8 +25,8 @@ pub struct Episode {
     pub scene_id: String,
     /// Who decided, e.g. `oracle`.
     pub policy: String,
-    /// The part of the dataset that it belongs to; whole tasks or scenes share one (see
-    /// [`crate::split`]).
+    /// The part of the dataset that it belongs to; whole tasks or scenes
+    /// share one (see [`crate::split`]).
     pub split: Split,
     /// What the agent was told, as all of its task.
     pub briefing: Arc<TaskBriefing>,

@@ -1,6 +1,6 @@
 //! Examples: a conversation up to a decision, from which a model learns that decision
-//! (docs/spec.md#policy-context and docs/spec.md#sft-data). Owns what becomes an example. Knows no
-//! format, no file.
+//! (docs/spec.md#policy-context and docs/spec.md#sft-data). Owns what becomes an example. Knows
+//! no format, no file.
 
 use std::{
     borrow::Cow,
@@ -26,8 +26,8 @@ pub enum Style {
     SingleTurn,
     /// Native tool calls: an example is an episode up to the last decision to learn.
     MultiTurn,
-    /// Native tool calls: an example is the conversation up to one decision, and only that one is
-    /// learned.
+    /// Native tool calls: an example is the conversation up to one decision, and only
+    /// that one is learned.
     MultiTurnPrefix,
 }
 
@@ -94,8 +94,8 @@ impl SharedText {
 pub enum Turn {
     /// The system message, which says how to behave.
     System(Arc<SharedText>),
-    /// What the agent is told, and its images. A `<image>` in the text stands for the first of
-    /// them.
+    /// What the agent is told, and its images. A `<image>` in the text stands for
+    /// the first of them.
     User {
         /// The beginning, which is the same for the whole episode.
         setting: Arc<SharedText>,
@@ -163,8 +163,8 @@ pub struct EpisodeInfo {
     pub source: Source,
     /// Names the texts of the prompt.
     pub prompt_digest: String,
-    /// The fields of the provenance that are the episode's, as JSON without braces; made when a row
-    /// holds them.
+    /// The fields of the provenance that are the episode's, as JSON without braces; made when
+    /// a row holds them.
     provenance: OnceLock<String>,
 }
 

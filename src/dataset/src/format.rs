@@ -1,6 +1,6 @@
 //! The formats that trainers load (docs/spec.md#dataset-formats): one row of text an example.
-//! Owns each format's shape; decides nothing about what is in an example. Parquet (vi) is written
-//! elsewhere, from [`Example`]s.
+//! Owns each format's shape; decides nothing about what is in an example. Parquet (vi) is
+//! written elsewhere, from [`Example`]s.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
@@ -118,8 +118,8 @@ impl Format {
         }
     }
 
-    /// Appends an example as one line of JSON, without the line's end. The pictures must be in the
-    /// store.
+    /// Appends an example as one line of JSON, without the line's end. The pictures must
+    /// be in the store.
     ///
     /// # Errors
     /// When a picture is missing or the format cannot hold the example (see [`Format::refuses`]).
@@ -252,8 +252,8 @@ impl Row<'_> {
 
     fn ms_swift(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
-        // `loss` stands in every turn of the model or in none, so that all rows have the same
-        // fields.
+        // `loss` stands in every turn of the model or in none, so that all rows
+        // have the same fields.
         let loss = |learn: bool| match (example.tools.is_some(), learn) {
             (false, _) => "\"}",
             (true, true) => "\",\"loss\":true}",
@@ -352,8 +352,8 @@ impl Row<'_> {
 
     fn trl(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
-        // Prompt and completion where the last turn is learned alone; then the trainer learns the
-        // completion only.
+        // Prompt and completion where the last turn is learned alone; then the trainer
+        // learns the completion only.
         let pair = example.style != Style::MultiTurn;
         self.put(if pair {
             "{\"prompt\":["

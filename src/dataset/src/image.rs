@@ -123,8 +123,8 @@ pub struct StoredImage {
     pub bytes: u64,
 }
 
-/// The pictures of a dataset. May be used from several threads; what is written does not depend on
-/// their order.
+/// The pictures of a dataset. May be used from several threads; what is written does not
+/// depend on their order.
 pub struct ImageStore {
     root: PathBuf,
     options: ImageOptions,
@@ -193,8 +193,8 @@ impl ImageStore {
         if !file.exists() {
             let folder = self.root.join("images").join(&name[..2]);
             fs::create_dir_all(&folder).map_err(DatasetError::io(&folder))?;
-            // Threads may write the same picture: each its own file, and any of them is the
-            // picture.
+            // Threads may write the same picture: each its own file, and any of
+            // them is the picture.
             let part = folder.join(format!(
                 "{}.part",
                 self.parts.fetch_add(1, Ordering::Relaxed)

@@ -1,5 +1,5 @@
-//! JSON written straight into a buffer, so that what is the same in many rows is escaped once.
-//! Never parses.
+//! JSON written straight into a buffer, so that what is the same in many rows is
+//! escaped once. Never parses.
 
 /// Appends a text's JSON escapes, without quotes.
 pub(crate) fn escape(out: &mut Vec<u8>, text: &str) {

@@ -3,8 +3,8 @@
 //! docs/spec.md#published-results).
 //!
 //! Owns the removal of whole payloads ([`strip`]) and the refusal of whatever remains
-//! ([`find_leak`]). Knows no format and no episode but what [`PrivilegedFacts`] names; never
-//! rewrites a sentence.
+//! ([`find_leak`]). Knows no format and no episode but what [`PrivilegedFacts`] names;
+//! never rewrites a sentence.
 
 use std::{borrow::Cow, collections::BTreeSet, fmt, ops::Range, sync::LazyLock};
 
@@ -106,8 +106,8 @@ impl PrivilegedFacts {
             .filter(|(word, _)| !word.is_empty() && !public.contains(word))
             .collect();
         let (words, kinds): (Vec<String>, Vec<LeakKind>) = words.into_iter().unzip();
-        // built for every task, and quickly: an automaton of all transitions is no faster here in
-        // sum
+        // built for every task, and quickly: an automaton of all transitions is no
+        // faster here in sum
         let kind = Some(AhoCorasickKind::ContiguousNFA);
         let automaton = AhoCorasick::builder()
             .kind(kind)
@@ -167,8 +167,8 @@ pub fn strip(text: &str) -> Cow<'_, str> {
     let mut cuts = Vec::new();
     let mut from = 0;
     if let Some(header) = DEBUG_INFO.find(text) {
-        // The block is the last part of a result; what is no JSON there is a block that was cut
-        // off.
+        // The block is the last part of a result; what is no JSON there is a block
+        // that was cut off.
         let body = text[header.end()..].find('{').map(|at| header.end() + at);
         let end = body
             .and_then(|start| json_at(text, start))

@@ -83,8 +83,8 @@ pub(crate) fn refusal(
 }
 
 /// Whether one look at many texts says that none of them needs a look of its own. What stands
-/// between them is in no JSON, so that none goes on from one text to the next and hides what the
-/// next one holds.
+/// between them is in no JSON, so that none goes on from one text to the next and hides what
+/// the next one holds.
 pub(crate) fn clean<'t>(
     texts: impl IntoIterator<Item = &'t str>,
     secrets: &PrivilegedFacts,
@@ -98,8 +98,8 @@ pub(crate) fn clean<'t>(
         && refusal(&together, secrets, String::new).is_none()
 }
 
-/// What is wrong with each text of the decisions of an episode; empty where nothing is wrong with
-/// any.
+/// What is wrong with each text of the decisions of an episode; empty where nothing
+/// is wrong with any.
 pub(crate) struct Checks {
     steps: Vec<StepChecks>,
 }

@@ -27,8 +27,8 @@ pub struct Rollout {
     /// Of the episode: the sum of its rewards as the manifest says (`rollouts.returns`), `J_i`.
     #[serde(rename = "return")]
     pub episode_return: f64,
-    /// How much better that is than the group, by the estimator that the manifest names
-    /// (`rollouts.advantage`).
+    /// How much better that is than the group, by the estimator that
+    /// the manifest names (`rollouts.advantage`).
     pub advantage: f64,
     /// Whether the episode succeeded.
     pub success: bool,

@@ -16,8 +16,8 @@ use crate::{DatasetError, Format, Split};
 pub struct Shard {
     /// From the dataset's folder, with `/`.
     pub path: String,
-    /// The file beside it with the provenance of its rows in their order, where the rows cannot
-    /// hold it.
+    /// The file beside it with the provenance of its rows in their order, where the
+    /// rows cannot hold it.
     pub provenance: Option<String>,
     /// Number of rows in the file.
     pub rows: u64,

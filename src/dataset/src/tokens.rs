@@ -1,6 +1,6 @@
-//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as
-//! Qwen-VL counts them, against the context of training (docs/spec.md#sft-data). Estimates: a
-//! trainer's template decides.
+//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures
+//! as Qwen-VL counts them, against the context of training (docs/spec.md#sft-data). Estimates:
+//! a trainer's template decides.
 
 use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 
@@ -129,8 +129,8 @@ pub struct TokenCounter<'t> {
 const SHARED_TEXTS: usize = 3;
 
 impl<'t> TokenCounter<'t> {
-    /// Counts by a tokenizer, and pictures in squares of `image_side` pixels (see
-    /// [`image_tokens`]).
+    /// Counts by a tokenizer, and pictures in squares of
+    /// `image_side` pixels (see [`image_tokens`]).
     pub fn new(tokenizer: &'t dyn Tokenizer, image_side: u32) -> Self {
         Self {
             tokenizer,

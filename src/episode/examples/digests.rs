@@ -2,8 +2,8 @@
 //! determinism checks compare between builds, CPUs and C libraries. Builds without files, clocks,
 //! threads or C code, for wasm32 too.
 //!
-//! Episodes come on standard input, one JSON document a line, as `reel show --json` prints them.
-//! Arguments:
+//! Episodes come on standard input, one JSON document a line, as `reel show
+//! --json` prints them. Arguments:
 //!
 //! - `--restored`: each call is executed by an episode restored from bytes, and the scenes are
 //!   restored as they move;
@@ -138,8 +138,8 @@ fn play_all(episodes: Vec<Recorded>, condition: Condition) -> BTreeMap<String, D
     first
 }
 
-/// The last link of the hash chain: it covers every digest, picture and text of the episode, and
-/// its inputs.
+/// The last link of the hash chain: it covers every digest, picture and text of the
+/// episode, and its inputs.
 fn play(recorded: &Recorded, restored: bool) -> Digest {
     let header = &recorded.header;
     let config = EpisodeConfig {

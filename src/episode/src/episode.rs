@@ -136,8 +136,8 @@ impl Episode {
         ))
     }
 
-    /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`,
-    /// by [`prepare_task`].
+    /// [`Episode::start`] on a stage that is there already: that of the task and scene
+    /// of `config`, by [`prepare_task`].
     ///
     /// # Panics
     /// When it is the stage of another task or scene.
@@ -188,8 +188,8 @@ impl Episode {
     /// now equals what came then, bit for bit, if the inputs are equal.
     ///
     /// # Errors
-    /// When task and scene do not belong together, or the snapshot is not one of the state after
-    /// these steps.
+    /// When task and scene do not belong together, or the snapshot is not one of the
+    /// state after these steps.
     pub fn resume(
         config: EpisodeConfig,
         start: StartRecord,
@@ -205,8 +205,8 @@ impl Episode {
         )
     }
 
-    /// [`Episode::resume`] on a stage that is there already: that of the task and scene of
-    /// `config`, by [`prepare_task`].
+    /// [`Episode::resume`] on a stage that is there already: that of the task and scene
+    /// of `config`, by [`prepare_task`].
     ///
     /// # Errors
     /// When the snapshot is not one of the state after these steps.
@@ -232,8 +232,8 @@ impl Episode {
         let simulator = Simulator::resume(stage, config.profile, config.seed, snapshot)?;
         let (mut rewarder, mut user) = observers(&config, &start);
         for step in &steps {
-            // Its terms are in the record already; what counts is what the rewarder remembers of
-            // it.
+            // Its terms are in the record already; what counts is what the
+            // rewarder remembers of it.
             let _ = rewarder.step(step);
             observe(&mut user, step);
         }
@@ -339,8 +339,8 @@ impl Episode {
         Briefing::new(&self.config.task, &self.config.scene)
     }
 
-    /// Takes one decision. After the end every call is an `episode_over` error that changes
-    /// nothing.
+    /// Takes one decision. After the end every call is an `episode_over`
+    /// error that changes nothing.
     ///
     /// # Panics
     /// When the simulator breaks an invariant of its own: a programmer's error.
@@ -430,8 +430,8 @@ impl Episode {
         }
     }
 
-    /// Keeps the motion states after one physics step of the next call (from 0); see
-    /// [`Episode::take_watched`].
+    /// Keeps the motion states after one physics step of the next call
+    /// (from 0); see [`Episode::take_watched`].
     pub fn watch(&mut self, physics_step: usize) {
         self.simulator.watch(physics_step);
     }

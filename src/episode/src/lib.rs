@@ -1,6 +1,6 @@
-//! The one step function that every runner uses: dispatch of a call to the simulator or the user,
-//! graphs, reward, digests and the hash chain. Never files, clocks or threads; the caller owns
-//! those.
+//! The one step function that every runner uses: dispatch of a call to the simulator or
+//! the user, graphs, reward, digests and the hash chain. Never files, clocks or threads;
+//! the caller owns those.
 
 mod episode;
 mod published_user;
@@ -141,16 +141,16 @@ pub struct Observation {
     pub held: Option<String>,
 }
 
-/// The simulator's truth, for the oracle, built-in policies and tests. Never for a policy under
-/// evaluation.
+/// The simulator's truth, for the oracle, built-in policies and tests. Never for
+/// a policy under evaluation.
 #[derive(Clone, Debug)]
 pub struct Privileged<'a> {
     /// The task, goal included.
     pub task: &'a Task,
     /// The scene that the episode plays in.
     pub scene: &'a Scene,
-    /// Where the objects are, by the authority of the profile: physics, or with the published
-    /// servers the registry.
+    /// Where the objects are, by the authority of the profile: physics, or with the
+    /// published servers the registry.
     pub graph: &'a WorldGraph,
     /// The current marker map with what the numbers stand for.
     pub markers: &'a [Marker],

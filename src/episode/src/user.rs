@@ -1,5 +1,5 @@
-//! The rule-based simulated user (docs/spec.md#simulated-user; paper, Simulated User Module). Four
-//! rules:
+//! The rule-based simulated user (docs/spec.md#simulated-user; paper, Simulated
+//! User Module). Four rules:
 //!
 //! 1. Goal-driven: every reply leads from the start towards the goal.
 //! 2. Information barrier: it never tells the exact place of the target; of the source it says no
@@ -204,8 +204,8 @@ impl RuleUser {
         }
     }
 
-    /// The target by the fewest words that tell it from everything else the robot saw that the
-    /// instruction may mean.
+    /// The target by the fewest words that tell it from everything else the robot saw that
+    /// the instruction may mean.
     fn description(&self) -> String {
         let target = self.task.target_object();
         let others: Vec<&ObjectInstance> = self

@@ -136,8 +136,8 @@ struct VisibleRow<'a> {
 }
 
 impl EpisodeRow<'_> {
-    /// Whether a model spoke for itself. What built-in policies note of themselves are no words of
-    /// a model.
+    /// Whether a model spoke for itself. What built-in policies note of themselves are no
+    /// words of a model.
     pub fn has_policy_text(&self) -> bool {
         self.steps.iter().any(|step| step.raw.is_some())
     }

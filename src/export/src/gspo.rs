@@ -260,8 +260,8 @@ fn grouped(
         contradictions: true,
         ..Selection::default()
     };
-    // what is left out of training sets is in the objective even so: the words of every decision
-    // count
+    // what is left out of training sets is in the objective even so: the words
+    // of every decision count
     let mut chosen = select::candidates(
         store,
         &every,
@@ -281,8 +281,8 @@ fn grouped(
     Ok(chosen.into_iter().filter_map(rollout).collect())
 }
 
-/// The log-probabilities of an episode by decision; `None` if a policy gives none of its tokens
-/// any.
+/// The log-probabilities of an episode by decision; `None` if a policy gives none
+/// of its tokens any.
 fn tokens(
     episode_id: &str,
     decisions: Vec<StepRow>,

@@ -2,9 +2,9 @@
 //! words, order and part (docs/spec.md#sft-data and docs/spec.md#dataset-formats).
 //!
 //! Owns the choice, the verification and the order of rows; what a row looks like is
-//! `reel-dataset`'s matter. Nothing that is not verified leaves the store, unless asked for, and
-//! then every row says so. Equal store versions and options give equal bytes, on any number of
-//! threads.
+//! `reel-dataset`'s matter. Nothing that is not verified leaves the store, unless asked
+//! for, and then every row says so. Equal store versions and options give equal bytes, on
+//! any number of threads.
 
 mod episode;
 mod gspo;

@@ -1,6 +1,6 @@
 //! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): columns by Polars,
-//! pictures inside, and the metadata by which `datasets` decodes them by itself. Owns the columns;
-//! knows no store.
+//! pictures inside, and the metadata by which `datasets` decodes them by itself. Owns the
+//! columns; knows no store.
 
 use std::{
     collections::HashMap,
@@ -84,8 +84,8 @@ pub(crate) struct Shards {
 }
 
 impl Shards {
-    /// Files under `<root>/<split>/`, closed when they have so many rows or more: what is pushed at
-    /// once stays together.
+    /// Files under `<root>/<split>/`, closed when they have so many rows or more: what is pushed
+    /// at once stays together.
     pub fn new(root: &Path, split: Split, rows_max: u64) -> Self {
         Self {
             root: root.to_owned(),
@@ -299,8 +299,8 @@ fn metadata() -> Vec<(String, String)> {
     ]
 }
 
-/// Types of every column for `datasets`; lists in the plain form, which its older versions read
-/// too.
+/// Types of every column for `datasets`; lists in the plain form, which its
+/// older versions read too.
 fn features() -> Value {
     let value = |dtype: &str| json!({ "dtype": dtype, "_type": "Value" });
     let mut features: Map<String, Value> = TEXT_COLUMNS

@@ -13,8 +13,8 @@ use crate::select::{Candidate, SkipCounts, count, draw};
 /// How episodes are grouped.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct RolloutOptions {
-    /// Where no prompt group was recorded: only episodes of equal seed are one, not all of a task
-    /// and policy.
+    /// Where no prompt group was recorded: only episodes of equal seed are one, not all of
+    /// a task and policy.
     pub same_seed: bool,
     /// Rollouts a group (G): of larger groups so many are drawn, smaller ones are left out. Without
     /// it groups are as large as they are, from two.
@@ -174,8 +174,8 @@ pub(crate) fn group(
     Ok(())
 }
 
-/// The prompt group that was recorded; else the task, the policy, and the seed where that is
-/// wanted.
+/// The prompt group that was recorded; else the task, the policy, and the seed
+/// where that is wanted.
 fn key(candidate: &Candidate, how: &RolloutOptions) -> String {
     let Candidate {
         group_id,

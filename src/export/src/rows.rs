@@ -1,5 +1,5 @@
-//! The rows of a training set, episode by episode in the order of the store's files. Chooses
-//! nothing.
+//! The rows of a training set, episode by episode in the order of the
+//! store's files. Chooses nothing.
 //!
 //! A run that was broken off is begun again where it is dear: verdicts are kept in the store, and
 //! pictures that are in the folder already are neither drawn nor encoded a second time. Rows are
@@ -361,8 +361,8 @@ struct ImageIndexLine {
 const KNOWN_PICTURES: &str = ".export.jsonl";
 
 impl ImageIndex {
-    /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset,
-    /// is taken up.
+    /// Makes the folder ready: what is left of a run that was broken off, or of the same
+    /// dataset, is taken up.
     fn open(out: &Path, options: &ExportOptions) -> Result<Self, ExportError> {
         let io_error = |source| ExportError::Io {
             source,
@@ -424,8 +424,8 @@ impl ImageIndex {
         Ok(Self { path, known, file })
     }
 
-    /// Sees that the pictures of these moments are in the dataset; gives them, or why there are
-    /// none.
+    /// Sees that the pictures of these moments are in the dataset; gives them, or
+    /// why there are none.
     fn put(
         &self,
         trace: &Trace,

@@ -1,6 +1,6 @@
-//! Which episodes of a store, and which of their decisions, make a training set. Reads columns and
-//! files' digests; never looks at a text, and never asks whether an episode is verified
-//! ([`crate::verify`]).
+//! Which episodes of a store, and which of their decisions, make a training set. Reads
+//! columns and files' digests; never looks at a text, and never asks whether an
+//! episode is verified ([`crate::verify`]).
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -27,13 +27,13 @@ pub struct Selection {
     /// Decisions that were mistakes are examples too: calls that failed, picks and places that the
     /// goal does not want. Their place in the History of later decisions they keep in any case.
     pub mistakes: bool,
-    /// Decisions that came right after a mistake are examples: what to do when something went
-    /// wrong.
+    /// Decisions that came right after a mistake are examples: what to do
+    /// when something went wrong.
     pub recoveries: bool,
     /// Decisions of failed episodes from the decisive step on (table `classes`) are examples too.
     pub after_decisive: bool,
-    /// Decisions whose own History contradicts the record are examples too; said of words that are
-    /// exported as recorded.
+    /// Decisions whose own History contradicts the record are examples too; said of words that
+    /// are exported as recorded.
     pub contradictions: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
@@ -295,8 +295,8 @@ fn candidate(
 }
 
 impl StepRow<'_> {
-    /// A call that failed, a pick of what the goal leaves where it is, a place where the goal does
-    /// not want it.
+    /// A call that failed, a pick of what the goal leaves where it is, a place where the goal
+    /// does not want it.
     fn is_mistake(&self) -> bool {
         match self.tool {
             _ if self.error_code.is_some() => true,
@@ -344,8 +344,8 @@ fn classes(store: &Store) -> Result<HashMap<String, Class>, StoreError> {
     Ok(classes)
 }
 
-/// At most so many episodes a task; those that are kept are drawn by the seed and stay in their
-/// order.
+/// At most so many episodes a task; those that are kept are drawn by the seed and
+/// stay in their order.
 pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut SkipCounts) {
     let Some(most) = wanted.per_task_max else {
         return;

@@ -52,8 +52,8 @@ impl TaskIndex {
         })
     }
 
-    /// Learns what some episodes share with others; what was learned of earlier ones may be
-    /// forgotten.
+    /// Learns what some episodes share with others; what was learned of earlier
+    /// ones may be forgotten.
     ///
     /// # Errors
     /// When an episode has a task or scene that is none.

@@ -22,8 +22,8 @@ const TRACES_PER_COMMIT: usize = 4_096;
 /// Whether an episode may be trained on; else why not.
 pub(crate) type Verified = Result<(), String>;
 
-/// What is known of each candidate's trace; those that nothing is known of are replayed where
-/// `replay` says so.
+/// What is known of each candidate's trace; those that nothing is known of are replayed
+/// where `replay` says so.
 pub(crate) fn verify(
     store: &Store,
     candidates: &[Candidate],

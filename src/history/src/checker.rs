@@ -69,8 +69,8 @@ impl Checker {
         self.facts.push(&self.names, deed);
     }
 
-    /// Judges a History that was written after the deeds told so far. Claims come in the order of
-    /// the text.
+    /// Judges a History that was written after the deeds told so far. Claims come in the
+    /// order of the text.
     pub fn check(&mut self, history: &str) -> Vec<Claim> {
         let ranges = sentences(history);
         let read: Vec<Rc<[Predicate]>> = ranges
@@ -184,8 +184,8 @@ fn unnamed<'p>(told: &[ReportedPredicate<'p>], index: usize) -> (Option<&'p Arg>
     )
 }
 
-/// Judges what is said not to have been done or seen. What the text itself tells later does not
-/// refute it.
+/// Judges what is said not to have been done or seen. What the text itself tells later
+/// does not refute it.
 fn denials(judge: &Judge, told: &mut [ReportedPredicate]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
@@ -204,8 +204,8 @@ fn denials(judge: &Judge, told: &mut [ReportedPredicate]) {
     }
 }
 
-/// Judges how things stand: between the deeds told before and after, and now where nothing is told
-/// after.
+/// Judges how things stand: between the deeds told before and after, and now where
+/// nothing is told after.
 fn states(judge: &Judge, told: &mut [ReportedPredicate]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;

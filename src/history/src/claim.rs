@@ -11,8 +11,8 @@ pub struct Claim {
     pub kind: ClaimKind,
     /// Whether the record supports the claim, contradicts it or leaves it open.
     pub verdict: ClaimVerdict,
-    /// What to write instead, by place in the text, where the record determines it; empty
-    /// otherwise.
+    /// What to write instead, by place in the text, where the record
+    /// determines it; empty otherwise.
     pub fix: Vec<(Range<usize>, String)>,
 }
 

@@ -1,6 +1,6 @@
-//! Reads a sentence as predicates: verbs with their polarity, mood and what belongs to them. Never
-//! judges; what it does not understand it leaves out, or gives as an argument that may mean
-//! anything.
+//! Reads a sentence as predicates: verbs with their polarity, mood and what belongs to
+//! them. Never judges; what it does not understand it leaves out, or gives as an argument
+//! that may mean anything.
 
 mod phrase;
 mod speech;

@@ -1,5 +1,5 @@
-//! What was asked or said, and why something failed: words compared with words. Never looks at the
-//! world.
+//! What was asked or said, and why something failed: words compared with words. Never
+//! looks at the world.
 
 use std::{collections::BTreeSet, ops::Range};
 

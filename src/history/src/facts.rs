@@ -1,6 +1,6 @@
-//! What was done, in the terms in which claims are judged: receptacles and objects by index, and
-//! how the world stood at each moment. Moment m is after m deeds. Never looks at a text of the
-//! agent.
+//! What was done, in the terms in which claims are judged: receptacles and objects by
+//! index, and how the world stood at each moment. Moment m is after m deeds. Never looks at
+//! a text of the agent.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub(crate) struct Fact {
     pub(crate) object: Option<usize>,
     /// The marker number it was given.
     pub(crate) marker: Option<u32>,
-    /// Where the robot stood afterwards: the landmark, and the receptacle of what it looks at
-    /// closely.
+    /// Where the robot stood afterwards: the landmark, and the receptacle of what
+    /// it looks at closely.
     pub(crate) at: Vec<usize>,
     /// Objects in view, or told.
     pub(crate) seen: Vec<usize>,
@@ -218,8 +218,8 @@ impl Facts {
                 };
                 let added = matches!(change, GraphEvent::Add { .. });
                 let list = &mut self.whereabouts[thing];
-                // an object that moves leaves one place and comes to another in the same deed, in
-                // any order
+                // an object that moves leaves one place and comes to another in the same
+                // deed, in any order
                 if added || list.last().is_none_or(|(since, _)| *since != moment) {
                     list.push((moment, place.filter(|_| added)));
                 }

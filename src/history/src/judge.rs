@@ -1,5 +1,5 @@
-//! Claims of deeds beside the deeds. Never reads a text; what may be so is left open, never
-//! refuted.
+//! Claims of deeds beside the deeds. Never reads a text; what may be so is
+//! left open, never refuted.
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! Cuts a text into sentences and a sentence into tokens. Never looks at meaning; linear in the
-//! text.
+//! Cuts a text into sentences and a sentence into tokens. Never looks at meaning;
+//! linear in the text.
 
 use std::ops::Range;
 

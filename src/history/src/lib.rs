@@ -4,9 +4,9 @@
 //! Owns the reading of sentences as claims, the verdict on each, and the mending of a text. Never
 //! writes a History of its own, and never judges what is neither shown nor refuted by the record.
 //!
-//! The way of a sentence: `lex` cuts it into tokens, `clause` finds the verbs and what belongs to
-//! each with the word classes of `grammar` and the episode's own `names`, `judge` compares each
-//! with the `facts`.
+//! The way of a sentence: `lex` cuts it into tokens, `clause` finds the verbs and what belongs
+//! to each with the word classes of `grammar` and the episode's own `names`, `judge` compares
+//! each with the `facts`.
 
 mod checker;
 mod claim;

@@ -1,5 +1,5 @@
-//! The episode's own names: which receptacles and which objects a phrase may mean. Never looks at a
-//! sentence's grammar.
+//! The episode's own names: which receptacles and which objects a phrase may mean. Never looks
+//! at a sentence's grammar.
 
 use std::{
     cell::{OnceCell, RefCell},
@@ -215,8 +215,8 @@ impl Names {
             .position(|thing| thing.key == key)
     }
 
-    /// An id, or a caption of several words, at the start of some words: how many words, and what
-    /// they mean.
+    /// An id, or a caption of several words, at the start of some words: how many words,
+    /// and what they mean.
     pub(crate) fn opening(&self, words: &[&str]) -> Option<(usize, Referent)> {
         let first = words.first()?;
         if let Some(place) = self.ids.get(*first) {

@@ -108,8 +108,8 @@ pub struct MarkerFacts {
 }
 
 impl EpisodeFacts {
-    /// The setting of a recorded episode, whose world stood as `start` says before the first
-    /// decision.
+    /// The setting of a recorded episode, whose world stood as `start` says
+    /// before the first decision.
     pub fn of(task: &Task, scene: &Scene, start: &WorldGraph) -> Self {
         let places = scene.receptacles.iter().map(|receptacle| ReceptacleFacts {
             id: receptacle.id.as_str().to_owned(),

@@ -1,5 +1,5 @@
-//! The records of an episode from its files: what each step did to the world, its rewards, the hash
-//! chain, the end.
+//! The records of an episode from its files: what each step did to the world, its rewards, the
+//! hash chain, the end.
 
 use reel_reward::{Preset, metrics, rewards};
 use reel_world::{
@@ -33,8 +33,8 @@ pub(crate) struct Built {
 }
 
 impl Built {
-    /// Name of the trace: task, policy and content, so that equal episodes have one name and others
-    /// another.
+    /// Name of the trace: task, policy and content, so that equal episodes have one
+    /// name and others another.
     pub(crate) fn file_stem(&self) -> String {
         file_stem(&self.header)
     }
@@ -159,8 +159,8 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
         },
         ..observe::header(&task, &scene)
     };
-    // Two runs of a model on a task have equal inputs as far as they are known: what came of them
-    // tells them apart.
+    // Two runs of a model on a task have equal inputs as far as they are known: what came of
+    // them tells them apart.
     header.episode_id = Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();
     header.build = env!("CARGO_PKG_VERSION").to_owned();
 
@@ -348,8 +348,8 @@ fn end_reason(files: &mut Files, status: Option<&str>, steps: &[StepFiles]) -> E
         .summary
         .as_ref()
         .and_then(|summary| summary.get("total_steps")?.as_u64());
-    // The client counts the step in which its own model failed; one that was not written down is
-    // missing.
+    // The client counts the step in which its own model failed; one that was not
+    // written down is missing.
     let present = steps.len() as u64 + u64::from(files.after == After::Fault);
     let reason = match (files.after, status) {
         (After::Unreadable | After::Begun, _) => EndReason::Aborted,

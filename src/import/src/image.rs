@@ -1,5 +1,5 @@
-//! PNG files as pictures of a trace. Refuses what is not a picture of the head camera; never scales
-//! one.
+//! PNG files as pictures of a trace. Refuses what is not a picture of the head
+//! camera; never scales one.
 
 use reel_trace::decode_png;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};

@@ -61,8 +61,8 @@ pub use task::{TaskSetup, unknown_task};
 pub struct ImportOptions<'a> {
     /// Run that the traces belong to.
     pub run_id: &'a str,
-    /// Task files: the one with an episode's task id is used instead of what its `task_meta.json`
-    /// says.
+    /// Task files: the one with an episode's task id is used instead of
+    /// what its `task_meta.json` says.
     pub tasks: &'a [Arc<Task>],
     /// The scenes of the tasks. Without them, or for episodes of another scene, one of names alone.
     pub scenes: Option<&'a Scenes>,

@@ -1,6 +1,6 @@
 //! What can be seen of a world that somebody else simulates, or that is real: the state that
-//! results show, and the record of a step that follows from the states around it. Knows neither
-//! files nor protocols.
+//! results show, and the record of a step that follows from the states around it. Knows
+//! neither files nor protocols.
 
 use std::collections::BTreeMap;
 
@@ -71,8 +71,8 @@ pub struct CallObservation {
 }
 
 impl ObservedState {
-    /// The state after a result with this debug payload. A graph that it does not show is as
-    /// before.
+    /// The state after a result with this debug payload. A graph that it does not
+    /// show is as before.
     pub fn after(&self, debug_info: &Map<String, Value>) -> ObservedState {
         let mut state = self.clone();
         state.update(debug_info);

@@ -1,6 +1,6 @@
-//! Live worlds for agents that come from outside: households, each with an exclusive simulator that
-//! plays one episode after another and records it; and the pool that keeps hundreds of them in one
-//! process.
+//! Live worlds for agents that come from outside: households, each with an exclusive simulator
+//! that plays one episode after another and records it; and the pool that keeps hundreds of
+//! them in one process.
 //!
 //! Knows nothing of protocols. Every call goes through [`reel_episode::Episode`], and is on tape
 //! before it is answered.

@@ -32,8 +32,8 @@ pub struct Session {
     now: Phase,
 }
 
-/// What there is at the moment. Taken out while something happens, so that a panic leaves `Broken`
-/// behind.
+/// What there is at the moment. Taken out while something happens, so that a
+/// panic leaves `Broken` behind.
 enum Phase {
     Empty,
     Playing(Box<RunningEpisode>),
@@ -171,8 +171,8 @@ impl Session {
         &self.setup
     }
 
-    /// The scene of the episode that runs, or of the one that comes next; that of the first task if
-    /// all were played.
+    /// The scene of the episode that runs, or of the one that comes next; that of the first task
+    /// if all were played.
     pub fn scene(&self) -> Option<&Arc<Scene>> {
         let task = match &self.now {
             Phase::Playing(playing) => Some(playing.episode.task()),

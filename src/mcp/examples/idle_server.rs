@@ -1,5 +1,5 @@
-//! A server that does nothing, of the same SDK and transport as the real one: what `make load`
-//! compares with.
+//! A server that does nothing, of the same SDK and transport as the real one: what
+//! `make load` compares with.
 //!
 //! `idle_server [PORT]` listens on 127.0.0.1 (0: any free port) and prints where. It lists the
 //! tools of profile `paper`, and answers every call at once with the same text, and with the same

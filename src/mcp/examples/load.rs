@@ -533,8 +533,8 @@ impl Usage {
             Ok::<f64, Failure>(kib * 1024.0 / 1e6)
         };
         let stat = fs::read_to_string(format!("/proc/{pid}/stat"))?;
-        // After the name, which may hold anything, come state and numbers; the 12th and 13th are
-        // ticks.
+        // After the name, which may hold anything, come state and numbers; the 12th
+        // and 13th are ticks.
         let (_, numbers) = stat.rsplit_once(')').ok_or("/proc says nothing of time")?;
         let ticks = numbers
             .split_whitespace()

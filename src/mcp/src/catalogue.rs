@@ -28,8 +28,8 @@ const LIFECYCLE: [(&str, Option<&'static str>, &str); 3] = [
 const FINISH: &str = "End the episode when the task is done, and begin the next one: the answer holds its task. The first call \
                       begins the first episode.";
 
-/// The published servers' tools in their order. Branch `gspo` lists the first ten only, and takes
-/// lifecycle tools unlisted.
+/// The published servers' tools in their order. Branch `gspo` lists the first ten only, and
+/// takes lifecycle tools unlisted.
 const PUBLISHED: [&str; 12] = [
     "list_receptacles",
     "navigate_to",

@@ -1,15 +1,15 @@
-//! What clients that were cut off may still ask for: the events of Streamable HTTP, found again by
-//! `Last-Event-ID`.
+//! What clients that were cut off may still ask for: the events of Streamable HTTP,
+//! found again by `Last-Event-ID`.
 //!
 //! rmcp stores every event of a session here, hands it to the connection that waits for it, and
 //! forgets it; a resume is answered from here alone. Answers hold pictures, a thousand sessions are
 //! open at once, and most of them idle, so little is kept:
 //!
-//! * what no connection took, for [`UNTAKEN_FOR`]: its client was cut off, and may come back for
-//!   it;
-//! * what a connection took, for [`TAKEN_FOR`], because it may have been lost on the way. The
-//!   answer of a request only until the next request of its session: a client that goes on has its
-//!   answer;
+//! * what no connection took, for [`UNTAKEN_FOR`]: its client was cut off, and may
+//!   come back for it;
+//! * what a connection took, for [`TAKEN_FOR`], because it may have been lost on the way.
+//!   The answer of a request only until the next request of its session: a client that goes
+//!   on has its answer;
 //! * of a stream, of a session and of all of them at most [`OF_STREAM`], [`OF_SESSION`] and
 //!   [`OF_ALL`]; the oldest goes first;
 //! * nothing of sessions that ended, and no event without a message: nobody misses one.
@@ -147,8 +147,8 @@ impl SessionEvents {
         self.changed.notify_waiters();
     }
 
-    /// The events of a stream after one of them: those kept, then those that come, up to the
-    /// answer.
+    /// The events of a stream after one of them: those kept, then those that come,
+    /// up to the answer.
     fn follow(self, after: EventId) -> EventStream {
         Box::pin(stream::unfold(
             (self, after),
@@ -436,8 +436,8 @@ impl Logs {
                 self.drop_first(session, oldest);
             }
         }
-        // A look at each session, for each event while the bound is reached: some microseconds
-        // beside a picture.
+        // A look at each session, for each event while the bound is reached: some
+        // microseconds beside a picture.
         while !self.kept.fits(OF_ALL) {
             let oldest = self
                 .sessions
@@ -727,8 +727,8 @@ mod tests {
         }
         let kept = logs.sessions[&session].kept();
         assert_eq!(after(&logs, session, "0/201"), ["1/201"], "{kept:?}");
-        // An answer larger than a session may have is nowhere, and disturbs nothing that comes
-        // later.
+        // An answer larger than a session may have is nowhere, and disturbs
+        // nothing that comes later.
         logs.store(session, "large", of(true, OF_SESSION.bytes), now);
         logs.store(session, "small", of(true, 9), now);
         assert_eq!(

@@ -72,10 +72,10 @@ impl Guard {
         self.is_of_a_listed_page(headers, uri).map(|_| ())
     }
 
-    /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not
-    /// [`Guard::middleware`]: where there is a [`BrowserRequest::preflight`] it is the answer,
-    /// before anything else is looked at; every other answer goes through
-    /// [`BrowserRequest::add_cors_headers`].
+    /// What the browser behind a request wants to be told. For who calls
+    /// [`Guard::check`] and not [`Guard::middleware`]: where there is a
+    /// [`BrowserRequest::preflight`] it is the answer, before anything else is looked
+    /// at; every other answer goes through [`BrowserRequest::add_cors_headers`].
     pub fn page(&self, request: &Request) -> BrowserRequest {
         let headers = request.headers();
         let is_listed = self.is_of_a_listed_page(headers, request.uri()) == Ok(true);
@@ -101,8 +101,8 @@ impl Guard {
         .map(String::as_str)
     }
 
-    /// Whether a request that may come in is one of a page of a listed origin, which is not this
-    /// server's own.
+    /// Whether a request that may come in is one of a page of a listed origin, which is
+    /// not this server's own.
     fn is_of_a_listed_page(&self, headers: &HeaderMap, uri: &Uri) -> Result<bool, String> {
         // HTTP/2 and clients of a proxy name the host in the target, alone or as well.
         let mut named = one(headers, &HOST)?
@@ -200,8 +200,8 @@ impl BrowserRequest {
     }
 }
 
-/// Whether a page of another site has something of this server loaded into itself, as a picture or
-/// a script.
+/// Whether a page of another site has something of this server loaded into itself, as a
+/// picture or a script.
 fn is_drawn_in(headers: &HeaderMap) -> bool {
     let says = |name: &str, value: &str| {
         headers
@@ -212,8 +212,8 @@ fn is_drawn_in(headers: &HeaderMap) -> bool {
     says("sec-fetch-site", "cross-site") && !says("sec-fetch-mode", "navigate")
 }
 
-/// The value of a header that may stand once. What is no text comes out as text that is nobody's
-/// name.
+/// The value of a header that may stand once. What is no text comes out as text
+/// that is nobody's name.
 fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<Cow<'a, str>>, String> {
     let mut values = headers.get_all(name).iter();
     let value = values
@@ -280,8 +280,8 @@ impl Origin {
         Some(Self { scheme, authority })
     }
 
-    /// Whether the page is one of the server that a request reached. A proxy may have taken the
-    /// encryption off.
+    /// Whether the page is one of the server that a request reached. A proxy may have
+    /// taken the encryption off.
     fn is_of(&self, server: &Authority) -> bool {
         let Some(implied) = implied_port(&self.scheme) else {
             return false;

@@ -36,8 +36,8 @@ pub enum AskResponder {
     /// The rule-based user that the simulator provides.
     #[default]
     Rules,
-    /// The person at the client, by elicitation; the rule-based user where the client cannot ask
-    /// anybody.
+    /// The person at the client, by elicitation; the rule-based user where the
+    /// client cannot ask anybody.
     Client,
     /// A person who answers through [`Questions`].
     Rest,
@@ -309,8 +309,8 @@ impl ToolServer {
         said
     }
 
-    /// Asks a person, where one is to be asked. An error of the result is what to answer the client
-    /// instead.
+    /// Asks a person, where one is to be asked. An error of the result is what to
+    /// answer the client instead.
     async fn ask_person(
         &self,
         session: &str,

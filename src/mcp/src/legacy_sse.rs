@@ -66,8 +66,8 @@ impl Client {
         }
     }
 
-    /// Hands a message on, as soon as there is room for it and its answer; false where the client
-    /// is gone.
+    /// Hands a message on, as soon as there is room for it and its answer; false where
+    /// the client is gone.
     async fn say(&self, message: In) -> bool {
         match &message {
             JsonRpcMessage::Request(request) => {

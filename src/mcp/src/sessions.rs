@@ -92,8 +92,8 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 to who wanted one session too many. To rmcp that is an error of the server: it
-    /// answers 500.
+    /// Answers 503 to who wanted one session too many. To rmcp that is an error of the
+    /// server: it answers 500.
     pub async fn limit_sessions(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;
@@ -153,8 +153,8 @@ impl Session {
         lock(&self.life)
     }
 
-    /// A stream that tells the events what its connection took, and the session for how long
-    /// somebody listened.
+    /// A stream that tells the events what its connection took, and the session for
+    /// how long somebody listened.
     fn watched<S>(&self, stream: S, listening: Option<Listening>) -> EventStream
     where
         S: Stream<Item = ServerSseMessage> + Send + Sync + 'static,
@@ -551,8 +551,8 @@ mod tests {
         read(&mut resumed, Some("\r\n\r\n")).await;
         server.gate.add_permits(1);
         assert!(read(&mut resumed, None).await.contains(ANSWERED));
-        // Also on a connection that nobody knows to be cut: the client is never asked whether it
-        // has the answer.
+        // Also on a connection that nobody knows to be cut: the client is never asked whether
+        // it has the answer.
         let (stream, primed) = client.call("slow").await;
         server.gate.add_permits(1);
         server.answered(0).await;

@@ -30,8 +30,8 @@ pub struct DecisionAnswer<'a> {
 }
 
 impl DecisionAnswer<'_> {
-    /// The text. The tool goes by its published name and marker ids are strings, whatever the call
-    /// said.
+    /// The text. The tool goes by its published name and marker ids are strings,
+    /// whatever the call said.
     pub fn text(&self) -> String {
         let object = json!({
             "summary": { "History": self.history, "New Schedule": self.schedule, "Current subtask": self.subtask },

@@ -1,5 +1,5 @@
-//! One user turn a decision, as REAL's trainer puts it: the template, filled in with what its
-//! memory holds.
+//! One user turn a decision, as REAL's trainer puts it: the template, filled in with
+//! what its memory holds.
 
 use std::sync::{Arc, LazyLock};
 
@@ -73,8 +73,8 @@ impl Prompt {
         &self.wording
     }
 
-    /// Names every text that a model is asked with, in each row and trace: template, sentences,
-    /// system message.
+    /// Names every text that a model is asked with, in each row and trace:
+    /// template, sentences, system message.
     pub fn digest(&self) -> Digest {
         let wording = serde_json::to_string(&self.wording).unwrap_or_default();
         Digest::of(

@@ -166,8 +166,8 @@ impl Template {
     }
 }
 
-/// Checks a template as REAL's trainer does when it starts. An unknown placeholder passes, as it
-/// does there.
+/// Checks a template as REAL's trainer does when it starts. An unknown placeholder passes,
+/// as it does there.
 ///
 /// # Errors
 /// Fails if the trainer would refuse the text.

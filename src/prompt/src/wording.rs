@@ -1,6 +1,6 @@
-//! The fixed sentences that the published clients put around the values of a prompt, in our words.
-//! REAL's own are not part of this project: whoever has a checkout writes them into a TOML file
-//! with these keys.
+//! The fixed sentences that the published clients put around the values of a prompt, in our
+//! words. REAL's own are not part of this project: whoever has a checkout writes them into a TOML
+//! file with these keys.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,8 +30,8 @@ pub struct PromptWording {
     pub text_graph: String,
     /// After an observation that was cut.
     pub cut: String,
-    /// A shortened prompt, with `{task}`, `{latest_progress_step}`, `{last_action}`, `{last_obs}`,
-    /// `{ask_count}` and `{hand_state_description}`.
+    /// A shortened prompt, with `{task}`, `{latest_progress_step}`, `{last_action}`,
+    /// `{last_obs}`, `{ask_count}` and `{hand_state_description}`.
     pub shortened_prompt: String,
     /// Gym: an observation that is an image alone.
     pub gym_image: String,

@@ -2,9 +2,9 @@
 //! session, each on its own. Only the recorder calls it, from this machine, so that what goes by is
 //! read and recorded in one place.
 //!
-//! A line of the server's that answers a request ends the stream of that request; any other goes to
-//! the session's own stream (`GET`), else to the request that waits longest, else waits for the
-//! next of them.
+//! A line of the server's that answers a request ends the stream of that request; any other goes
+//! to the session's own stream (`GET`), else to the request that waits longest, else waits for
+//! the next of them.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -121,8 +121,8 @@ impl Bridge {
         }
     }
 
-    /// Only the recorder gets through, and no page that posts a form: its content type would be
-    /// another.
+    /// Only the recorder gets through, and no page that posts a form: its content
+    /// type would be another.
     fn admit(&self, headers: &HeaderMap, with_body: bool) -> Result<(), RejectedRequest> {
         let is = |name: HeaderName, wanted: &str| {
             let value = headers
@@ -230,8 +230,8 @@ impl Link {
                 .into_iter()
                 .flat_map(|output| BufReader::new(output).split(b'\n'));
             for line in lines.map_while(Result::ok) {
-                // A carriage return is white space between tokens here, and the end of a line in an
-                // event.
+                // A carriage return is white space between tokens here, and the end of a
+                // line in an event.
                 let line = String::from_utf8_lossy(&line).replace('\r', " ");
                 if !line.trim().is_empty() {
                     lock(&reading.state).hears(line);

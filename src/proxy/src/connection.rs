@@ -25,8 +25,8 @@ use crate::{
     wire::{Body, Head, Start, Unreadable},
 };
 
-/// Open streams of HTTP+SSE, by the target for messages: what is refused there is said on the
-/// stream.
+/// Open streams of HTTP+SSE, by the target for messages: what is refused there is
+/// said on the stream.
 pub(crate) type Streams = Mutex<HashMap<String, Arc<Connection>>>;
 
 /// Bytes read at a time.
@@ -227,8 +227,8 @@ impl Connection {
         session
     }
 
-    /// Says that a call is not passed on: in the place of the response, or on the stream where
-    /// results are awaited.
+    /// Says that a call is not passed on: in the place of the response, or on the stream
+    /// where results are awaited.
     fn refuse(
         &self,
         key: Option<&Key>,
@@ -325,8 +325,8 @@ impl Connection {
         }
     }
 
-    /// Passes a body of JSON on as soon as it is whole and recorded. Gives whether the connection
-    /// goes on.
+    /// Passes a body of JSON on as soon as it is whole and recorded. Gives whether
+    /// the connection goes on.
     fn json(
         &self,
         exchange: &Exchange,

@@ -441,8 +441,8 @@ impl Episodes {
         })
     }
 
-    /// The episode of a server that tells no task: the only one that was given, or one of which
-    /// nothing is known.
+    /// The episode of a server that tells no task: the only one that was given, or one of
+    /// which nothing is known.
     fn generic(&self) -> StartedEpisode {
         let single = match &self.setup.tasks[..] {
             [task] => self.setup.scenes.of(task).map(|scene| (task, scene)),

@@ -52,8 +52,8 @@ impl<'a> Events<'a> {
         }
     }
 
-    /// Passes everything on, each event as soon as it is whole and recorded. Gives whether the
-    /// connection goes on.
+    /// Passes everything on, each event as soon as it is whole and recorded. Gives whether
+    /// the connection goes on.
     pub(crate) fn pass(
         mut self,
         head: &[u8],

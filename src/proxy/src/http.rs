@@ -111,8 +111,8 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    /// The bytes of a request's head as the server gets them. What is compressed could not be read
-    /// here.
+    /// The bytes of a request's head as the server gets them. What is compressed could
+    /// not be read here.
     pub(crate) fn for_the_server(&self, head: &Head) -> Vec<u8> {
         head.with_values(&[
             ("host", self.upstream.authority.as_str()),
@@ -184,8 +184,8 @@ impl Proxy {
         self.listener.local_addr()
     }
 
-    /// Passes on and records until the process shall end; then every episode is ended and its trace
-    /// whole.
+    /// Passes on and records until the process shall end; then every episode is ended
+    /// and its trace whole.
     ///
     /// # Errors
     /// When the system does not say when that is.

@@ -116,8 +116,8 @@ impl Mapping {
     }
 }
 
-/// Where pointers look: the structured content, then every text from its first brace on that is a
-/// JSON object.
+/// Where pointers look: the structured content, then every text from its first brace on that
+/// is a JSON object.
 fn sources(structured: Option<&Value>, texts: &[String]) -> Vec<Value> {
     let object = |text: &String| serde_json::from_str::<Value>(&text[text.find('{')?..]).ok();
     structured

@@ -184,8 +184,8 @@ impl Session {
         }
     }
 
-    /// Notes that a call (none: whichever is open) failed on its way, or that its result cannot be
-    /// read.
+    /// Notes that a call (none: whichever is open) failed on its way, or that its
+    /// result cannot be read.
     pub(crate) fn unanswered(&self, call: Option<&Value>, why: &str) {
         let mut inner = self.lock();
         if inner

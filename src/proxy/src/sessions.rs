@@ -10,8 +10,8 @@ use std::{
 
 use crate::{Setup, session::Session};
 
-/// What tells a session from all others. Its values are secrets of their owners, and are written
-/// nowhere.
+/// What tells a session from all others. Its values are secrets of their owners,
+/// and are written nowhere.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) enum Key {
     /// `Mcp-Session-Id` of Streamable HTTP.

@@ -213,8 +213,8 @@ fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
     Some(answer)
 }
 
-/// An error in the place of an answer; not longer than `most`, none where that is too short for
-/// any.
+/// An error in the place of an answer; not longer than `most`, none where that is
+/// too short for any.
 pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<String> {
     let error = |why: &str| {
         json!({"jsonrpc": "2.0", "id": id, "error": {"code": INTERNAL_ERROR, "message": why}})

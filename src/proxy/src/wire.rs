@@ -184,8 +184,8 @@ pub(crate) enum Body {
 }
 
 impl Body {
-    /// Takes what came next: how many of these bytes belong to the body, and where in them its
-    /// content stands.
+    /// Takes what came next: how many of these bytes belong to the body, and where in
+    /// them its content stands.
     pub(crate) fn take(&mut self, wire: &[u8]) -> Result<(usize, Vec<Range<usize>>), Unreadable> {
         match self {
             Body::Length(left) => {

@@ -1,5 +1,5 @@
-//! What steers a running query from outside: stopping it, and hearing how far its slow functions
-//! are.
+//! What steers a running query from outside: stopping it, and hearing how far
+//! its slow functions are.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

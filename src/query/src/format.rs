@@ -1,5 +1,5 @@
-//! Results as text (an aligned table for people, CSV and JSON for programs) and as files (Arrow
-//! IPC, Parquet).
+//! Results as text (an aligned table for people, CSV and JSON for programs) and as
+//! files (Arrow IPC, Parquet).
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,5 @@
-//! What a question may cost: memory, time, rows, and the size of single values. Counts and refuses;
-//! runs nothing.
+//! What a question may cost: memory, time, rows, and the size of single values. Counts
+//! and refuses; runs nothing.
 
 use std::{sync::Arc, time::Duration};
 
@@ -30,8 +30,8 @@ pub const SQL_BYTES_MAX: usize = 1 << 20;
 /// Most operators of a SQL text: a chain of them is a tree as deep as it is long.
 pub const OPERATORS_MAX: usize = 2_000;
 
-/// Largest value that a function may make of a small one, in bytes: a batch may hold it 8,192
-/// times.
+/// Largest value that a function may make of a small one, in bytes: a batch may
+/// hold it 8,192 times.
 const VALUE_BYTES_MAX: u128 = 128 << 10;
 
 /// What a question may cost.

@@ -67,8 +67,8 @@ pub fn by_name(name: &str) -> Option<&'static NamedQuery> {
 }
 
 impl NamedQuery {
-    /// The header comment, without the comment marks and the name: what it tells, its columns, an
-    /// example.
+    /// The header comment, without the comment marks and the name: what it tells,
+    /// its columns, an example.
     pub fn help(&self) -> String {
         let header = self.sql.lines().map_while(|line| line.strip_prefix("--"));
         let lines: Vec<&str> = header
@@ -78,8 +78,8 @@ impl NamedQuery {
         lines.join("\n")
     }
 
-    /// Parameters with their defaults, from the lines `$name = default` under `Parameters:` of the
-    /// header.
+    /// Parameters with their defaults, from the lines `$name = default` under
+    /// `Parameters:` of the header.
     pub fn parameters(&self) -> Vec<(String, String)> {
         let help = self.help();
         let lines = help

@@ -1,6 +1,6 @@
-//! A read-only SQL session over one version of a store: plans a question, holds it to its limits,
-//! collects the answer. Never writes, and reads no file but the store's and, by functions, its
-//! traces.
+//! A read-only SQL session over one version of a store: plans a question, holds it to
+//! its limits, collects the answer. Never writes, and reads no file but the store's and,
+//! by functions, its traces.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -62,8 +62,8 @@ pub type Parameters = BTreeMap<String, String>;
 pub type EngineFactory =
     dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
 
-/// A session over one store, for one question at a time. Sees the store as it was when the session
-/// was made.
+/// A session over one store, for one question at a time. Sees the store as it was when
+/// the session was made.
 pub struct QuerySession(Arc<Inner>);
 
 struct Inner {
@@ -87,8 +87,8 @@ enum Part {
 pub enum CacheScope {
     /// As long as nobody writes to the store: the question asks its tables alone.
     StoreVersion,
-    /// For the moment: the question asks the clock, chance, or the traces, or nobody waited for the
-    /// end.
+    /// For the moment: the question asks the clock, chance, or the traces, or nobody
+    /// waited for the end.
     Uncacheable,
 }
 
@@ -660,8 +660,8 @@ impl std::fmt::Debug for QuerySession {
     }
 }
 
-/// The state of an engine that has every function a session has, for who runs the plans of sessions
-/// that are [elsewhere](Session::elsewhere).
+/// The state of an engine that has every function a session has, for who runs the plans of
+/// sessions that are [elsewhere](Session::elsewhere).
 pub fn every_function(
     config: SessionConfig,
     environment: Arc<RuntimeEnv>,
@@ -699,8 +699,8 @@ fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Plans one statement. Fields are taken with a dot from anything, not from columns alone:
-/// `replay(trace).verdict`.
+/// Plans one statement. Fields are taken with a dot from anything, not
+/// from columns alone: `replay(trace).verdict`.
 async fn plan_of(context: &SessionContext, sql: &str) -> Result<LogicalPlan, DataFusionError> {
     let state = context.state();
     let dialect = state.config().options().sql_parser.dialect;

@@ -424,8 +424,8 @@ impl Reader {
         Ok(understood)
     }
 
-    /// Fields that a function reads whose first argument are steps or a step, and in what form it
-    /// can take them.
+    /// Fields that a function reads whose first argument are steps or a step, and in what form
+    /// it can take them.
     fn taken(&self, name: &str, arguments: &[Expr]) -> Option<(BTreeSet<String>, ReadAs)> {
         match name {
             "get_field" => match arguments.get(1)? {

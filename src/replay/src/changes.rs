@@ -1,6 +1,6 @@
-//! What a policy would notice of another simulator: a trace's inputs executed to the end although
-//! things differ, and the outcomes that are not as recorded. Never a verdict on bits; that is
-//! [`verify`](crate::verify)'s.
+//! What a policy would notice of another simulator: a trace's inputs executed to the end
+//! although things differ, and the outcomes that are not as recorded. Never a verdict on
+//! bits; that is [`verify`](crate::verify)'s.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},

@@ -192,8 +192,8 @@ fn same_outcome(a: &StepRecord, b: &StepRecord) -> bool {
         && (a.digests.state, a.digests.frame) == (b.digests.state, b.digests.frame)
 }
 
-/// The calls after the common ones: those made alike in one row, so that a call more does not shift
-/// all that follows.
+/// The calls after the common ones: those made alike in one row, so that a call more does not
+/// shift all that follows.
 fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<CallPair> {
     let deeds = [deeds(a), deeds(b)];
     let calls = |trace: &Trace| -> Vec<String> {

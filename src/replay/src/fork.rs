@@ -25,12 +25,12 @@ pub struct Fork<'t> {
 }
 
 impl<'t> Fork<'t> {
-    /// Goes to the moment before call `call`; that after the last call, where the episode had not
-    /// ended.
+    /// Goes to the moment before call `call`; that after the last call, where the
+    /// episode had not ended.
     ///
     /// # Errors
-    /// Why nothing can be executed, the first difference on the way, or that nothing can come
-    /// there.
+    /// Why nothing can be executed, the first difference on the way, or that
+    /// nothing can come there.
     pub fn at(
         parent: &'t Trace,
         call: usize,
@@ -68,9 +68,9 @@ impl<'t> Fork<'t> {
         self.call
     }
 
-    /// An episode that went as the parent did up to here. `policy` says who decides from now on,
-    /// `detail` how much of the pictures to come is drawn; only with all of it can the episode be
-    /// recorded.
+    /// An episode that went as the parent did up to here. `policy` says who decides from
+    /// now on, `detail` how much of the pictures to come is drawn; only with all of it can
+    /// the episode be recorded.
     ///
     /// # Errors
     /// Why nothing can be executed.

@@ -1,6 +1,6 @@
-//! Re-executes a trace from its inputs and compares everything: every digest, picture, text, graph
-//! change, reward and metric. Names the first difference by call, physics step, body and field,
-//! with both values.
+//! Re-executes a trace from its inputs and compares everything: every digest, picture, text,
+//! graph change, reward and metric. Names the first difference by call, physics step, body and
+//! field, with both values.
 //!
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
@@ -151,8 +151,8 @@ fn verify_from(path: &Path, assets: &dyn Assets) -> Verdict {
     }
 }
 
-/// Replays many trace files on so many threads; verdicts in the order of the paths. Meshes come
-/// from `assets`.
+/// Replays many trace files on so many threads; verdicts in the order of the paths.
+/// Meshes come from `assets`.
 pub fn verify_all<P: AsRef<Path> + Sync>(
     paths: &[P],
     assets: &dyn Assets,
@@ -201,8 +201,8 @@ pub fn verify_trace(trace: &Trace) -> Verdict {
     verify_with(trace, Detail::Full)
 }
 
-/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said of
-/// the pictures' RGB.
+/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said
+/// of the pictures' RGB.
 pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     if let Err(verdict) = player::config(trace) {
         return verdict;

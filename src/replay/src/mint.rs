@@ -198,8 +198,8 @@ pub fn mint(options: &MintOptions<'_>) -> Result<Minted, MintError> {
 /// A file of the workshop, and the place it takes.
 type StagedFile = (PathBuf, PathBuf);
 
-/// Writes everything new into the workshop; what is there afterwards only has to take its place, in
-/// this order.
+/// Writes everything new into the workshop; what is there afterwards only has to take its
+/// place, in this order.
 fn write_all(
     options: &MintOptions<'_>,
     reason: &str,
@@ -261,8 +261,8 @@ fn write_all(
     Ok((minted, places))
 }
 
-/// Executes one trace and writes it, and a copy of the old one if another simulator recorded it,
-/// into the workshop.
+/// Executes one trace and writes it, and a copy of the old one if another simulator recorded
+/// it, into the workshop.
 fn write_one(
     corpus: &Path,
     path: &Path,
@@ -355,8 +355,8 @@ impl Minted {
             .filter(|trace| trace.rewritten && !trace.added)
     }
 
-    /// The entry in the notes: dated by the simulator's version, for a clock says nothing of what
-    /// changed.
+    /// The entry in the notes: dated by the simulator's version, for a clock says
+    /// nothing of what changed.
     fn note(&self, reason: &str) -> String {
         let (all, added, rewritten) = (self.traces.len(), self.added(), self.rewritten().count());
         let mut note = format!(

@@ -97,8 +97,8 @@ impl<'t> Replay<'t> {
         })
     }
 
-    /// Executes the next recorded call again and gives its picture, where it has one; nothing after
-    /// the last call.
+    /// Executes the next recorded call again and gives its picture, where it has one; nothing
+    /// after the last call.
     ///
     /// # Errors
     /// The first difference.
@@ -165,8 +165,8 @@ impl<'t> Replay<'t> {
     }
 }
 
-/// What an episode is a function of, from its trace; refuses what no simulator of this version
-/// recorded.
+/// What an episode is a function of, from its trace; refuses what no simulator
+/// of this version recorded.
 pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
     if header.backend == Backend::Sim && header.sim_version != sim_version(header.profile) {
@@ -203,8 +203,8 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     })
 }
 
-/// Refuses a trace whose meshes are not those that it was recorded with: everything would differ,
-/// and say nothing.
+/// Refuses a trace whose meshes are not those that it was recorded with: everything would
+/// differ, and say nothing.
 fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
     let wrong =
         trace

@@ -21,8 +21,8 @@ pub enum RepackError {
     Trace(#[from] TraceError),
 }
 
-/// Writes a trace without its pictures; with `verify` only after a replay that brought back every
-/// one of them.
+/// Writes a trace without its pictures; with `verify` only after a replay that brought back
+/// every one of them.
 ///
 /// # Errors
 /// When the replay is not exact, the trace is not of our simulator, or the file cannot be written.
@@ -40,8 +40,8 @@ pub fn compact(trace: &Trace, to: &Path, verify: bool) -> Result<TraceSummary, R
     }
 }
 
-/// Writes a trace with its pictures, drawn again: the bytes of the trace as it was recorded with
-/// them.
+/// Writes a trace with its pictures, drawn again: the bytes of the trace as it
+/// was recorded with them.
 ///
 /// # Errors
 /// When the replay is not exact or the file cannot be written.

@@ -1,6 +1,6 @@
-//! Going to a moment of an episode: by executing it from the start, or from a snapshot in a cache,
-//! with the same bits. The cache may be deleted at any time; what is damaged in it is passed over
-//! and made again.
+//! Going to a moment of an episode: by executing it from the start, or from a snapshot in a
+//! cache, with the same bits. The cache may be deleted at any time; what is damaged in it is
+//! passed over and made again.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -64,8 +64,8 @@ impl SnapshotCache {
     }
 }
 
-/// The picture after a call (none: before the first), drawn again whether or not the trace holds
-/// it.
+/// The picture after a call (none: before the first), drawn again whether or not
+/// the trace holds it.
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference on the way, or that there is no such call.
@@ -138,9 +138,9 @@ pub(crate) fn no_call(trace: &Trace, call: usize) -> Verdict {
     }
 }
 
-/// Goes to the state after the first `calls` calls: from the nearest snapshot of the cache, else
-/// from the start. What is executed on the way is compared with the trace; the snapshot found there
-/// is kept.
+/// Goes to the state after the first `calls` calls: from the nearest snapshot of the cache,
+/// else from the start. What is executed on the way is compared with the trace; the snapshot
+/// found there is kept.
 ///
 /// # Errors
 /// Why nothing can be executed, or the first difference on the way.

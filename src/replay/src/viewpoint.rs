@@ -13,8 +13,8 @@ use crate::{
 /// Where a picture is taken from.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Viewpoint {
-    /// The robot's head: what the agent saw, with its marks; the same view where a call gave no
-    /// picture.
+    /// The robot's head: what the agent saw, with its marks; the same view where a
+    /// call gave no picture.
     Head,
     /// From above, all of the home.
     TopDown,
@@ -151,8 +151,8 @@ fn object(name: &str, task: &Task) -> Result<InstanceId, ViewpointError> {
 /// The picture (RGB) from a viewpoint after a call (none: before the first).
 ///
 /// # Errors
-/// Why nothing can be executed, the first difference on the way, or that there is no such call or
-/// object.
+/// Why nothing can be executed, the first difference on the way, or that there is no
+/// such call or object.
 pub fn view_at(
     trace: &Trace,
     call: Option<u32>,

@@ -1,5 +1,5 @@
-//! How many twelve-step episodes a second one core scores: from prepared facts, and from the texts
-//! of table columns.
+//! How many twelve-step episodes a second one core scores: from prepared facts, and from the
+//! texts of table columns.
 //!
 //! `cargo run --release -p reel-reward --example reward_speed`
 

@@ -1,9 +1,9 @@
 //! Advantages of rollouts: how much better each was than the others of its prompt group. Never
 //! reads a rollout; every result is a function of the returns.
 //!
-//! `Paper` is the paper's, `Ngrpo` the published trainer's default (a rollout of a virtual, better
-//! reward joins each group), the others are those of the library that the published trainer pins
-//! (ms-swift 3.12).
+//! `Paper` is the paper's, `Ngrpo` the published trainer's default (a rollout of a virtual,
+//! better reward joins each group), the others are those of the library that the published
+//! trainer pins (ms-swift 3.12).
 
 use serde::Serialize;
 
@@ -15,8 +15,8 @@ pub const PAPER_EPS: f64 = 1e-6;
 const LIBRARY_EPS: f64 = 1e-4;
 /// Added to the variance by NGRPO.
 const NGRPO_VARIANCE_EPS: f64 = 1e-8;
-/// How far NGRPO's virtual reward lies above the best of the group: this share of its size, and at
-/// least so much.
+/// How far NGRPO's virtual reward lies above the best of the group: this share of its size, and
+/// at least so much.
 const VIRTUAL_SHARE: f64 = 0.1;
 const VIRTUAL_MIN: f64 = 0.5;
 
@@ -32,8 +32,8 @@ pub enum Estimator {
     /// `(J - mean) / sqrt(var + 1e-8)` where a virtual reward has joined the group, so that a group
     /// in which all failed alike still says that it failed.
     Ngrpo {
-        /// The virtual reward; `None`: the group's best plus the larger of 0.5 and a tenth of its
-        /// size.
+        /// The virtual reward; `None`: the group's best plus the larger of 0.5 and a
+        /// tenth of its size.
         virtual_max: Option<f64>,
     },
     /// `(J - mean) / (std + 1e-4)`, `std` the sample's.
@@ -185,8 +185,8 @@ impl Estimator {
     }
 }
 
-/// `(J_i - mean) / (std + eps)` of one group, `std` the population's. Equal returns give zeros, no
-/// returns none.
+/// `(J_i - mean) / (std + eps)` of one group, `std` the population's. Equal returns give
+/// zeros, no returns none.
 pub fn group_relative(returns: &[f64], eps: f64) -> Vec<f64> {
     let deviation = (squares(returns) / returns.len() as f64).sqrt();
     let relative = |value: f64| {

@@ -30,8 +30,8 @@ pub struct ComponentDifference {
     pub after: f64,
 }
 
-/// Compares two rewards of one episode, bit for bit. None: no term of any step differs (names and
-/// reasons apart).
+/// Compares two rewards of one episode, bit for bit. None: no term of any step differs
+/// (names and reasons apart).
 pub fn difference(before: &EpisodeReward, after: &EpisodeReward) -> Option<RewardDifference> {
     let mut changed = BTreeMap::new();
     let mut steps = Vec::new();

@@ -75,8 +75,8 @@ pub(crate) struct Dialogue {
 }
 
 impl Dialogue {
-    /// Several objects like the target are seen: answers to earlier questions do not settle which
-    /// one is meant.
+    /// Several objects like the target are seen: answers to earlier questions do not settle
+    /// which one is meant.
     pub(crate) fn see_several(&mut self) {
         self.asked &= self.ambiguous;
         self.ambiguous = true;

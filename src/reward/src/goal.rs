@@ -39,8 +39,8 @@ pub(crate) fn count(graph: &WorldGraph, event: &GraphEvent) -> u32 {
         .unwrap_or(0)
 }
 
-/// The graph as the published code compares it: kinds (assets, categories) instead of instances,
-/// and no doors.
+/// The graph as the published code compares it: kinds (assets, categories) instead of
+/// instances, and no doors.
 pub(crate) fn by_kind(graph: &WorldGraph, kind: impl Fn(&InstanceId) -> InstanceId) -> WorldGraph {
     let mut kinds = WorldGraph::default();
     for (receptacle, state) in &graph.receptacles {

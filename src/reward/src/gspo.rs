@@ -178,8 +178,8 @@ pub fn clip_side(ratio: f64, advantage: f64, range: ClipRange) -> Option<ClipSid
     }
 }
 
-/// `min(s A, clip(s, 1 - low, 1 + high) A)`: what a rollout adds to the surrogate (paper, GSPO
-/// Objective).
+/// `min(s A, clip(s, 1 - low, 1 + high) A)`: what a rollout adds to the
+/// surrogate (paper, GSPO Objective).
 pub fn clipped_term(ratio: f64, advantage: f64, range: ClipRange) -> f64 {
     (ratio * advantage).min(range.clip(ratio) * advantage)
 }

@@ -80,7 +80,7 @@ pub trait Rewarder: fmt::Debug + Send {
     /// Takes in the state before the first decision. Called once, first.
     fn start(&mut self, start: &StartRecord);
 
-    /// The terms of the next step; those that are zero are left out. The record's own `reward` is
-    /// not read.
+    /// The terms of the next step; those that are zero are left out. The record's own
+    /// `reward` is not read.
     fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm>;
 }

@@ -1,5 +1,5 @@
-//! Metrics of one episode (docs/spec.md#metrics and docs/spec.md#advantages). Never reads a reward
-//! rule.
+//! Metrics of one episode (docs/spec.md#metrics and docs/spec.md#advantages). Never
+//! reads a reward rule.
 
 use reel_world::{
     InstanceId, Task, WorldGraph,
@@ -13,8 +13,8 @@ use crate::{
     trainer::Categories,
 };
 
-/// Metrics of an episode under a preset. `end` are the final graphs; the steps hold their reward
-/// terms.
+/// Metrics of an episode under a preset. `end` are the final graphs; the steps
+/// hold their reward terms.
 ///
 /// SR and CR look at the final state: in the physical graph by instance for `paper`, in the
 /// registry and without doors by asset for `real-repo` and by category for `real-trainer`. An `ask`

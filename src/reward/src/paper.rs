@@ -1,10 +1,10 @@
-//! Preset `paper`: the reward of the paper's Detailed Reward Configuration, by the definitions of
-//! docs/spec.md#reward-preset-paper.
+//! Preset `paper`: the reward of the paper's Detailed Reward Configuration, by
+//! the definitions of docs/spec.md#reward-preset-paper.
 //!
 //! The physical graph scores. Where the definitions leave a corner, it is decided so:
-//! - `Delta_task` is a set union: an aux element that is a goal change already (a door to be opened
-//!   and left open) is not counted twice, and source and destination that are one receptacle give
-//!   one visit.
+//! - `Delta_task` is a set union: an aux element that is a goal change already (a door to be
+//!   opened and left open) is not counted twice, and source and destination that are one
+//!   receptacle give one visit.
 //! - Matching reads the changes of the step, so an element that happens to hold before the first
 //!   decision is never matched; the +2.0 looks at the state and can be had all the same. A task
 //!   without goal changes has no +2.0.
@@ -58,8 +58,8 @@ use crate::{
     terms::Term,
 };
 
-/// The state of the rules during one episode. The page of this module has the corners and a worked
-/// example.
+/// The state of the rules during one episode. The page of this module has the corners
+/// and a worked example.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Paper {
     /// Which elements of `Delta_task` were matched, and how many were not.
@@ -197,8 +197,8 @@ impl Paper {
         }
     }
 
-    /// Follows wrong picks; true when this step completes a recovery. Reads the graph before the
-    /// step.
+    /// Follows wrong picks; true when this step completes a recovery. Reads the
+    /// graph before the step.
     fn recover(&mut self, facts: &TaskFacts, step: &StepFacts) -> bool {
         let picked = step
             .head

@@ -13,8 +13,8 @@ use crate::{
     terms::{Base, Term},
 };
 
-/// Counts up when the rules of a base change in the code, so that equal weights of other rules get
-/// another version.
+/// Counts up when the rules of a base change in the code, so that equal weights of other
+/// rules get another version.
 fn revision(base: Base) -> u32 {
     match base {
         Base::Paper | Base::RealTrainer => 1,
@@ -22,8 +22,8 @@ fn revision(base: Base) -> u32 {
     }
 }
 
-/// Largest weight, to either side: sums of such weights stay finite and exact enough, whatever an
-/// episode does.
+/// Largest weight, to either side: sums of such weights stay finite and exact enough,
+/// whatever an episode does.
 pub(crate) const WEIGHT_MAX: f64 = 1e9;
 
 /// A set of reward rules: a base, its weights and its limits.
@@ -142,8 +142,8 @@ impl Preset {
         self
     }
 
-    /// What it computes, without its name: base, revision of the rules, every weight and limit that
-    /// the base reads.
+    /// What it computes, without its name: base, revision of the rules, every weight and limit
+    /// that the base reads.
     pub fn content(&self) -> Value {
         let weights: Map<String, Value> = self
             .base
@@ -157,8 +157,8 @@ impl Preset {
         json!({ "base": self.base.as_str(), "revision": revision(self.base), "weights": weights, "rules": rules })
     }
 
-    /// Digest of [`Preset::content`]: equal versions compute equal rewards, whatever they are
-    /// called.
+    /// Digest of [`Preset::content`]: equal versions compute equal rewards,
+    /// whatever they are called.
     pub fn version(&self) -> Digest {
         Digest::of_json(&self.content())
     }

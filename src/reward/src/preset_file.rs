@@ -1,5 +1,5 @@
-//! Presets as TOML files, and the JSON Schema of those files. Never opens a file: texts come and
-//! go.
+//! Presets as TOML files, and the JSON Schema of those files. Never opens a file:
+//! texts come and go.
 
 use std::{borrow::Cow, ops::Range};
 
@@ -27,8 +27,8 @@ const NAME: &str =
 
 impl Preset {
     /// Reads a preset file: `name`, `base` (`paper`, `real-repo` or `real-trainer`), and what
-    /// differs from the base under `[weights]` and `[rules]`. `schemas/reward_preset.example.toml`
-    /// has all keys.
+    /// differs from the base under `[weights]` and `[rules]`.
+    /// `schemas/reward_preset.example.toml` has all keys.
     ///
     /// # Errors
     /// With line and column, when the text is no TOML, a key is unknown, or a value is of another

@@ -1,10 +1,10 @@
 //! Preset `real-repo`: the reward of the published code (REAL's gspo branch), number for number, by
 //! the definitions of docs/spec.md#reward-preset-real-repo.
 //!
-//! The registry scores, and objects count as their assets. What is repeated here is the published
-//! *reward class* (`src/difference_reward.rs` has its rules); a step is a decision of the record,
-//! also `finish` and calls that are none, and what is held counts as its asset, as the published
-//! environment translates it.
+//! The registry scores, and objects count as their assets. What is repeated here is the
+//! published *reward class* (`src/difference_reward.rs` has its rules); a step is a decision of
+//! the record, also `finish` and calls that are none, and what is held counts as its asset, as
+//! the published environment translates it.
 //!
 //! What the class is told by its environment is derived so:
 //! - Several were seen: after `walk_around` or `show_object_by_category` the marker map held more

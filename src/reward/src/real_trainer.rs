@@ -12,18 +12,18 @@
 //! The corners:
 //! - The hand counts as occupied after any `pick`, and as empty after any `place`, whose text is
 //!   not listed, whatever is held.
-//! - Several candidates are seen when, after `walk_around` or `show_object_by_category`, more than
-//!   one *name* in the marker map contains the target's category. Runtime names do so by accident
-//!   only.
+//! - Several candidates are seen when, after `walk_around` or `show_object_by_category`,
+//!   more than one *name* in the marker map contains the target's category. Runtime names do
+//!   so by accident only.
 //! - An answer counts if it names a marker: the words are those that reached the policy, not those
 //!   of the simulated user. A text that begins with a brace reaches nobody.
 //! - A `pick` without a listed text forgets candidates and answers before it is judged, so that
 //!   only picks that fail earn `used_marker_from_answer` or cost `blind_pick`.
 //! - A graph with an untranslated name, or with over three objects more or fewer than the last one
 //!   that was taken, is refused: what changed shows in the next graph that is taken.
-//! - The episode is done when no target remains, after `finish`, at the step limit, at the
-//!   scheduler's turn limit, and after a call that failed for good. Later steps of the record pay
-//!   nothing.
+//! - The episode is done when no target remains, after `finish`, at the step limit, at
+//!   the scheduler's turn limit, and after a call that failed for good. Later steps of
+//!   the record pay nothing.
 //!
 //! # A worked example
 //! The task and the calls of the example in `paper.rs`: two apples on `table_1`, one of them goes
@@ -113,8 +113,8 @@ pub struct TrainerState {
     pub ending: Option<TrainerEnd>,
 }
 
-/// The state of the rules during one episode. The page of this module has the corners and a worked
-/// example.
+/// The state of the rules during one episode. The page of this module has the corners
+/// and a worked example.
 #[derive(Clone, Debug)]
 pub(crate) struct RealTrainer {
     reward: DifferenceReward,

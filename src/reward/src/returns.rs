@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use crate::discounted_return;
 
-/// How rewards become the return of an episode: the sum of `gamma^(t-1) r_t` over the first
-/// `horizon` decisions.
+/// How rewards become the return of an episode: the sum of `gamma^(t-1) r_t` over
+/// the first `horizon` decisions.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct Returns {
     /// As it is named on the command line.

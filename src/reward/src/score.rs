@@ -189,8 +189,8 @@ impl EpisodeReward {
         self.discounted_return
     }
 
-    /// The step (from 0) with which the rules were done, and why; `None` if they read the record to
-    /// its end.
+    /// The step (from 0) with which the rules were done, and why; `None` if they read the
+    /// record to its end.
     pub fn ending(&self) -> Option<(u32, TrainerEnd)> {
         self.ending
     }

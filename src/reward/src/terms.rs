@@ -1,6 +1,6 @@
-//! Every term of the built-in presets by name: its component, its published weight and what it pays
-//! for. The one place that preset files, their schema and the documentation are made from. Never
-//! computes a reward.
+//! Every term of the built-in presets by name: its component, its published weight and what it
+//! pays for. The one place that preset files, their schema and the documentation are made from.
+//! Never computes a reward.
 
 use std::fmt;
 
@@ -99,8 +99,8 @@ const CLASS: &[Base] = &[Base::RealRepo, Base::RealTrainer];
 const TRAINER: &[Base] = &[Base::RealTrainer];
 
 terms! {
-    /// For each newly matched element of the task's changes: goal changes, first visits, doors to
-    /// be opened.
+    /// For each newly matched element of the task's changes: goal changes, first visits,
+    /// doors to be opened.
     Matched = PAPER, "task", "matched", 1.5;
     /// Once, the first time that all goal changes hold.
     AllHold = PAPER, "task", "all_hold", 2.0;
@@ -125,8 +125,8 @@ terms! {
     /// For an error of perception or of the gripper.
     Moderate = PAPER, "safe", "moderate", -0.3;
 
-    /// For `pick`, `open` or `close` while the hand counts as occupied, and for `place` while it
-    /// counts as empty.
+    /// For `pick`, `open` or `close` while the hand counts as occupied, and for `place` while
+    /// it counts as empty.
     HandViolation = TRAINER, "hand", "hand_violation", -0.3;
     /// For an answer that holds a listed severe text.
     ListedSevere = TRAINER, "listed_error", "listed_severe", -0.5;
@@ -149,8 +149,8 @@ terms! {
     StepPenalty = CLASS, "step_penalty", "step_penalty", -0.03;
     /// Once an object, when one is held that has a target `remove`.
     PickCorrectObject = CLASS, "pick_correct_object", "pick_correct_object", 0.3;
-    /// Once an object, when something is held and the object is neither at its source nor at its
-    /// goal.
+    /// Once an object, when something is held and the object is neither at its source
+    /// nor at its goal.
     PartialMove = CLASS, "partial_move", "partial_move", 0.5;
     /// Once, when a target object is held after a wrong one was returned.
     ReplanRecoverPick = CLASS, "replan_recover_pick", "replan_recover_pick", 1.0;
@@ -199,8 +199,8 @@ impl Term {
         self.bases().contains(&base)
     }
 
-    /// Whether it is one of the published anti-exploit terms, which are off unless a preset says
-    /// otherwise.
+    /// Whether it is one of the published anti-exploit terms, which are off unless
+    /// a preset says otherwise.
     pub fn is_anti_exploit(self) -> bool {
         (Term::TargetFirstDiscovered..=Term::PrematureFinish).contains(&self)
     }

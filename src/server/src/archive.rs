@@ -153,8 +153,8 @@ impl Archive {
         &self.folder
     }
 
-    /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound trace.
-    /// Never replaces one.
+    /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound
+    /// trace. Never replaces one.
     pub async fn receive<E: std::fmt::Display>(
         &self,
         name: &str,

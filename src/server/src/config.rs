@@ -36,8 +36,8 @@ pub struct Config {
     /// File of tokens; without it `tokens.toml` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tokens: Option<PathBuf>,
-    /// Names besides localhost under which clients may reach it (the `Host` header), e.g. behind a
-    /// proxy.
+    /// Names besides localhost under which clients may reach it (the `Host` header),
+    /// e.g. behind a proxy.
     pub hosts: Vec<String>,
     /// Origins of web pages that may call it, e.g. `https://lab.example`.
     pub origins: Vec<String>,
@@ -91,8 +91,8 @@ pub struct Play {
     pub policy: Option<String>,
     /// Whether traces hold pictures; without them they are drawn again on demand.
     pub images: bool,
-    /// What an acknowledged call survives: `write` (the death of the process) or `fsync` (the loss
-    /// of power).
+    /// What an acknowledged call survives: `write` (the death of the process) or `fsync`
+    /// (the loss of power).
     pub durability: String,
     /// Who answers the `ask` calls of the policies.
     pub ask: AskResponder,
@@ -129,8 +129,8 @@ pub struct Limits {
     pub patience_s: u64,
     /// Most client connections that are open at once.
     pub connections: usize,
-    /// Seconds that a client has for the head of a request, again for its body, and for reading any
-    /// of the answer.
+    /// Seconds that a client has for the head of a request, again for its body, and for reading
+    /// any of the answer.
     pub read_s: u64,
     /// Largest body of a request, in MiB.
     pub body_mib: usize,
@@ -383,8 +383,8 @@ impl Config {
         Preset::from_toml(&text).map_err(|error| wrong(format!("{}: {error}", self.play.preset)))
     }
 
-    /// What households play; loads the tasks. Broken task files are left out and named by
-    /// `on_broken`.
+    /// What households play; loads the tasks. Broken task files are left out
+    /// and named by `on_broken`.
     ///
     /// # Errors
     /// When the configuration is wrong, or no task can be loaded.

@@ -65,8 +65,8 @@ pub(crate) async fn serve(
                 .http1()
                 .timer(TokioTimer::new())
                 .header_read_timeout(app.read_patience());
-            // Who asks and does not read would have its place, and what it asked for in memory, for
-            // ever.
+            // Who asks and does not read would have its place, and what it asked for
+            // in memory, for ever.
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(app.read_patience()));
             let connection = builder.serve_connection(

@@ -149,7 +149,7 @@ fn authorize(
     };
     let Some(entry) = app.tokens.find(token.trim()) else {
         return Err(ApiError::unauthorized(
-            "this token is none of ours, or was revoked",
+            "unknown or revoked token",
         ));
     };
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {

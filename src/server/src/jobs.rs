@@ -1,6 +1,6 @@
-//! Long work: commands of `reel` itself, each in a process of its own. Every such command survives
-//! being killed and goes on where it stopped, so cancelling is killing; and what breaks in one
-//! breaks nothing else.
+//! Long work: commands of `reel` itself, each in a process of its own. Every such command
+//! survives being killed and goes on where it stopped, so cancelling is killing; and what breaks
+//! in one breaks nothing else.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -65,8 +65,8 @@ pub(crate) enum Work {
         set: Set,
         /// Name of the folder.
         name: String,
-        /// Further options of `reel export`, e.g. `{"format": "trl", "validation": 0.1, "failed":
-        /// true}`.
+        /// Further options of `reel export`, e.g. `{"format": "trl",
+        /// "validation": 0.1, "failed": true}`.
         #[serde(default)]
         options: BTreeMap<String, Value>,
     },

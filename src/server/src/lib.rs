@@ -1,8 +1,8 @@
 //! The service: the tool server for policies, REST for people and trainers, read-only analysis for
 //! assistants, jobs, and what keeps all of it safe.
 //!
-//! Puts together what other crates do; what an episode is, they know. Every way in passes the same
-//! gate (`gate`).
+//! Puts together what other crates do; what an episode is, they know. Every way in passes
+//! the same gate (`gate`).
 
 #[cfg(feature = "tables")]
 mod analysis;

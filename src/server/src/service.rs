@@ -60,8 +60,8 @@ pub(crate) struct App {
 }
 
 impl App {
-    /// Whether clients have to show tokens: where the world can reach it, or where there is a file
-    /// of them.
+    /// Whether clients have to show tokens: where the world can reach it, or where there is
+    /// a file of them.
     pub fn demands_tokens(&self) -> bool {
         !self.config.is_local() || self.tokens.in_use()
     }

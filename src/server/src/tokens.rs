@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::put;
 
-/// What a client may do. No role holds another: a policy that may act must not read what it is
-/// graded by.
+/// What a client may do. No role holds another: a policy that may act must not read what
+/// it is graded by.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
@@ -132,8 +132,8 @@ impl Tokens {
         self.were_in_use.fetch_or(is_there, Ordering::AcqRel) || is_there
     }
 
-    /// Looks whether the file changed. A file that became unreadable leaves the tokens as they
-    /// were.
+    /// Looks whether the file changed. A file that became unreadable leaves the
+    /// tokens as they were.
     ///
     /// # Errors
     /// When it changed and cannot be read.

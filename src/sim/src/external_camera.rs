@@ -14,8 +14,8 @@ use crate::{
 const ROBOT_ENTITY: u16 = u16::MAX;
 /// Where a held object hangs, before the robot and above the floor, in metres.
 const GRIPPER_M: [f32; 2] = [0.34, 0.95];
-/// How far a camera that follows an object stands off, level and upwards, in metres; the nearer
-/// pairs first.
+/// How far a camera that follows an object stands off, level and upwards, in metres;
+/// the nearer pairs first.
 const FOLLOW_M: [[f32; 2]; 3] = [[0.75, 0.55], [0.9, 1.1], [0.35, 1.3]];
 /// Directions around the object that are tried.
 const DIRECTIONS: usize = 12;
@@ -44,8 +44,8 @@ impl Simulator {
         self.render_with(camera, &extra, self.detail)
     }
 
-    /// A camera above the middle of the home, so high that all of it is in the picture; the longer
-    /// side lies level.
+    /// A camera above the middle of the home, so high that all of it is in the picture; the
+    /// longer side lies level.
     pub fn camera_above(&self) -> Camera {
         let [low, high] = self.stage.model.bounds;
         let [width, depth] = [0, 1].map(|axis| high[axis] - low[axis] + 0.3);

@@ -1,7 +1,7 @@
 //! The simulator: rapier world, navigation, camera and rasterizer, tool handlers, state digests.
 //!
-//! Deterministic: no clock, thread, environment, file, hash-order container or `std` transcendental
-//! (`clippy.toml` bans them).
+//! Deterministic: no clock, thread, environment, file, hash-order container or `std`
+//! transcendental (`clippy.toml` bans them).
 
 pub mod geometry;
 pub mod model;
@@ -63,8 +63,8 @@ pub const SIM_CHANGES: &[SimChange] = &[
     },
 ];
 
-/// The version whose episodes of a profile this simulator plays: that of the last change that
-/// concerns it.
+/// The version whose episodes of a profile this simulator plays: that of the last
+/// change that concerns it.
 pub fn sim_version(profile: Profile) -> u32 {
     let concerns = |(_, change): &(u32, &SimChange)| change.profiles.contains(&profile);
     (1..)

@@ -1,8 +1,8 @@
 //! The rapier world: fixed furniture, hinged doors and free objects, stepped at 1/240 s.
 //!
-//! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because another
-//! order gives other bits. One thread owns a step. Everything that moves is named by an entity
-//! number in `user_data`.
+//! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because
+//! another order gives other bits. One thread owns a step. Everything that moves is named by an
+//! entity number in `user_data`.
 
 use rapier3d::prelude::*;
 use reel_world::DT_S;
@@ -44,8 +44,8 @@ pub struct Motion {
     pub asleep: bool,
 }
 
-/// The physics of one episode. Its serialized form is a snapshot for the same build of the engine,
-/// no file format.
+/// The physics of one episode. Its serialized form is a snapshot for the same build of the
+/// engine, no file format.
 #[derive(Serialize, Deserialize)]
 pub struct Physics {
     world: PhysicsWorld,

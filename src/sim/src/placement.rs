@@ -1,5 +1,5 @@
-//! Where a held object is put: the clamp algorithm, the collision-free point of a surface nearest
-//! to the robot.
+//! Where a held object is put: the clamp algorithm, the collision-free point of a surface
+//! nearest to the robot.
 
 use crate::{geometry::Pose, model::Surface};
 

@@ -141,8 +141,8 @@ impl Simulator {
         }
     }
 
-    /// Objects on each receptacle, in the order of the scene; on each in the order in which they
-    /// came there.
+    /// Objects on each receptacle, in the order of the scene; on each in the order in
+    /// which they came there.
     pub fn objects_by_receptacle(&self) -> Vec<(ReceptacleId, Vec<InstanceId>)> {
         let ids = self
             .stage
@@ -578,8 +578,8 @@ impl Simulator {
         }
     }
 
-    /// The picture of a search. One that marked nothing found nothing, though the servers say no
-    /// word of it.
+    /// The picture of a search. One that marked nothing found nothing, though the servers say
+    /// no word of it.
     fn searched(&mut self, opacity: f32) -> ToolResult {
         let mut result = self.marked(opacity);
         result.outcome.error = self.markers.is_empty().then_some(ErrorCode::NothingFound);

@@ -22,8 +22,8 @@ use crate::{
 pub const SPAWN_SETTLE_STEPS: u32 = 500;
 /// Fewest pixels of a thing that is in view.
 pub const VISIBLE_PIXELS: u32 = 12;
-/// How far below or above a surface an object's lowest point may be and still rest on it, in
-/// metres.
+/// How far below or above a surface an object's lowest point may be and still rest
+/// on it, in metres.
 const REST_BELOW_M: f32 = 0.04;
 const REST_ABOVE_M: f32 = 0.30;
 /// How far its centre may be outside the surface, in metres.
@@ -41,8 +41,8 @@ pub struct Simulator {
     pub(crate) seed: u64,
     pub(crate) physics: Physics,
     pub(crate) registry: WorldGraph,
-    /// Objects that stand somewhere, in the order in which they came there; kept by the published
-    /// servers' tools only.
+    /// Objects that stand somewhere, in the order in which they came there; kept by the
+    /// published servers' tools only.
     pub(crate) arrivals: Vec<usize>,
     pub(crate) held: Option<usize>,
     pub(crate) markers: Vec<Marker>,
@@ -57,8 +57,8 @@ pub struct Simulator {
     pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
     pub(crate) step_digests: Vec<u32>,
-    /// The physics step, counted like `step_digests`, whose motion states are wanted, and these
-    /// states.
+    /// The physics step, counted like `step_digests`, whose motion states are
+    /// wanted, and these states.
     pub(crate) watch: Option<usize>,
     pub(crate) watched: Option<Vec<BodyState>>,
 }
@@ -69,8 +69,8 @@ impl Simulator {
         Self::new_watching(stage, profile, seed, None)
     }
 
-    /// [`Simulator::new`], keeping the motion states after one physics step of the settling (from 0) for
-    /// [`Simulator::take_watched`].
+    /// [`Simulator::new`], keeping the motion states after one physics step of the settling
+    /// (from 0) for [`Simulator::take_watched`].
     pub fn new_watching(
         stage: Arc<PreparedTask>,
         profile: Profile,
@@ -166,8 +166,8 @@ impl Simulator {
         std::mem::take(&mut self.step_digests)
     }
 
-    /// Keeps the motion states after one physics step of the next call (from 0) for
-    /// [`Simulator::take_watched`].
+    /// Keeps the motion states after one physics step of the next call
+    /// (from 0) for [`Simulator::take_watched`].
     pub fn watch(&mut self, step: usize) {
         self.watch = Some(step);
     }

@@ -8,8 +8,8 @@ use crate::nav::Viewpoint;
 
 /// How far off the base arrives, in metres: mean and standard deviation of the odometry error.
 const DRIFT_M: [f64; 2] = [0.0178, 0.0040];
-/// How far it is turned, in radians: mean and standard deviation of the yaw error, 0.74 and 0.57
-/// degrees.
+/// How far it is turned, in radians: mean and standard deviation of the yaw error,
+/// 0.74 and 0.57 degrees.
 const DRIFT_YAW: [f64; 2] = [
     0.74 * std::f64::consts::PI / 180.0,
     0.57 * std::f64::consts::PI / 180.0,
@@ -73,8 +73,8 @@ pub struct ActuationNoise {
 }
 
 impl ActuationNoise {
-    /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed have
-    /// nothing in common.
+    /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed
+    /// have nothing in common.
     pub fn of(skills: Skills, seed: u64, task_id: &str, call: u32) -> Self {
         if skills == Skills::Perfect {
             return Self {
@@ -111,8 +111,8 @@ impl ActuationNoise {
         self.chance < primitive.success(self.skills)
     }
 
-    /// Where the base arrives that wants to a viewpoint; a place that `free` refuses is not arrived
-    /// at.
+    /// Where the base arrives that wants to a viewpoint; a place that `free` refuses
+    /// is not arrived at.
     pub(crate) fn arrive(&self, wanted: Viewpoint, free: impl Fn([f32; 2]) -> bool) -> Viewpoint {
         let base = [
             wanted.base[0] + self.drift_m[0],

@@ -14,8 +14,8 @@ pub enum Stress {
     Compounds,
     /// Hinges and ball joints driven against limits at odd angles.
     Limits,
-    /// 1,200 colliders of all shapes, some of which come and go: large bounding-volume trees that
-    /// are rebuilt.
+    /// 1,200 colliders of all shapes, some of which come and go: large bounding-volume
+    /// trees that are rebuilt.
     Crowd,
 }
 
@@ -33,8 +33,8 @@ impl Stress {
     }
 
     /// Runs so many steps of 1/240 s and gives the digest of all motion in all of them. With
-    /// `restore_every` the world is written to bytes and read back each so many steps, and nothing
-    /// else is kept.
+    /// `restore_every` the world is written to bytes and read back each so many steps, and
+    /// nothing else is kept.
     pub fn run(self, steps: u32, restore_every: Option<u32>) -> Digest {
         crate::math::link();
         let mut world = PhysicsWorld::new();

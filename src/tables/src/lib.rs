@@ -35,8 +35,8 @@ pub fn episode_batch(traces: &[Trace]) -> Result<RecordBatch, RowsError> {
     rows.finish()
 }
 
-/// The rows of a batch as structs; fields are found by name, and those that the struct lacks are
-/// left out.
+/// The rows of a batch as structs; fields are found by name, and those that the struct
+/// lacks are left out.
 ///
 /// # Errors
 /// When a column is missing, or does not fit its field.

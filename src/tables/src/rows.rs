@@ -1,6 +1,6 @@
-//! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the rows
-//! into columns, so that a field here without a column there (or the reverse) is an error of every
-//! test.
+//! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the
+//! rows into columns, so that a field here without a column there (or the reverse) is an
+//! error of every test.
 
 use std::{
     borrow::Cow,
@@ -418,8 +418,8 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
     rows
 }
 
-/// What a policy claims to have done beside what it did; nothing is looked at where it claims
-/// nothing.
+/// What a policy claims to have done beside what it did; nothing is looked at
+/// where it claims nothing.
 struct Claims<'c>(Option<&'c mut Checker>);
 
 impl<'c> Claims<'c> {

@@ -27,7 +27,7 @@ const POLICIES: [&str; 8] = [
     "atlas", "birch", "cedar", "delta", "ember", "fjord", "grove", "haven",
 ];
 
-/// Fills a store with `count` made-up episodes of some tasks in one scene, in groups of eight
+/// Fills a store with `count` synthetic episodes of some tasks in one scene, in groups of eight
 /// rollouts. Equal arguments give equal rows. `progress` gets the number of episodes written.
 ///
 /// # Errors

@@ -65,8 +65,8 @@ pub fn objects() -> &'static [LibraryObject] {
     })
 }
 
-/// The 240 objects of 60 categories that [`crate::draw`] draws from: what its seeds mean
-/// depends on them.
+/// The 240 objects of 60 categories that [`crate::draw`] draws from: what its seeds
+/// mean depends on them.
 pub fn small_library() -> &'static [LibraryObject] {
     static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();
     let [categories, each] = SMALL;
@@ -80,8 +80,8 @@ pub fn small_library() -> &'static [LibraryObject] {
 }
 
 impl LibraryObject {
-    /// The object at the start of a task of this name: on a receptacle, the centre of its box at
-    /// `position`.
+    /// The object at the start of a task of this name: on a receptacle, the centre of
+    /// its box at `position`.
     pub fn instance_at(
         &self,
         receptacle: &ReceptacleId,

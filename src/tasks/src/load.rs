@@ -35,9 +35,9 @@ pub struct LoadReport {
     pub broken: Vec<TaskError>,
 }
 
-/// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order of
-/// their paths. A broken file is reported and the rest load. The scene completes the graphs: files
-/// leave receptacles out.
+/// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order
+/// of their paths. A broken file is reported and the rest load. The scene completes the graphs:
+/// files leave receptacles out.
 pub fn load(path: &Path, scene: &Scene) -> LoadReport {
     load_as(path, scene, ObjectOrder::AsWritten)
 }
@@ -47,8 +47,8 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
 pub enum ObjectOrder {
     /// As they stand there.
     AsWritten,
-    /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their
-    /// keys.)
+    /// Last first: a check, nothing may depend on it. (Mappings are read in the
+    /// order of their keys.)
     Reversed,
 }
 

@@ -1,6 +1,6 @@
-//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task or in a
-//! folder above, else among those that come with Reel. The one place that knows where scene files
-//! lie.
+//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task
+//! or in a folder above, else among those that come with Reel. The one place that knows
+//! where scene files lie.
 
 use std::{
     collections::BTreeMap,
@@ -14,8 +14,8 @@ use serde::{Deserialize, de::IgnoredAny};
 
 use crate::{TaskError, error::Problem, field::Field, load::read_file, scene};
 
-/// Folders above the one that was named, in which scenes are searched: `benchmark/tasks/FDP` finds
-/// `benchmark/scenes`.
+/// Folders above the one that was named, in which scenes are
+/// searched: `benchmark/tasks/FDP` finds `benchmark/scenes`.
 const FOLDERS_ABOVE: usize = 2;
 /// Name of a folder of scenes beside tasks.
 const SCENES: &str = "scenes";
@@ -27,8 +27,8 @@ const FILES_MAX: usize = 4096;
 pub enum SceneSource {
     /// This scene, for all tasks.
     Fixed(Arc<Scene>),
-    /// The scene file beside the tasks that has the task's `scene_id`, else what the function gives
-    /// for the id.
+    /// The scene file beside the tasks that has the task's `scene_id`, else what the function
+    /// gives for the id.
     ById(fn(&str) -> Option<Scene>),
 }
 
@@ -167,8 +167,8 @@ impl SceneFinder {
         ))
     }
 
-    /// The scene file of an id in the folder of a task file, or in the nearest folder above that
-    /// has one.
+    /// The scene file of an id in the folder of a task file, or in the nearest folder
+    /// above that has one.
     fn nearest(&mut self, scene_id: &str, file: &Path) -> Option<PathBuf> {
         let file = absolute(file);
         let top = self.top;

@@ -1,5 +1,5 @@
-//! The static filter: where an object may stand on a surface (paper, Two-Stage Task Filtering;
-//! docs/spec.md#task-filters).
+//! The static filter: where an object may stand on a surface (paper,
+//! Two-Stage Task Filtering; docs/spec.md#task-filters).
 
 use std::collections::BTreeMap;
 
@@ -11,8 +11,8 @@ use crate::random::Stream;
 const MARGIN_M: f64 = 0.05;
 /// Most tries for one object.
 const MOST_TRIES: usize = 2000;
-/// Gap between an object and the surface it is about to settle on, in metres
-/// (docs/spec.md#real-bench).
+/// Gap between an object and the surface it is about to settle
+/// on, in metres (docs/spec.md#real-bench).
 pub(crate) const SPAWN_GAP_M: f64 = 0.02;
 /// Objects stand at most this far from an edge, in metres, so that a gripper reaches them.
 const REACH_M: f64 = 0.45;

@@ -1,5 +1,5 @@
-//! Random streams: one for each (seed, purpose, index), so that one draw more somewhere changes
-//! nothing elsewhere.
+//! Random streams: one for each (seed, purpose, index), so that one draw more
+//! somewhere changes nothing elsewhere.
 
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};

@@ -95,8 +95,8 @@ impl<'a> Reader<'a> {
         let (task_id, family) = self.identity()?;
         let scene_id = self.scene_id()?;
         let (instruction, precise_instruction) = self.instructions()?;
-        // Published files of other families have no fuzzy instruction; tasks that were annotated
-        // have.
+        // Published files of other families have no fuzzy instruction; tasks
+        // that were annotated have.
         let told_less =
             episode.find("fuzzy_task_description")?.is_some() && instruction != precise_instruction;
         let src = episode.get("src")?.receptacle(self.scene)?;
@@ -428,8 +428,8 @@ impl<'a> Reader<'a> {
         Ok(graph)
     }
 
-    /// The target at the destination, or what `moves` says: a field of our own, for tasks that move
-    /// several objects.
+    /// The target at the destination, or what `moves` says: a field of our own, for tasks
+    /// that move several objects.
     fn goal(
         &self,
         initial: &WorldGraph,

@@ -39,8 +39,8 @@ pub enum TaskWarningKind {
     UnplaceableReceptacle,
     /// The file's initial graph and its placements disagree; the placements are taken.
     InitialGraphDisagrees,
-    /// `objects`, `placements` and `final_positions` do not list the same objects in the same
-    /// places.
+    /// `objects`, `placements` and `final_positions` do not list the same objects
+    /// in the same places.
     ObjectsAndPlacementsDiffer,
 }
 

@@ -42,8 +42,8 @@ impl Phrases<'_> {
     }
 }
 
-/// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty for
-/// an empty caption.
+/// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty
+/// for an empty caption.
 pub fn definite(caption: &str) -> String {
     let caption = caption.trim().trim_end_matches(['.', ',']);
     let bare = |article: &str| {

@@ -69,8 +69,8 @@ fn object_entry(object: &ObjectInstance) -> Value {
     entry
 }
 
-/// Where the goal wants the objects that move, where that is more than the target to the
-/// destination.
+/// Where the goal wants the objects that move, where that is more than the
+/// target to the destination.
 fn moves(task: &Task) -> Option<Value> {
     let place = |graph: &WorldGraph, object: &ObjectInstance| {
         graph.receptacle_of(&object.instance).cloned()
@@ -150,8 +150,8 @@ fn episode(task: &Task, scene: &Scene) -> Value {
     episode
 }
 
-/// Puts a value where its path says (see [`Task::extra`]). Keys may hold dots: the longest key that
-/// is there wins.
+/// Puts a value where its path says (see [`Task::extra`]). Keys may hold dots: the longest key
+/// that is there wins.
 fn insert(at: &mut Value, path: &str, value: Value) {
     match at {
         Value::Object(entries) => {

@@ -10,15 +10,15 @@ pub struct Agreement {
     pub episodes: usize,
     /// Share on which they agree.
     pub accuracy: f64,
-    /// Agreement beyond chance: 1 is perfect, 0 is chance. None where chance alone would agree
-    /// always.
+    /// Agreement beyond chance: 1 is perfect, 0 is chance. None where chance
+    /// alone would agree always.
     pub kappa: Option<f64>,
     /// Mean F1 of the classes that occur in the truth.
     pub macro_f1: f64,
     /// By class, in the order of the names given, then as they occur.
     pub classes: Vec<ClassAgreement>,
-    /// How often a class of the truth (row) was found as another (column), in the order of
-    /// `classes`.
+    /// How often a class of the truth (row) was found as another (column), in
+    /// the order of `classes`.
     pub confusion: Vec<Vec<usize>>,
 }
 

@@ -1,6 +1,6 @@
-//! Between two sets of episodes: which classes of failure grew, and whether more than chance
-//! explains. Fisher's exact test, two-sided, with Holm's correction for the number of classes (Holm
-//! 1979).
+//! Between two sets of episodes: which classes of failure grew, and whether more than
+//! chance explains. Fisher's exact test, two-sided, with Holm's correction for the number
+//! of classes (Holm 1979).
 
 use serde::Serialize;
 
@@ -53,8 +53,8 @@ pub fn drift(counts: &[(String, u64, u64)], before: u64, after: u64) -> Vec<Drif
     found
 }
 
-/// Two-sided: the probability of all tables with these margins that are no likelier than the one
-/// given.
+/// Two-sided: the probability of all tables with these margins that are no likelier
+/// than the one given.
 fn fisher_exact(a: u64, b: u64, c: u64, d: u64) -> f64 {
     let (row, other_row, column) = (a + b, c + d, a + c);
     let log_choose = |n: u64, k: u64| log_factorial(n) - log_factorial(k) - log_factorial(n - k);

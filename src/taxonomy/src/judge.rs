@@ -1,5 +1,5 @@
-//! A model's opinion on why an episode failed, through any OpenAI-compatible endpoint. Optional: no
-//! rule needs it.
+//! A model's opinion on why an episode failed, through any OpenAI-compatible endpoint. Optional:
+//! no rule needs it.
 //!
 //! Owns what the model is shown, how its answer is read, and what its word counts. The judge is
 //! blind: it sees what the agent did and was told, never what the rules concluded, so that its
@@ -193,8 +193,8 @@ impl Default for JudgeOptions {
     }
 }
 
-/// Asks for an opinion on one case; a second time, with what is wrong, if the answer cannot be
-/// read.
+/// Asks for an opinion on one case; a second time, with what is wrong, if the
+/// answer cannot be read.
 ///
 /// # Errors
 /// When the case has no steps, the model cannot be asked, or what it says is no answer twice.
@@ -206,10 +206,10 @@ pub fn judge(
     judged(case, client, options, &EndpointState::default())
 }
 
-/// Asks for an opinion on every case, several at a time. Results stand in the order of the cases;
-/// one that fails leaves the others alone. When [`REFUSED_MAX`] calls in a row find nobody at the
-/// endpoint, what is left gets kept replies or fails without a call. `progress` is told how many
-/// are done.
+/// Asks for an opinion on every case, several at a time. Results stand in the order of the
+/// cases; one that fails leaves the others alone. When [`REFUSED_MAX`] calls in a row find
+/// nobody at the endpoint, what is left gets kept replies or fails without a call. `progress` is
+/// told how many are done.
 pub fn judge_all(
     cases: &[Case],
     client: &Client,

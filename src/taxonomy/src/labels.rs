@@ -48,8 +48,8 @@ struct LabelLine {
     at_ms: Option<i64>,
 }
 
-/// Reads CSV with a header line; needed are `episode_id` and `class`. `place` is what messages call
-/// the text.
+/// Reads CSV with a header line; needed are `episode_id` and `class`. `place` is what
+/// messages call the text.
 ///
 /// # Errors
 /// The first line that is no label.
@@ -121,8 +121,8 @@ pub fn from_json(
         .collect()
 }
 
-/// The label that a fault left beside its trace (`<trace>.label.json`); none where it did not cost
-/// the success.
+/// The label that a fault left beside its trace (`<trace>.label.json`); none where it did
+/// not cost the success.
 ///
 /// # Errors
 /// When the file is no such label.

@@ -2,8 +2,8 @@
 //! evidence (paper, Failure Mode Taxonomy; docs/spec.md#failure-taxonomy), and labels of people,
 //! judges and injected faults tell how often the rules are right.
 //!
-//! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a trace
-//! or runs physics.
+//! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a
+//! trace or runs physics.
 
 mod agreement;
 mod classify;

@@ -24,8 +24,8 @@ pub struct Rule {
     pub class: &'static str,
     /// Sub-class within that class, e.g. `wrong_attribute`.
     pub sub_class: String,
-    /// Of several rules that hold the one with the lowest number decides; of equal ones that whose
-    /// evidence comes first.
+    /// Of several rules that hold the one with the lowest number decides; of equal ones that
+    /// whose evidence comes first.
     pub priority: u32,
     /// Whether it is told beside what decides; what is left when nothing else was found is not.
     pub secondary: bool,
@@ -58,8 +58,8 @@ impl RuleSet {
         .expect("a test reads every rule")
     }
 
-    /// The built-in rules and those of a folder; one with the name of a built-in one takes its
-    /// place.
+    /// The built-in rules and those of a folder; one with the name of a built-in
+    /// one takes its place.
     ///
     /// # Errors
     /// When the folder cannot be read or a file is no rule.

@@ -1,8 +1,8 @@
-//! The repository's own checks, as predicates over texts: what a file has to hold and what it may
-//! not.
+//! The repository's own checks, as predicates over texts: what a file has to hold and
+//! what it may not.
 //!
-//! Reads files of the repository only; the rules themselves (which crate may use which) are in
-//! `tests/tidy`.
+//! Reads files of the repository only; the rules themselves (which crate may use
+//! which) are in `tests/tidy`.
 
 use std::{
     fs,
@@ -30,8 +30,8 @@ pub fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// All text files that people write, as (path from the root, text), sorted. Build output and locks
-/// are left out.
+/// All text files that people write, as (path from the root, text), sorted. Build output and
+/// locks are left out.
 pub fn files() -> Vec<(String, String)> {
     let mut found = Vec::new();
     walk(&root(), &mut found);

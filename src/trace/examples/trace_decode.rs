@@ -1,6 +1,6 @@
 //! The bare loop that ingest is measured against: reads each trace, checks the container's
-//! checksums, decodes every message into its generated type and drops it. Prints JSON: episodes,
-//! messages, CPU seconds.
+//! checksums, decodes every message into its generated type and drops it. Prints JSON:
+//! episodes, messages, CPU seconds.
 //!
 //! `cargo run --release -p reel-trace --example trace_decode -- TRACES...`
 

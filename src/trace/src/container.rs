@@ -62,8 +62,8 @@ pub(crate) struct At {
     pub verified: bool,
 }
 
-/// Takes what [`walk`] finds. Closures over [`At`] and [`Item`] are visitors that stop at the first
-/// problem.
+/// Takes what [`walk`] finds. Closures over [`At`] and [`Item`] are visitors that stop
+/// at the first problem.
 pub(crate) trait Visitor {
     /// The next thing of the file.
     fn item(&mut self, at: At, item: Item) -> Result<(), TraceError>;

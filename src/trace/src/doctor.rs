@@ -42,8 +42,8 @@ pub struct DoctorReport {
 /// Something that is wrong.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Finding {
-    /// Byte offset of the record (of its chunk, for a message in a chunk); none where it is not one
-    /// place.
+    /// Byte offset of the record (of its chunk, for a message in a chunk); none where it
+    /// is not one place.
     pub offset: Option<u64>,
     /// What stands there, in words: `chunk`, `message on /tool/call`, `picture`, `hash chain`.
     pub record: String,
@@ -71,9 +71,9 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// Examines a trace or an unfinished recording: magic bytes, structure, every checksum, index
-/// against content, schemas against ours, order, hash chain, attachments and pictures against their
-/// digests.
+/// Examines a trace or an unfinished recording: magic bytes, structure, every checksum,
+/// index against content, schemas against ours, order, hash chain, attachments and
+/// pictures against their digests.
 ///
 /// # Errors
 /// When the file cannot be read at all.

@@ -16,8 +16,8 @@ pub(crate) const BASE64_PNG: &str = "png;base64";
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
 ///
 /// # Panics
-/// When `rgb` is not `width * height * 3` bytes long or a side is 0 or above 16384: a programmer's
-/// error.
+/// When `rgb` is not `width * height * 3` bytes long or a side is 0 or above
+/// 16384: a programmer's error.
 pub fn encode_webp(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = WebPEncoder::new(&mut bytes);
@@ -99,8 +99,8 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
     }
 }
 
-/// A picture of an unfinished recording in the form of a finished one; none where it cannot be
-/// read.
+/// A picture of an unfinished recording in the form of a finished one; none where
+/// it cannot be read.
 pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
     if image.format != BASE64_PNG {
         return Some(image);

@@ -29,8 +29,8 @@ use crate::{
 
 /// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
 const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
-/// Most time of policies that moves log times, ten years in nanoseconds: a clock that cannot
-/// overflow.
+/// Most time of policies that moves log times, ten years in nanoseconds: a
+/// clock that cannot overflow.
 const POLICY_NS_MAX: u64 = 315_360_000_000_000_000;
 /// Physics steps in a second of simulation time.
 const STEPS_PER_S: u128 = 240;
@@ -54,16 +54,16 @@ pub(crate) enum FrameSource<'a> {
     Base64(&'a str),
 }
 
-/// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then
-/// `end`.
+/// Writes one episode. Calls come in the order `start`, then `input` and `step` for
+/// each step, then `end`.
 pub(crate) struct Journal<W: Write + Seek> {
     /// Path of the recording, named in error messages.
     path: PathBuf,
     images: Images,
     reward_preset: String,
     header: EpisodeHeader,
-    /// Always there until `into_inner` or drop; taken then, because the writer of the library would
-    /// close the file.
+    /// Always there until `into_inner` or drop; taken then, because the writer of the library
+    /// would close the file.
     writer: Option<mcap::Writer<W>>,
     /// Messages written so far, by channel.
     written: BTreeMap<u16, u32>,
@@ -417,8 +417,8 @@ impl<W: Write + Seek> Journal<W> {
         self.link
     }
 
-    /// Lets go of what was written, without the library's closing records, which belong to finished
-    /// files only.
+    /// Lets go of what was written, without the library's closing records, which belong
+    /// to finished files only.
     pub(crate) fn into_inner(mut self) -> W {
         self.writer
             .take()
@@ -426,8 +426,8 @@ impl<W: Write + Seek> Journal<W> {
             .into_inner()
     }
 
-    /// The current moment as log time: simulation time, and the policy's where the world is not
-    /// simulated here.
+    /// The current moment as log time: simulation time, and the policy's where the world
+    /// is not simulated here.
     fn time_ns(&self) -> u64 {
         let ns = u128::from(self.sim_step) * 1_000_000_000 / STEPS_PER_S;
         (EPOCH_NS + self.policy_ns).saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))

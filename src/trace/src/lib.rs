@@ -1,5 +1,5 @@
-//! Episodes to MCAP and back: a recorder that survives being killed, and a reader that believes
-//! nothing.
+//! Episodes to MCAP and back: a recorder that survives being killed, and a
+//! reader that believes nothing.
 //!
 //! A trace is one MCAP file: our protobuf messages (`schemas/reel/v1`), one type a channel, beside
 //! Foxglove's well-known ones for viewers, and task and scene as attachments. While it is recorded

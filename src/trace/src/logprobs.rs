@@ -62,8 +62,8 @@ impl Trace {
         })
     }
 
-    /// What the policy of this trace gave its own tokens, as lines about another episode by the
-    /// name of `policy`.
+    /// What the policy of this trace gave its own tokens, as lines about another episode by
+    /// the name of `policy`.
     pub fn sampled_as(&self, episode_id: &str, policy: &str) -> Vec<ScoredTokens> {
         let line = |(step, of): (u32, &TokenLogprobs)| {
             let line = self.line(step, policy, of, of.of(OLD_POLICY)?);
@@ -111,8 +111,8 @@ impl Trace {
         }
     }
 
-    /// Writes the trace again in its place, its pictures as they are; it is on the disk when this
-    /// returns.
+    /// Writes the trace again in its place, its pictures as they are; it is on the
+    /// disk when this returns.
     ///
     /// # Errors
     /// Fails if the trace has no end, or the file cannot be written.

@@ -1,5 +1,5 @@
-//! Reading a trace: what the container holds, put together to records and checked against the hash
-//! chain.
+//! Reading a trace: what the container holds, put together to records and checked
+//! against the hash chain.
 
 use std::{
     collections::BTreeMap,
@@ -33,8 +33,8 @@ pub struct Trace {
     pub task: Arc<Task>,
     /// The scene of the episode, from the attachment `scene.json`.
     pub scene: Arc<Scene>,
-    /// The meshes that the header names, as far as [`Trace::with_meshes`] found them: no trace
-    /// holds any.
+    /// The meshes that the header names, as far as [`Trace::with_meshes`] found them:
+    /// no trace holds any.
     pub meshes: Meshes,
     /// The state after settling.
     pub start: StartRecord,
@@ -44,8 +44,8 @@ pub struct Trace {
     pub end: Option<EndRecord>,
     /// Size of the file.
     pub bytes: u64,
-    /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it
-    /// happened.
+    /// What [`recover`](crate::recover()) did to get this trace, if it did, in
+    /// the order it happened.
     pub recoveries: Vec<BTreeMap<String, String>>,
     /// By step, the clock of episodes that were recorded while they were played elsewhere.
     pub timings: BTreeMap<u32, Timing>,
@@ -78,8 +78,8 @@ impl Trace {
         Self::from_bytes(path, &files::read(path, limits)?, limits)
     }
 
-    /// [`Trace::read`] for bytes that are already in memory; `path` says in messages where they
-    /// came from.
+    /// [`Trace::read`] for bytes that are already in memory; `path` says in messages
+    /// where they came from.
     ///
     /// # Errors
     /// As [`Trace::read`].
@@ -88,8 +88,8 @@ impl Trace {
     }
 
     /// Reads the whole steps that there are, and says what is wrong first; nothing is, where
-    /// [`Trace::read`] succeeds. The hash chain vouches for the steps, also for those of a torn or
-    /// damaged chunk.
+    /// [`Trace::read`] succeeds. The hash chain vouches for the steps, also for those of a
+    /// torn or damaged chunk.
     ///
     /// # Errors
     /// When not even the state after settling can be read.
@@ -116,8 +116,8 @@ impl Trace {
         self.images.get(&step).map(Vec::as_slice)
     }
 
-    /// The picture after a step (none: of the start) as the robot's camera gave it, if the trace
-    /// holds it.
+    /// The picture after a step (none: of the start) as the robot's camera gave it, if
+    /// the trace holds it.
     pub fn camera_image(&self, step: Option<u32>) -> Option<&CameraImage> {
         self.originals.get(&step)
     }
@@ -127,8 +127,8 @@ impl Trace {
         self.images.len()
     }
 
-    /// The picture after a step (none: of the start), decoded to RGB and checked against its
-    /// recorded digest.
+    /// The picture after a step (none: of the start), decoded to RGB and checked
+    /// against its recorded digest.
     ///
     /// # Errors
     /// When the picture cannot be decoded or is not the recorded one.
@@ -181,8 +181,8 @@ impl Trace {
 }
 
 /// Reads many traces, from several threads at a time, where their pictures are not asked for:
-/// verified as [`Trace::read`] does, but no picture is kept, and a task or scene that traces share
-/// is parsed once.
+/// verified as [`Trace::read`] does, but no picture is kept, and a task or scene that traces
+/// share is parsed once.
 #[derive(Default)]
 pub struct RecordsReader {
     limits: Limits,

@@ -1,5 +1,5 @@
-//! Writing a trace: inputs before they are used, records as they come, the finished file at the
-//! end.
+//! Writing a trace: inputs before they are used, records as they come, the finished
+//! file at the end.
 
 use std::{
     fs::{self, File},
@@ -34,12 +34,12 @@ pub enum Images {
 /// What an acknowledged call survives. `docs/durability.md` says what each costs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Durability {
-    /// The death of the process: what a call wrote has reached the operating system when it
-    /// returns.
+    /// The death of the process: what a call wrote has reached the operating
+    /// system when it returns.
     #[default]
     Write,
-    /// The loss of power too: what a call wrote is on the disk when it returns, as far as the disk
-    /// is honest.
+    /// The loss of power too: what a call wrote is on the disk when it returns, as far as
+    /// the disk is honest.
     Fsync,
 }
 
@@ -98,8 +98,8 @@ pub struct TraceSummary {
     pub chain: Digest,
 }
 
-/// Records one episode. Calls come in the order `start`, then `input` and `step` for each step,
-/// then `end`.
+/// Records one episode. Calls come in the order `start`, then `input` and `step` for
+/// each step, then `end`.
 ///
 /// A call that returned is acknowledged: what it wrote survives what [`Durability`] says. A
 /// recorder dropped before `end` leaves `<path>.part`, which [`Trace::read`](crate::Trace::read)
@@ -187,8 +187,8 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// Records the clock of a step, between its input and what came of it; acknowledged with the
-    /// latter.
+    /// Records the clock of a step, between its input and what came of it;
+    /// acknowledged with the latter.
     ///
     /// # Errors
     /// When it is called out of turn or the file cannot be written.
@@ -219,8 +219,8 @@ impl Recorder {
             .map_err(|error| self.unwritten(error))
     }
 
-    /// Records how long an inference of the low-level model took, in turn as
-    /// [`Recorder::odometry`].
+    /// Records how long an inference of the low-level model took,
+    /// in turn as [`Recorder::odometry`].
     ///
     /// # Errors
     /// As [`Recorder::odometry`].
@@ -240,8 +240,8 @@ impl Recorder {
             .map_err(|error| self.unwritten(error))
     }
 
-    /// Records everything that a log holds of a step (none: of before the start), in turn as
-    /// [`Recorder::odometry`].
+    /// Records everything that a log holds of a step (none: of before the start),
+    /// in turn as [`Recorder::odometry`].
     ///
     /// # Errors
     /// As [`Recorder::odometry`].

@@ -84,8 +84,8 @@ impl<F: Fn(&Trace, &Graphs) -> Metrics> RestoreScorer for F {
     }
 }
 
-/// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that is
-/// torn or damaged.
+/// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that
+/// is torn or damaged.
 ///
 /// Writes `<name>.mcap` for `<name>.mcap.part` and `<name>.recovered.mcap` where that is taken or
 /// the recording is a trace itself; with `folder`, there instead of beside the recording. A file

@@ -1,5 +1,5 @@
-//! Writing a trace again from its records: without its pictures, or with pictures that were drawn
-//! again.
+//! Writing a trace again from its records: without its pictures, or with pictures
+//! that were drawn again.
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 
@@ -20,8 +20,8 @@ impl Trace {
     /// very trace, too) is replaced at once; it is on the disk when this returns.
     ///
     /// # Errors
-    /// When the trace has no end, a picture is not the one whose digest was recorded, or the file
-    /// cannot be written.
+    /// When the trace has no end, a picture is not the one whose digest was recorded, or the
+    /// file cannot be written.
     pub fn rewrite(
         &self,
         path: &Path,

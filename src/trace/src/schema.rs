@@ -1,5 +1,5 @@
-//! The channels of a trace: topic, message type, and the generated protobuf types. Owns no
-//! conversion.
+//! The channels of a trace: topic, message type, and the generated protobuf
+//! types. Owns no conversion.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

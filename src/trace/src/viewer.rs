@@ -15,8 +15,8 @@ use crate::schema::foxglove::{
     TextAnnotation, Vector3, log::Level, points_annotation,
 };
 
-/// Focal length of the head camera in pixels (docs/spec.md#episode: 640 x 480, horizontal field of
-/// view 77 degrees).
+/// Focal length of the head camera in pixels (docs/spec.md#episode: 640 x 480, horizontal field
+/// of view 77 degrees).
 const FOCAL_PX: f64 = 400.0;
 const CAMERA: &str = "camera";
 

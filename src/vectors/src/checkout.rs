@@ -51,8 +51,8 @@ pub fn write(data: &Path, root: &Path, step: usize) -> BTreeMap<String, usize> {
     counts
 }
 
-/// The text of a `manifest.yaml` that states these numbers of tasks by family and this number of
-/// meshes.
+/// The text of a `manifest.yaml` that states these numbers of tasks by family and
+/// this number of meshes.
 pub fn manifest(counts: &BTreeMap<String, usize>, meshes: usize) -> String {
     let total: usize = counts.values().sum();
     let families: String = counts

@@ -1,6 +1,6 @@
-//! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the
-//! transcript, the rewards. Timelines `step` (-1: before the first decision) and `sim_time`; no
-//! wall-clock time.
+//! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D,
+//! the transcript, the rewards. Timelines `step` (-1: before the first decision) and
+//! `sim_time`; no wall-clock time.
 
 use std::{
     borrow::Cow,

@@ -11,8 +11,8 @@ const COLUMN: usize = 58;
 /// Most lines that one call takes besides itself.
 const LINES_MAX: usize = 3;
 
-/// Two columns: the calls, what they came to, what they changed and their reward, then how each
-/// episode ended.
+/// Two columns: the calls, what they came to, what they changed and their reward, then
+/// how each episode ended.
 pub fn side_by_side(beside: &Comparison) -> String {
     let mut text = String::new();
     for (name, episode) in ["A", "B"].into_iter().zip(&beside.episodes) {
@@ -77,8 +77,8 @@ fn title(episode: &EpisodeSummary, beside: &Comparison) -> String {
     )
 }
 
-/// `=` where all is the same, `~` where the same call came to something else, `|` where the calls
-/// differ.
+/// `=` where all is the same, `~` where the same call came to something else, `|`
+/// where the calls differ.
 fn write_row(text: &mut String, row: &CallPair) {
     let mark = match (row.same_call, row.same_outcome) {
         (true, true) => "=",

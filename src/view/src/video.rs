@@ -92,8 +92,8 @@ impl Video {
         }
     }
 
-    /// As an animated GIF that plays for ever, so many pictures a second; the last one stays three
-    /// times as long.
+    /// As an animated GIF that plays for ever, so many pictures a second; the last one stays
+    /// three times as long.
     ///
     /// # Errors
     /// When it is larger than a GIF can be.

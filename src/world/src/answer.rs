@@ -1,6 +1,6 @@
-//! What a model answered: reasoning, the summary, the call (docs/spec.md#answers). As lenient as
-//! the published parser: what does not parse is absent. Owns no check of the call: the tools do
-//! that.
+//! What a model answered: reasoning, the summary, the call (docs/spec.md#answers). As
+//! lenient as the published parser: what does not parse is absent. Owns no check of the
+//! call: the tools do that.
 
 use serde_json::{Deserializer, Map, Value};
 
@@ -38,8 +38,8 @@ pub struct AssistantTurn {
 }
 
 impl AssistantTurn {
-    /// Reads the message of a model that calls functions: its `content` is the answer, where it has
-    /// one.
+    /// Reads the message of a model that calls functions: its `content` is the answer,
+    /// where it has one.
     pub fn of_message(message: &Value) -> Self {
         message
             .get("content")
@@ -105,8 +105,8 @@ impl AssistantTurn {
 }
 
 impl Call {
-    /// Reads `{name | tool_name | function, args | arguments}`; arguments that are a JSON text are
-    /// read as JSON.
+    /// Reads `{name | tool_name | function, args | arguments}`; arguments that are a JSON text
+    /// are read as JSON.
     pub fn of_value(value: &Value) -> Option<Self> {
         let object = value.as_object()?;
         let id = object.get("id").and_then(Value::as_str).map(str::to_owned);

@@ -91,8 +91,8 @@ fn first<'a>(
     })
 }
 
-/// The text of an answer: a JSON object that names the target's category, its description, and who
-/// described it.
+/// The text of an answer: a JSON object that names the target's category, its description,
+/// and who described it.
 pub fn ask_answer(category: &str, description: &str, source: UserSource) -> String {
     let [category, description, source] =
         [category, description, source_name(source)].map(|text| json!(text));

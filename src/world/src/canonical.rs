@@ -100,8 +100,8 @@ fn plain(key: &[u8]) -> String {
     serde_json::from_slice(&[b"\"", key, b"\""].concat()).expect("a key that was just written")
 }
 
-/// The first eight bytes as a number that is in order as they are; what is shorter is filled up
-/// with zeros.
+/// The first eight bytes as a number that is in order as they are; what is shorter is
+/// filled up with zeros.
 fn prefix(key: &[u8]) -> u64 {
     let mut first = [0; 8];
     let length = key.len().min(8);
@@ -289,8 +289,8 @@ mod tests {
 
     #[test]
     fn keys_are_compared_as_they_read() {
-        // escaped, the line feed would come after the letter; a prefix would come after what it
-        // begins
+        // escaped, the line feed would come after the letter; a prefix would come
+        // after what it begins
         let value = json!({ "aB": 1, "a\n": 2, "a": 3, "a\"": 4, "ä": 5, "a\u{1F600}": 6 });
         assert_eq!(canonical_json(&value), by_definition(&value));
         assert!(canonical_json(&value).starts_with(r#"{"a":3,"a\n":2,"a\"":4,"aB":1"#));

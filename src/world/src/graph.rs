@@ -36,8 +36,8 @@ pub struct ReceptacleState {
     pub content: BTreeMap<InstanceId, u32>,
 }
 
-/// `{receptacle -> multiset of object instances}` with door states. [`FLOOR`] is a place like any
-/// other.
+/// `{receptacle -> multiset of object instances}` with door states. [`FLOOR`] is a
+/// place like any other.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct WorldGraph {
@@ -226,8 +226,8 @@ impl WorldGraph {
     }
 
     /// Applies events of a difference. The inverse of [`WorldGraph::difference`]:
-    /// `before.apply(after.difference(before)) == after` up to receptacles without content and
-    /// door.
+    /// `before.apply(after.difference(before)) == after` up to receptacles
+    /// without content and door.
     pub fn apply(&mut self, events: &[GraphEvent]) {
         for event in events {
             match event {

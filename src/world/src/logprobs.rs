@@ -9,9 +9,9 @@ use thiserror::Error;
 /// The policy that sampled the tokens (`pi_old` of GSPO).
 pub const OLD_POLICY: &str = "old";
 
-/// The tokens of one decision, and what each policy gives them: one log-probability a token
-/// (natural logarithm, at most 0). The tokens stand there once, so all policies are about the same
-/// ones.
+/// The tokens of one decision, and what each policy gives them: one log-probability a
+/// token (natural logarithm, at most 0). The tokens stand there once, so all policies are
+/// about the same ones.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct TokenLogprobs {
@@ -82,8 +82,8 @@ impl TokenLogprobs {
     /// What the policy that sampled the tokens gave them, under the name [`OLD_POLICY`].
     ///
     /// # Errors
-    /// Fails if there is no token, the lengths differ, or a log-probability is positive or not
-    /// finite.
+    /// Fails if there is no token, the lengths differ, or a log-probability is
+    /// positive or not finite.
     pub fn sampled(tokens: Vec<String>, logprobs: Vec<f64>) -> Result<Self, LogprobError> {
         Self::new(tokens, BTreeMap::from([(OLD_POLICY.to_owned(), logprobs)]))
     }
@@ -109,8 +109,8 @@ impl TokenLogprobs {
     /// are the tokens that were scored, `None` if nobody said.
     ///
     /// # Errors
-    /// As [`TokenLogprobs::new`], and if the tokens are other ones or the policy is the one that
-    /// sampled.
+    /// As [`TokenLogprobs::new`], and if the tokens are other ones or the policy is
+    /// the one that sampled.
     pub fn add(
         &mut self,
         policy: &str,

@@ -60,8 +60,8 @@ pub struct MeshData {
     pub positions: Vec<[f32; 3]>,
     /// Of the vertices; empty where faces are flat.
     pub normals: Vec<[f32; 3]>,
-    /// Of the vertices, from the upper left corner of a texture, which repeats; empty where nothing
-    /// has a texture.
+    /// Of the vertices, from the upper left corner of a texture, which repeats; empty where
+    /// nothing has a texture.
     pub texture_points: Vec<[f32; 2]>,
     /// Of the vertices, times the material's; empty where they have none.
     pub colors: Vec<[f32; 3]>,

@@ -1,5 +1,5 @@
-//! What a tool call came to: the text for the policy and, after an error, its class and code
-//! (docs/spec.md#error-classes).
+//! What a tool call came to: the text for the policy and, after an error, its
+//! class and code (docs/spec.md#error-classes).
 
 use std::fmt;
 

@@ -35,9 +35,9 @@ impl PlanStep {
             .filter(|text| !text.is_empty())
     }
 
-    /// The step as a text, e.g. `find mug - A red mug.`; a `pick` also names `object`, the id of
-    /// what it picks. An action that the generator does not know is its name and its arguments as
-    /// JSON.
+    /// The step as a text, e.g. `find mug - A red mug.`; a `pick` also names `object`,
+    /// the id of what it picks. An action that the generator does not know is its name
+    /// and its arguments as JSON.
     pub fn to_text(&self, object: &str) -> String {
         let argument = |name: &str| {
             self.args
@@ -73,10 +73,10 @@ impl PlanStep {
         text
     }
 
-    /// Reads a text that [`PlanStep::to_text`] wrote: case and the number of blanks after the verb
-    /// do not matter, and the object that a `pick` names is left out, because a task names its
-    /// target. `None` if the text begins with no known verb and is no action with its arguments as
-    /// JSON.
+    /// Reads a text that [`PlanStep::to_text`] wrote: case and the number of blanks after the
+    /// verb do not matter, and the object that a `pick` names is left out, because a task
+    /// names its target. `None` if the text begins with no known verb and is no action with
+    /// its arguments as JSON.
     pub fn from_text(text: &str) -> Option<Self> {
         let text = text.trim();
         if let Some((action, rest)) = AT_RECEPTACLE

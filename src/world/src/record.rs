@@ -1,5 +1,5 @@
-//! The records of an episode: what a trace stores, replay compares, rewards read and tables spread
-//! out.
+//! The records of an episode: what a trace stores, replay compares, rewards read
+//! and tables spread out.
 //!
 //! Inputs (header, calls, policy outputs, replies) are what an episode is a function of; everything
 //! else is an output and can be made again.
@@ -109,8 +109,8 @@ pub struct Parent {
     pub call: u32,
 }
 
-/// What came with a decision besides the call (docs/spec.md#policy-context). Inputs, kept as they
-/// came.
+/// What came with a decision besides the call (docs/spec.md#policy-context). Inputs,
+/// kept as they came.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct PolicyOutput {
     /// The policy's output as raw text; empty if there is none.
@@ -131,8 +131,8 @@ pub struct PolicyOutput {
     /// How long the policy took, in nanoseconds; outside every digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_ns: Option<u64>,
-    /// Log-probabilities of the tokens that it wrote, where the endpoint gave them; outside every
-    /// digest.
+    /// Log-probabilities of the tokens that it wrote, where the endpoint gave
+    /// them; outside every digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub logprobs: Option<TokenLogprobs>,
 }

@@ -18,12 +18,12 @@ pub struct Scene {
     pub scene_id: String,
     /// The rooms of the scene; their footprints do not overlap.
     pub rooms: Vec<Room>,
-    /// Walls. Absent: the simulator builds them around the rooms, with an opening between
-    /// neighbours.
+    /// Walls. Absent: the simulator builds them around the rooms, with
+    /// an opening between neighbours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub walls: Option<Vec<Wall>>,
-    /// Where the robot starts: x, y in metres, yaw in radians (0 looks along +x). Absent: the
-    /// simulator chooses.
+    /// Where the robot starts: x, y in metres, yaw in radians (0 looks along +x).
+    /// Absent: the simulator chooses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_start: Option<[f64; 3]>,
     /// The furniture, in the order of the file.
@@ -141,8 +141,8 @@ pub struct Receptacle {
     pub surface_min: [f64; 3],
     /// Upper corner of that slab; its z is the height of the surface.
     pub surface_max: [f64; 3],
-    /// Direction its front looks to, in degrees around z (0 is +x). Absent: the simulator chooses
-    /// the freest side.
+    /// Direction its front looks to, in degrees around z (0 is +x). Absent: the simulator
+    /// chooses the freest side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facing_deg: Option<f64>,
     /// Whether it may be placed upon.
@@ -230,8 +230,8 @@ impl Scene {
             .find(|receptacle| receptacle.id == *id)
     }
 
-    /// Whether things can be put on a receptacle at all: lids, and what they cover, are not for
-    /// that.
+    /// Whether things can be put on a receptacle at all: lids, and what they cover,
+    /// are not for that.
     pub fn is_usable(&self, receptacle: &Receptacle) -> bool {
         let covered = || {
             self.receptacles
@@ -241,8 +241,8 @@ impl Scene {
         receptacle.placeable && receptacle.covers.is_none() && !covered()
     }
 
-    /// The receptacles of each room, in the order of the file; rooms in the order of their first
-    /// receptacle.
+    /// The receptacles of each room, in the order of the file; rooms in the order
+    /// of their first receptacle.
     pub fn rooms_and_furniture(&self) -> Vec<(&str, Vec<&ReceptacleId>)> {
         let mut rooms: Vec<(&str, Vec<&ReceptacleId>)> = Vec::new();
         for receptacle in &self.receptacles {

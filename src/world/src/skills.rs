@@ -9,8 +9,8 @@ pub enum Skills {
     /// A skill does what it is told, to the millimetre.
     #[default]
     Perfect,
-    /// Skills fail and the base arrives beside its goal as often and as far as on the paper's robot
-    /// ("Quantitative real-world evaluation").
+    /// Skills fail and the base arrives beside its goal as often and as far as on the paper's
+    /// robot ("Quantitative real-world evaluation").
     RealV1,
 }
 

@@ -4,8 +4,8 @@ use std::io;
 
 use serde_json::{Value, ser::Formatter};
 
-/// One line of JSON with a blank after every comma and colon, keys in their order, letters as they
-/// are.
+/// One line of JSON with a blank after every comma and colon, keys in their order,
+/// letters as they are.
 pub fn spaced_json(value: &Value) -> String {
     let mut out = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut out, Spaced);

@@ -185,15 +185,15 @@ impl Task {
         self.objects.iter().filter(|object| self.moves(object))
     }
 
-    /// Its id without the family: what the published files call `task_id`, unique within a family
-    /// only.
+    /// Its id without the family: what the published files call `task_id`, unique
+    /// within a family only.
     pub fn short_id(&self) -> &str {
         self.benchmark_id()
             .map_or(&self.task_id, |(_, short)| short)
     }
 
-    /// The two parts of the id of a benchmark task, family and short id; `None` if the id names no
-    /// family.
+    /// The two parts of the id of a benchmark task, family and short id; `None` if the
+    /// id names no family.
     pub fn benchmark_id(&self) -> Option<(&str, &str)> {
         self.task_id
             .split_once('/')

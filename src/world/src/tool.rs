@@ -1,5 +1,5 @@
-//! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under both name
-//! sets (docs/spec.md#tools).
+//! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under
+//! both name sets (docs/spec.md#tools).
 
 use std::fmt;
 

@@ -1,5 +1,5 @@
-//! What an agent could mistake for the target or its destination in a task, by kind of fault. Never
-//! whether it does.
+//! What an agent could mistake for the target or its destination in a task, by kind of fault.
+//! Never whether it does.
 
 use reel_world::{DoorState, ObjectInstance, Receptacle, ReceptacleId, Scene, Task};
 

@@ -268,8 +268,8 @@ fn wrong_object(
     Ok(inserts)
 }
 
-/// It notices on the way that it holds the wrong thing; the oracle puts it back and takes the right
-/// one.
+/// It notices on the way that it holds the wrong thing; the oracle puts it back and
+/// takes the right one.
 fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<PlanSegment> {
     let thoughts = [
         "Wait, this is not the one I was told to bring.",
@@ -307,8 +307,8 @@ fn stale_wrong_object(
     if draft.chance(50) {
         looks.reverse();
     }
-    // Looks until the numbers have changed so that the old one misleads; then it relies on the old
-    // one.
+    // Looks until the numbers have changed so that the old one misleads; then it relies
+    // on the old one.
     let [first, second] = looks;
     let renumber = |tool: &Tool| ScriptedCall::Renumber {
         object: target.clone(),

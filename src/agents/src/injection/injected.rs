@@ -21,8 +21,8 @@ use crate::{Oracle, Policy, PolicyContext, ResponderError, faults::mistaken_task
 
 /// Legs and deeds that may be passed over between two calls; a course has far fewer.
 const PASSES_MAX: usize = 200;
-/// Agents that look for what the instruction names rather than for what they take for it, in a
-/// hundred.
+/// Agents that look for what the instruction names rather than for what they take for
+/// it, in a hundred.
 const BY_INSTRUCTION: usize = 60;
 const NAME: &str = "injected";
 
@@ -255,8 +255,8 @@ impl Injected {
         Some(deed)
     }
 
-    /// The oracle looks for what a thing is; an agent that was told a category or a purpose may
-    /// look for that.
+    /// The oracle looks for what a thing is; an agent that was told a category or a purpose
+    /// may look for that.
     fn named(&self) -> Option<&str> {
         let told = match &self.task.purpose {
             Some(purpose) if self.task.fuzzy => (!self.asked).then_some(purpose),

@@ -1,5 +1,5 @@
-//! What was done wrong on purpose in an episode, and which of it decided. Never read by what
-//! classifies.
+//! What was done wrong on purpose in an episode, and which of it decided. Never
+//! read by what classifies.
 
 use reel_world::{FailureClass, record::PolicyInfo};
 use serde::{Deserialize, Serialize};

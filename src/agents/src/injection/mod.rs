@@ -1,10 +1,10 @@
 //! The fault library: episodes that fail in a known way, or nearly fail. An injection says what
 //! goes wrong where; a policy acts it out on top of the oracle; a label says what came of it.
 //!
-//! Written from the paper's descriptions of failures (docs/spec.md#failure-taxonomy). Never
-//! anything of the rules that classify: the two share nothing but the names of classes and
-//! sub-classes. What a policy cannot cause (something falls, a robot's skill fails) is no kind
-//! here.
+//! Written from the paper's descriptions of failures (docs/spec.md#failure-taxonomy).
+//! Never anything of the rules that classify: the two share nothing but the names of
+//! classes and sub-classes. What a policy cannot cause (something falls, a robot's skill
+//! fails) is no kind here.
 
 mod choices;
 mod clutter;
@@ -58,8 +58,8 @@ pub struct Injection {
     pub faults: Vec<Fault>,
     /// What is needless but harmless.
     pub detours: Vec<Detour>,
-    /// Decides everything else: which object, which receptacle, how many turns, what is said, how
-    /// it ends.
+    /// Decides everything else: which object, which receptacle, how many turns, what is
+    /// said, how it ends.
     pub seed: u64,
 }
 

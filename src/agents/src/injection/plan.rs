@@ -1,6 +1,6 @@
 //! An injection as a course: the legs an episode goes through if all comes as intended, made from
-//! the task before it starts. Decides which fault comes where and in which order; what a fault does
-//! is in `faults`.
+//! the task before it starts. Decides which fault comes where and in which order; what a fault
+//! does is in `faults`.
 
 use std::sync::Arc;
 
@@ -288,8 +288,8 @@ fn check(faults: &[Fault]) -> Result<(), InjectionError> {
     Ok(())
 }
 
-/// What ends the episode must come after everything else, and a door is forgotten only on the true
-/// way.
+/// What ends the episode must come after everything else, and a door is forgotten only
+/// on the true way.
 fn check_order(faults: &[Fault], inserts: &[(usize, InsertedCalls)]) -> Result<(), InjectionError> {
     for (last, end) in inserts.iter().filter(|(_, insert)| insert.last) {
         for (index, fault) in faults.iter().enumerate().filter(|(index, _)| index != last) {

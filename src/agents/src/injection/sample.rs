@@ -50,8 +50,8 @@ pub fn admitted(task: &Arc<Task>, scene: &Scene) -> Vec<FaultKind> {
     FaultKind::ALL.iter().copied().filter(fits).collect()
 }
 
-/// An injection that the task admits, each admitted kind equally likely; none where it admits none
-/// of the kinds.
+/// An injection that the task admits, each admitted kind equally likely; none where it admits
+/// none of the kinds.
 pub fn sample(
     task: &Arc<Task>,
     scene: &Scene,
@@ -95,8 +95,8 @@ pub fn sample(
         .then_some(injection)
 }
 
-/// A hundred episodes in the proportions of the paper's analysis: the class wanted of each, none
-/// for a success.
+/// A hundred episodes in the proportions of the paper's analysis: the class wanted of each,
+/// none for a success.
 pub fn paper_mix() -> Vec<Option<FailureClass>> {
     let counts = [
         (None, 47),

@@ -1,6 +1,6 @@
-//! What a course is made of: stretches in which the oracle acts on a belief, and single deeds that
-//! the fault or the detour wants. Turns a deed into a call for the moment it is due. Never decides
-//! which come.
+//! What a course is made of: stretches in which the oracle acts on a belief, and single deeds
+//! that the fault or the detour wants. Turns a deed into a call for the moment it is due.
+//! Never decides which come.
 
 use std::sync::Arc;
 
@@ -130,8 +130,8 @@ pub(super) enum StaleMarkerTool {
     Place,
 }
 
-/// The numbers a policy remembers: the last maps of objects and of furniture before the current
-/// one.
+/// The numbers a policy remembers: the last maps of objects and of furniture
+/// before the current one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MarkerMemory {
     maps: Vec<Vec<Marker>>,
@@ -145,8 +145,8 @@ impl MarkerMemory {
         }
     }
 
-    /// A number the object had on an earlier map, and which now stands for nothing; where `other`,
-    /// for another object.
+    /// A number the object had on an earlier map, and which now stands for nothing; where
+    /// `other`, for another object.
     pub fn old_number(&self, object: &InstanceId, current: &[Marker], other: bool) -> Option<u32> {
         let is_it =
             |marker: &&Marker| matches!(&marker.target, MarkerTarget::Object(id) if id == object);
@@ -274,8 +274,8 @@ fn any(rng: &mut ChaCha8Rng, markers: &[Marker]) -> Option<u32> {
     random::choose(rng, markers).map(|marker| marker.id)
 }
 
-/// Looks once more at what is here, or drives up to it again: it succeeds where something is in
-/// view.
+/// Looks once more at what is here, or drives up to it again: it succeeds where
+/// something is in view.
 fn idle(truth: &Privileged<'_>, rng: &mut ChaCha8Rng) -> Tool {
     let gaze = any(rng, truth.markers);
     let stands_by_objects = truth.landmark.is_some_and(|id| {

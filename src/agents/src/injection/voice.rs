@@ -27,8 +27,8 @@ impl NarrationStyle {
         }
     }
 
-    /// Puts something into the history that was never done; `observation` is what the last call
-    /// gave.
+    /// Puts something into the history that was never done; `observation` is what
+    /// the last call gave.
     pub fn claim(&mut self, claim: &str, observation: &Observation) {
         self.settle(observation);
         self.claims.push(self.done.len());

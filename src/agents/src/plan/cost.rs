@@ -1,5 +1,5 @@
-//! What a plan costs in tool calls. Never walks or searches: it counts what happens when all goes
-//! well.
+//! What a plan costs in tool calls. Never walks or searches: it counts what happens
+//! when all goes well.
 
 use crate::plan::{Intent, PlanningState, plan};
 

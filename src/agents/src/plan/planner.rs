@@ -15,8 +15,8 @@ use crate::plan::{Intent, PlanningState, Unreachable};
 /// held: it goes back.
 ///
 /// # Errors
-/// When an object of the goal lies on the floor, is nowhere, or has to go where nothing can be
-/// placed.
+/// When an object of the goal lies on the floor, is nowhere, or has to go where
+/// nothing can be placed.
 pub fn plan(situation: &PlanningState<'_>) -> Result<Vec<Intent>, Unreachable> {
     let mut draft = Draft {
         situation: *situation,
@@ -146,8 +146,8 @@ impl Draft<'_> {
         }
     }
 
-    /// Where to put something down for a moment: where the robot stands, or the first place without
-    /// a door.
+    /// Where to put something down for a moment: where the robot stands, or the first
+    /// place without a door.
     fn shelf(&self, other_than: &ReceptacleId) -> Option<ReceptacleId> {
         let serves = |id: &ReceptacleId| {
             let placeable = self

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 
 use crate::plan::{Intent, PlanningState, calls, cost_to_go, plan, published_plan};
 
-/// A table, a desk, a fridge and a washer with doors, and a lid that holds nothing; two apples and
-/// a cup.
+/// A table, a desk, a fridge and a washer with doors, and a lid that holds nothing; two
+/// apples and a cup.
 fn flat() -> (Scene, Task) {
     let receptacle = |id: &str, door: bool, placeable: bool| {
         json!({"id": id, "room": "room", "category": id, "door": door, "placeable": placeable,

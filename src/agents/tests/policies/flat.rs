@@ -1,5 +1,5 @@
-//! A flat without physics that keeps the rules of the tools: what policies are tested in. Never
-//! pictures.
+//! A flat without physics that keeps the rules of the tools: what policies are
+//! tested in. Never pictures.
 
 use std::{collections::BTreeSet, sync::Arc};
 

@@ -82,8 +82,8 @@ fn the_oracle_follows_the_published_plan_with_its_detours() {
     assert!(flat.success());
 }
 
-/// A plan from table to desk with these questions: before which step, and the words, if they are
-/// fixed.
+/// A plan from table to desk with these questions: before which step, and the words,
+/// if they are fixed.
 fn with_questions(mut task: Task, questions: &[(usize, Option<&str>)]) -> Task {
     let step = |action: &str, key: &str, value: &str| PlanStep {
         action: action.into(),

@@ -23,8 +23,8 @@ const EXECUTIONS: u32 = 120;
 /// Chosen before anything was measured.
 const SEED: u64 = 61_001;
 
-/// Successes of 120 in the paper's table, in the order of [`Primitive::ALL`]: 63.3, 100, 89.2, 100
-/// and 74.2 %.
+/// Successes of 120 in the paper's table, in the order of [`Primitive::ALL`]: 63.3, 100, 89.2,
+/// 100 and 74.2 %.
 const PAPER: [u32; 5] = [76, 120, 107, 120, 89];
 
 /// Executions and successes by primitive.
@@ -280,8 +280,8 @@ fn measure(seed: u64) -> [u32; 5] {
     })
 }
 
-/// The 95 % interval of the successes of 120 whose probability is `p`, by the binomial distribution
-/// itself.
+/// The 95 % interval of the successes of 120 whose probability is `p`, by
+/// the binomial distribution itself.
 fn interval(p: f64) -> [u32; 2] {
     let n = f64::from(EXECUTIONS);
     let mut density = vec![(1.0 - p).powf(n)];

@@ -1,11 +1,11 @@
-//! The writer that asks a model through an OpenAI-compatible endpoint. Optional: the rules need
-//! none.
+//! The writer that asks a model through an OpenAI-compatible endpoint. Optional:
+//! the rules need none.
 //!
-//! An episode is written in batches from its beginning, because a History only grows. After each
-//! batch everything so far is in the checkpoint, so that a run that broke off goes on where it
-//! stopped. What a model writes is believed only if it is complete, says nothing that an agent
-//! could not know, and passes the check of its History; else the rules' note stands, and it is said
-//! why.
+//! An episode is written in batches from its beginning, because a History only grows. After
+//! each batch everything so far is in the checkpoint, so that a run that broke off goes on
+//! where it stopped. What a model writes is believed only if it is complete, says nothing that
+//! an agent could not know, and passes the check of its History; else the rules' note stands,
+//! and it is said why.
 
 mod answer;
 mod prompt;
@@ -64,13 +64,13 @@ impl AnnotatedEpisode {
 }
 
 impl ModelAnnotator<'_> {
-    /// Writes the notes of an episode and keeps them in the file `path`, which is also the
-    /// checkpoint: what stands there of the same trace, model, prompt and seed is not asked for
-    /// again.
+    /// Writes the notes of an episode and keeps them in the file `path`, which is also
+    /// the checkpoint: what stands there of the same trace, model, prompt and seed is
+    /// not asked for again.
     ///
     /// # Errors
-    /// When the model cannot be asked, or the file not be read or written. What was written before
-    /// stays.
+    /// When the model cannot be asked, or the file not be read or written. What
+    /// was written before stays.
     pub fn annotate(
         &self,
         task: &PublicTask,

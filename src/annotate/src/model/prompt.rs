@@ -25,9 +25,9 @@ pub fn version(robot: &Prompt) -> Digest {
     Digest::of([PROMPT, &robot.digest().to_string()].concat().as_bytes())
 }
 
-/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of
-/// later ones nothing. `robot` is the prompt that the robot acts on, shown as it stands at the
-/// first decision.
+/// What the model is asked about a batch of decisions. Of the last one only the call is
+/// shown, of later ones nothing. `robot` is the prompt that the robot acts on, shown as it
+/// stands at the first decision.
 pub(super) fn request(
     robot: &Arc<Prompt>,
     task: &PublicTask,

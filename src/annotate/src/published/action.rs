@@ -111,8 +111,8 @@ pub fn normalise(event: &Map<String, Value>) -> Option<Map<String, Value>> {
     }
 }
 
-/// A payload whose texts that are mappings in Python's notation stand for what they hold:
-/// `{'marker_id': '4'}`.
+/// A payload whose texts that are mappings in Python's notation stand for what
+/// they hold: `{'marker_id': '4'}`.
 fn literal(payload: &Value) -> Value {
     let parse = |text: &str| match text.trim_start().starts_with('{') {
         true => python::loads(text)

@@ -47,8 +47,8 @@ pub struct Thought {
     pub last_action: Option<Value>,
 }
 
-/// Reads an answer. `None` if its first object is no JSON, even when line breaks within its texts
-/// are allowed.
+/// Reads an answer. `None` if its first object is no JSON, even when line breaks within
+/// its texts are allowed.
 pub fn thought(answer: &str) -> Option<Thought> {
     let text = json_text(answer);
     let Value::Object(object) =

@@ -15,8 +15,8 @@ pub struct Pair {
     pub observation: Option<Value>,
 }
 
-/// The pairs of a stream. Its first item describes the episode; errors and what is no event are
-/// passed over.
+/// The pairs of a stream. Its first item describes the episode; errors and what is no
+/// event are passed over.
 pub fn pairs(stream: &[Value]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     let mut pending: Option<Map<String, Value>> = None;

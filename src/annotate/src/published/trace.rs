@@ -1,5 +1,5 @@
-//! Traces in the published forms: the stream of events, the episode, and notes as the answers of a
-//! model.
+//! Traces in the published forms: the stream of events, the episode, and notes as the
+//! answers of a model.
 
 use reel_trace::Trace;
 use reel_world::{

@@ -1,5 +1,5 @@
-//! The writers over recorded episodes: the golden traces, and those of folders named by
-//! `REEL_TRACES`.
+//! The writers over recorded episodes: the golden traces, and those of
+//! folders named by `REEL_TRACES`.
 
 mod model;
 mod published;
@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 use reel_annotate::{Annotation, PublicTask, Step, annotate};
 use reel_trace::Trace;
 
-/// Every trace to test with: the golden ones of all families and several policies, then those of
-/// `REEL_TRACES`.
+/// Every trace to test with: the golden ones of all families and several policies,
+/// then those of `REEL_TRACES`.
 pub fn traces() -> Vec<Trace> {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
     let mut paths = in_folder(&golden);

@@ -1,5 +1,5 @@
-//! REAL's annotation script: ours against `memory.json` and the annotation column of
-//! `answers.json`.
+//! REAL's annotation script: ours against `memory.json` and the
+//! annotation column of `answers.json`.
 
 use reel_annotate::published::{
     Episode, Pair, RequestWording, StreamStep, TaskMeta, action_text, json_text, normalise, pairs,
@@ -140,8 +140,8 @@ fn annotated_episodes() {
     report.finish();
 }
 
-/// A record as the vectors show it: texts that are JSON objects parsed, the asked form as its
-/// sorted keys.
+/// A record as the vectors show it: texts that are JSON objects parsed, the asked form
+/// as its sorted keys.
 fn parsed(record: &Value) -> Value {
     let mut record = record.clone();
     for message in record["conversations"].as_array_mut().unwrap() {

@@ -166,8 +166,8 @@ fn every_part_is_said_and_reads_like_english() {
     }
 }
 
-/// What the next decision needs stands in the History: where one was, what the user said, what
-/// failed and why.
+/// What the next decision needs stands in the History: where one was, what the user said,
+/// what failed and why.
 #[test]
 fn a_history_tells_what_happened() {
     for trace in traces() {

@@ -1,5 +1,5 @@
-//! What the rules write as History beside the validator of Histories: not one claim is refuted, and
-//! most are understood.
+//! What the rules write as History beside the validator of Histories: not one claim is refuted,
+//! and most are understood.
 
 use reel_annotate::{PublicTask, Step, annotate};
 use reel_history::{Checker, ClaimVerdict, EpisodeFacts, StepFacts};

@@ -63,8 +63,8 @@ pub struct Arguments {
     /// Whether the branch holds pictures, full or none; without it as the parent does
     #[arg(long, value_name = "WHICH")]
     images: Option<String>,
-    /// Check that this trace is a branch of TRACE: what they have in common is the same, and it
-    /// replays exactly
+    /// Check that this trace is a branch of TRACE: what they have in common is the same,
+    /// and it replays exactly
     #[arg(long, value_name = "BRANCH", conflicts_with_all = ["at", "call", "calls", "policy", "then", "seed", "out", "images"])]
     check: Vec<PathBuf>,
     #[command(flatten)]

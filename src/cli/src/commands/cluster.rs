@@ -45,8 +45,8 @@ enum Command {
         /// Name or address by which executors reach it; without it the one it listens at
         #[arg(long, value_name = "HOST")]
         advertise: Option<String>,
-        /// An executor that was not heard of for so many seconds is dead: its parts are done again
-        /// by others
+        /// An executor that was not heard of for so many seconds is dead: its parts are
+        /// done again by others
         #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
         patience: u64,
     },
@@ -64,12 +64,12 @@ enum Command {
         /// Parts at a time; without it one for each core
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
         threads: Option<u32>,
-        /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70% of
-        /// what there is
+        /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70%
+        /// of what there is
         #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..))]
         memory: Option<u64>,
-        /// Folder for parts of answers until they are fetched; without it one that goes with the
-        /// process
+        /// Folder for parts of answers until they are fetched; without it one that
+        /// goes with the process
         #[arg(long, value_name = "DIR")]
         work: Option<PathBuf>,
         /// Folders, also s3://bucket/folder, whose traces may be opened: by replay, blame and

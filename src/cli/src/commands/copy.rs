@@ -18,12 +18,12 @@ use crate::{ExitStatus, inputs, progress};
 /// What is there already, of the same size and not older, is left alone, so a copy that was
 /// broken off goes on where it was. Large files go in parts; requests that fail are repeated.
 ///
-/// Wherever Reel reads traces, names in buckets will do: `reel replay s3://lab/traces`, `reel
-/// ingest s3://lab/traces --store s3://lab/store`. What the store needs to know comes from the
-/// environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT_URL,
-/// AWS_ALLOW_HTTP. What was read is kept in REEL_BUCKET_CACHE (default ~/.cache/reel-buckets) by
-/// its digest, up to REEL_BUCKET_CACHE_GIB (default 10), and only asked after when it is read
-/// again.
+/// Wherever Reel reads traces, names in buckets will do: `reel replay s3://lab/traces`,
+/// `reel ingest s3://lab/traces --store s3://lab/store`. What the store needs to know comes
+/// from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION,
+/// AWS_ENDPOINT_URL, AWS_ALLOW_HTTP. What was read is kept in REEL_BUCKET_CACHE (default
+/// ~/.cache/reel-buckets) by its digest, up to REEL_BUCKET_CACHE_GIB (default 10), and only
+/// asked after when it is read again.
 ///
 /// Examples:
 ///   reel copy traces-out s3://lab/traces

@@ -18,8 +18,8 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Look for leaks, contradictions, duplicates, bad labels, missing pictures and what the loader
-    /// would do silently
+    /// Look for leaks, contradictions, duplicates, bad labels, missing pictures and what the
+    /// loader would do silently
     ///
     /// Exit code 1: something is an error.
     ///
@@ -32,8 +32,8 @@ enum Command {
         /// Tokens of a context; longer examples are found
         #[arg(long, value_name = "TOKENS", default_value_t = 8_192)]
         budget: u64,
-        /// The `tokenizer.json` of the model that shall learn, to count by; without it a token is
-        /// four bytes
+        /// The `tokenizer.json` of the model that shall learn, to count by; without it a
+        /// token is four bytes
         #[arg(long, value_name = "FILE")]
         tokenizer: Option<PathBuf>,
         /// Likeness (0 to 1, of word triples) from which two examples are near-duplicates
@@ -68,8 +68,8 @@ struct Input {
     /// Files or folders of one dataset
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// The format, where it is not to be guessed: parquet, trl, openai, ms-swift, llama-factory,
-    /// qwen-vl
+    /// The format, where it is not to be guessed: parquet, trl,
+    /// openai, ms-swift, llama-factory, qwen-vl
     #[arg(long, value_name = "NAME", value_parser = super::export::format)]
     format: Option<Format>,
     /// Folder that picture paths begin from, where it is not that of the file

@@ -105,8 +105,8 @@ pub fn print_state(
     Ok(ExitStatus::Success)
 }
 
-/// What differs between the motion states of the other build and ours at the first differing
-/// physics step.
+/// What differs between the motion states of the other build and ours at the
+/// first differing physics step.
 fn other_states(
     build: &Build<'_>,
     trace: &Path,

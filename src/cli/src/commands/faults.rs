@@ -1,5 +1,5 @@
-//! `reel faults`: episodes that fail in a known way, to find out how often the failure taxonomy is
-//! right.
+//! `reel faults`: episodes that fail in a known way, to find out how often the
+//! failure taxonomy is right.
 
 use std::{
     collections::BTreeMap,
@@ -24,8 +24,8 @@ use serde_json::json;
 use crate::{ExitStatus, inputs, progress};
 
 /// Play tasks with a policy that makes mistakes on purpose, and record every episode as a trace,
-/// with what went wrong in a file `<trace>.label.json` beside it. Ingest does not read those; `reel
-/// label import` does.
+/// with what went wrong in a file `<trace>.label.json` beside it. Ingest does not read those;
+/// `reel label import` does.
 ///
 /// Examples:
 ///   reel faults list

@@ -1,5 +1,5 @@
-//! `reel gate`: replays a corpus with this build and another, and says which episodes and outcomes
-//! change.
+//! `reel gate`: replays a corpus with this build and another, and says which
+//! episodes and outcomes change.
 
 use std::{
     collections::BTreeMap,
@@ -19,10 +19,10 @@ use crate::{ExitStatus, inputs, progress};
 /// Traces that the other build is asked for at a time: a command line has its limits.
 const TRACES_PER_CALL: usize = 500;
 
-/// Replay a corpus of traces and list which episodes are not exact, and which outcomes change: what
-/// the policy was told, and how the episode ended. With --against the same for another build of
-/// reel, side by side. Folders v1, v2, ... of the corpus hold traces of older simulators and are
-/// left out.
+/// Replay a corpus of traces and list which episodes are not exact, and which outcomes change:
+/// what the policy was told, and how the episode ended. With --against the same for another
+/// build of reel, side by side. Folders v1, v2, ... of the corpus hold traces of older
+/// simulators and are left out.
 ///
 /// Examples:
 ///   reel gate --corpus traces/golden

@@ -12,8 +12,8 @@ use crate::ExitStatus;
 /// is trained: these are the numbers that a trainer's first step over the same rollouts has, to
 /// compare with its log.
 ///
-/// Policy `old` sampled the tokens (`reel bench --logprobs` records it); others are added with
-/// `reel logprobs add`.
+/// Policy `old` sampled the tokens (`reel bench --logprobs` records it); others are added
+/// with `reel logprobs add`.
 ///
 /// Example:
 ///   reel gspo --store store --new new --ref ref --beta 0.04 --returns published --advantage ngrpo

@@ -36,16 +36,16 @@ enum Command {
     /// hold no sizes and captions; with --tasks the benchmark's own files give them, and the
     /// reward for asking becomes exact.
     ///
-    /// A torn file is named and the steps before it are imported. Importing again gives the same
-    /// bytes.
+    /// A torn file is named and the steps before it are imported. Importing again
+    /// gives the same bytes.
     ///
     /// Examples:
     ///   reel import real-eval eval_output --out traces
     ///   reel import real-eval eval_output --out traces --tasks real-bench/tasks
     ///   reel show traces/FDO_verify_task_9--gpt-4o--0123456789abcdef.mcap
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left
-    /// out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was
+    /// lost or left out.
     RealEval {
         /// The `eval_output` folder, or any folder in it
         #[arg(value_name = "DIR")]
@@ -77,8 +77,8 @@ enum Command {
     ///   reel import robot bags --mapping robot.toml --out traces --tasks tasks --scene scene.json
     ///   reel ingest traces --store store && reel query --store store --named primitives
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left
-    /// out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was
+    /// lost or left out.
     Robot {
         /// An MCAP file, a folder that rosbag2 wrote, or a folder of such
         #[arg(value_name = "FILE|DIR")]

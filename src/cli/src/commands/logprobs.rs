@@ -45,8 +45,8 @@ enum Command {
         /// Lines of JSON (.jsonl), or traces of the other policy: a file or a folder
         #[arg(long, value_name = "PATH")]
         from: PathBuf,
-        /// The other policy's name, e.g. new or ref; with lines: only those of this policy are
-        /// taken
+        /// The other policy's name, e.g. new or ref; with lines: only those of
+        /// this policy are taken
         #[arg(long, value_name = "NAME")]
         policy: Option<String>,
     },

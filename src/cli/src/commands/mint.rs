@@ -6,10 +6,10 @@ use reel_replay::{MintOptions, mint};
 
 use crate::ExitStatus;
 
-/// Execute the inputs of every trace of a corpus with this simulator, write them anew without
-/// pictures, and note the reason in the corpus' NOTES.md. Traces of another simulator move to
-/// v<N>/. A trace of this simulator's number that gives something else is refused: raise
-/// SIM_VERSION first.
+/// Execute the inputs of every trace of a corpus with this simulator, write them anew
+/// without pictures, and note the reason in the corpus' NOTES.md. Traces of another
+/// simulator move to v<N>/. A trace of this simulator's number that gives something else is
+/// refused: raise SIM_VERSION first.
 ///
 /// Examples:
 ///   reel mint --corpus traces/golden --reason "doors close softly now: damping 2 instead of 1"

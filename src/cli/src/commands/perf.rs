@@ -80,8 +80,8 @@ struct Figures {
     seek_cached_ms: f64,
     seek_from_start_ms: f64,
     seek_cached_to_start: f64,
-    /// Of failed episodes: measured from the records, with the alternative played, and with it
-    /// recorded and replayed.
+    /// Of failed episodes: measured from the records, with the alternative played, and with
+    /// it recorded and replayed.
     blame_to_replay: [f64; 3],
     bytes_full: f64,
     bytes_lean: f64,

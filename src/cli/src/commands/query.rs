@@ -63,8 +63,8 @@ pub struct Arguments {
     /// Longest time a query may take, in seconds
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
-    /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow by
-    /// four times that
+    /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow
+    /// by four times that
     #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
     /// Longest answer, in rows
@@ -73,8 +73,8 @@ pub struct Arguments {
     /// Tell on standard error what the answer cost: wall and CPU time, memory
     #[arg(long)]
     timing: bool,
-    /// With --timing: ask so many times more, and tell what each of these costs in a session that
-    /// was asked before
+    /// With --timing: ask so many times more, and tell what each of these costs in a session
+    /// that was asked before
     #[arg(long, value_name = "N", requires = "timing", value_parser = clap::value_parser!(u32).range(1..))]
     again: Option<u32>,
     /// List the named queries; with --named, print what that one tells
@@ -184,8 +184,8 @@ pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs a query while Ctrl-C stops it and a spinner counts the traces that its functions have
-/// worked off.
+/// Runs a query while Ctrl-C stops it and a spinner counts the traces that its
+/// functions have worked off.
 fn watched<T>(session: &QuerySession, run: impl FnOnce() -> T) -> T {
     session.stop_on_ctrl_c();
     let control = session.control();

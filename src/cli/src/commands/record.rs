@@ -29,13 +29,13 @@ use crate::{ExitStatus, inputs};
 /// A call is on disk before it is passed on, its result before the agent gets it; what a killed
 /// recorder leaves is restored by `reel recover`. Streamable HTTP, legacy HTTP+SSE and stdio are
 /// understood; whatever else comes passes through all the same, and is counted. An episode begins
-/// with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own), else
-/// with a session's first call; it ends with the next `finish`, DELETE, the end of the stream or
-/// process, or Ctrl-C.
+/// with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own),
+/// else with a session's first call; it ends with the next `finish`, DELETE, the end of the
+/// stream or process, or Ctrl-C.
 ///
-/// World graphs, markers and what is held come from the `Debug Info` text of REAL's servers; for
-/// others a mapping file says where results tell them and which tools are which of the eleven
-/// (docs/proxy.md):
+/// World graphs, markers and what is held come from the `Debug Info` text of REAL's
+/// servers; for others a mapping file says where results tell them and which tools are
+/// which of the eleven (docs/proxy.md):
 ///
 ///   [tools.drive_to]
 ///   is = "nav_to"
@@ -95,8 +95,8 @@ pub struct Arguments {
     /// tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Mapping file: which tools are which of the eleven, and where results tell the state of the
-    /// world
+    /// Mapping file: which tools are which of the eleven, and where results tell the
+    /// state of the world
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
     /// Name of the policy in the traces; without it, what agents call themselves
@@ -115,8 +115,8 @@ pub struct Arguments {
     /// Largest message that is looked into, in MiB; larger ones pass unrecorded, and that is said
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
     message_limit: u32,
-    /// Seconds after which the episode of a silent session ends, where nothing else says that it is
-    /// over
+    /// Seconds after which the episode of a silent session ends, where nothing else says
+    /// that it is over
     #[arg(long, value_name = "SECONDS", default_value_t = 1800)]
     idle: u64,
     /// Print the transcript while it happens, to standard error with --stdio

@@ -8,9 +8,9 @@ use reel_trace::{Recovery, RecoveryStatus, TraceError};
 
 use crate::{ExitStatus, inputs, progress};
 
-/// Restore every whole step of recordings that were killed, ran into a full disk, or were torn or
-/// damaged later, and write finished traces that open again. An episode without an end ends as
-/// aborted.
+/// Restore every whole step of recordings that were killed, ran into a full disk, or were
+/// torn or damaged later, and write finished traces that open again. An episode without an
+/// end ends as aborted.
 ///
 /// `x.mcap.part` becomes `x.mcap`, a torn `x.mcap` becomes `x.recovered.mcap`; a file that is there
 /// is never replaced. The recording stays, unless it is a part and all of it is in the trace.

@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::{ExitStatus, inputs, progress};
 
 /// Drop the pictures of traces: about a twentieth of the bytes remains. Their digests stay, and
-/// `reel expand` draws the pictures again, to the last bit, with a build of the same simulator
+/// `reel expand` renders the images again, bit for bit, with a build of the same simulator
 /// version. Each trace is replayed first, so that nothing is dropped that cannot be brought back.
 ///
 /// Examples:
@@ -31,8 +31,8 @@ pub struct Compact {
     unverified: bool,
 }
 
-/// Draw the pictures of lean traces again: the result has the bytes of the trace as it was recorded
-/// with pictures.
+/// Draw the pictures of lean traces again: the result has the bytes of the trace as it
+/// was recorded with pictures.
 ///
 /// Examples:
 ///   reel expand lean --out full

@@ -27,8 +27,8 @@ use crate::{
 ///   reel replay traces-out --assets meshes              # recorded with these meshes
 ///   reel replay s3://lab/traces --cluster 10.0.0.1:50050 # by many machines (`reel cluster`)
 ///
-/// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed
-/// again (robots, imports).
+/// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be
+/// executed again (robots, imports).
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -53,16 +53,16 @@ pub struct Arguments {
     /// With --explain: folder for pictures of differing frames (recorded, replayed, difference)
     #[arg(long, value_name = "DIR", requires = "explain")]
     pictures: Option<PathBuf>,
-    /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120 or
-    /// start:499, as JSON
+    /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120
+    /// or start:499, as JSON
     #[arg(long, value_name = "CALL:STEP", conflicts_with_all = ["explain", "restored"])]
     state_at: Option<String>,
     /// Also restore each episode from snapshots after so many of its calls, spread by its digest,
     /// and compare the rest
     #[arg(long, value_name = "N")]
     restored: Option<usize>,
-    /// Execute what is not exact to its end, of other simulators too, and list the outcomes that
-    /// change
+    /// Execute what is not exact to its end, of other simulators too, and list
+    /// the outcomes that change
     #[arg(long, conflicts_with_all = ["explain", "restored"])]
     outcomes: bool,
     /// Print one JSON object a trace

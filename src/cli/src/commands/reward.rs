@@ -33,8 +33,8 @@ pub struct Arguments {
     /// Score under this preset and keep the result
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
-    /// List the episodes whose rewards differ between two presets, by how much and through which
-    /// component; keeps nothing
+    /// List the episodes whose rewards differ between two presets, by how much and through
+    /// which component; keeps nothing
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "preset")]
     diff: Option<Vec<String>>,
     /// Compare the recorded terms of every episode with what its preset gives now, bit for bit;
@@ -340,8 +340,8 @@ enum Response {
     Checked(TermComparison),
 }
 
-/// Lets the cluster score the files of a store, if one is named: `take` gets what came of each, in
-/// their order.
+/// Lets the cluster score the files of a store, if one is named: `take` gets what came of
+/// each, in their order.
 #[cfg(feature = "cluster")]
 fn score_elsewhere(
     arguments: &Arguments,

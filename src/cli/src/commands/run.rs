@@ -23,8 +23,8 @@ use crate::{ExitStatus, commands::isolation_check, inputs, progress};
 ///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
 ///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel tasks real-bench
 ///
-/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door,
-/// gibberish, explorer.
+/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask,
+/// oscillating, forgets-door, gibberish, explorer.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -64,8 +64,8 @@ pub struct Arguments {
     /// tasks and of the objects in their files) and name the first state field that depends on them
     #[arg(long)]
     paranoid: bool,
-    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power,
-    /// too)
+    /// What a recorded call survives: write (the death of the process) or fsync (the
+    /// loss of power, too)
     #[arg(long, value_name = "NAME", default_value = "write")]
     durability: String,
     /// Take tasks, and the objects that their files list, in reverse order (a check: the traces

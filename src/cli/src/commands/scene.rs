@@ -58,8 +58,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make a scene; equal seeds and sizes give equal scenes, and what is made passes `reel scene
-    /// check`
+    /// Make a scene; equal seeds and sizes give equal scenes, and what is made
+    /// passes `reel scene check`
     #[command(verbatim_doc_comment)]
     ///
     /// Examples:

@@ -89,8 +89,8 @@ pub struct Settings {
     /// Leave pictures out of the traces; they are drawn again on demand
     #[arg(long)]
     no_images: bool,
-    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest (a
-    /// person, through /api/questions)
+    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest
+    /// (a person, through /api/questions)
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
     ask: Option<String>,
 }

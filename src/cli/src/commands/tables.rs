@@ -41,7 +41,7 @@ enum Command {
     History,
     /// Files that ingest left out, with the reason
     Quarantine,
-    /// Fill a new store with made-up episodes, to measure queries; no traces lie behind them
+    /// Fill a new store with synthetic episodes, to measure queries; no traces lie behind them
     Synthesize {
         /// Number of synthetic episodes to write
         #[arg(long, value_name = "N", default_value_t = 1_000_000)]
@@ -55,11 +55,11 @@ enum Command {
     },
     /// Merge small files; answers do not change and earlier versions stay readable
     Compact,
-    /// Delete files that no version of the last days needs; earlier versions cannot be opened any
-    /// more
+    /// Delete files that no version of the last days needs; earlier versions cannot
+    /// be opened any more
     Vacuum {
-        /// Keep what the versions of the last so many hours need; ingests that run longer than that
-        /// lose their files
+        /// Keep what the versions of the last so many hours need; ingests that run longer than
+        /// that lose their files
         #[arg(long, value_name = "HOURS", default_value_t = 168)]
         retention_hours: u32,
         /// Only say what would be deleted
@@ -169,7 +169,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Result<ExitStatus> {
     if Store::open(store).is_ok() {
-        bail!("there is a store already: {store}; made-up episodes go into a new one");
+        bail!("there is a store already: {store}; synthetic episodes go into a new one");
     }
     let scene = inputs::scene(None)?;
     let made = draw(&DrawOptions {
@@ -186,7 +186,7 @@ fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Re
     })?;
     bar.finish_and_clear();
     println!(
-        "{episodes} made-up episodes of {} tasks; version {}",
+        "{episodes} synthetic episodes of {} tasks; version {}",
         tasks.len(),
         store.version()
     );

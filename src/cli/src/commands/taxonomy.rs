@@ -43,8 +43,8 @@ pub struct Arguments {
 enum Command {
     /// List the rules: priority, class, sub-class, and what each says
     Rules(Rules),
-    /// Compare the classes with labels: precision, recall, F1, Cohen's kappa, confusion matrix,
-    /// disagreements
+    /// Compare the classes with labels: precision, recall, F1, Cohen's
+    /// kappa, confusion matrix, disagreements
     Agreement(WithLabels),
     /// Compare two sets of episodes: which classes grew, and whether more than chance explains
     Drift(Drift),
@@ -70,8 +70,8 @@ struct Classify {
     /// Classify and print, but leave the store unchanged
     #[arg(long)]
     dry_run: bool,
-    /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png; may be given
-    /// twice
+    /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png;
+    /// may be given twice
     #[arg(long, value_name = "FILE")]
     sankey: Vec<PathBuf>,
     /// Print JSON, one line an episode

@@ -10,9 +10,9 @@ use crate::ExitStatus;
 /// Make, list and revoke the tokens that clients of `reel serve` show. The file holds hashes only:
 /// a token is printed once.
 ///
-/// Roles: act (play: policies and trainers), read (episodes, tables, SQL, analysis), admin (all of
-/// it, and uploads, jobs, labels). A policy gets act alone, so that it cannot read what it is
-/// graded by.
+/// Roles: act (play: policies and trainers), read (episodes, tables, SQL, analysis), admin
+/// (all of it, and uploads, jobs, labels). A policy gets act alone, so that it cannot read
+/// what it is graded by.
 ///
 /// Examples:
 ///   reel token create trainer --role act

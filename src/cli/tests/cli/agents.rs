@@ -1,5 +1,5 @@
-//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that an
-//! endpoint can make.
+//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that
+//! an endpoint can make.
 
 use std::{
     fs,

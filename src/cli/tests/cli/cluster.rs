@@ -1,6 +1,6 @@
-//! A scheduler and executors as processes of this machine: commands give with them what they give
-//! without. `make cluster` does the same on machines of their own, with a bucket, and lets machines
-//! die.
+//! A scheduler and executors as processes of this machine: commands give with them what
+//! they give without. `make cluster` does the same on machines of their own, with a bucket,
+//! and lets machines die.
 
 use std::{
     fs,

@@ -14,8 +14,8 @@ const NAMES: [&str; 2] = [
     "FODP_workshop_fall--oracle--0.mcap",
 ];
 
-/// Two golden traces, the first of them with another recorded outcome of a call; checksums and
-/// chain hold.
+/// Two golden traces, the first of them with another recorded outcome of a call;
+/// checksums and chain hold.
 fn forged_corpus(folder: &Path, call: usize) {
     fs::create_dir(folder).unwrap();
     for name in NAMES {

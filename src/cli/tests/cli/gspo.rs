@@ -43,8 +43,8 @@ fn play(here: &Path, checkpoints: &[&str]) {
     }
 }
 
-/// What `reel logprobs list` prints, by episode and policy: the log-probabilities of all decisions
-/// behind one another.
+/// What `reel logprobs list` prints, by episode and policy: the log-probabilities of all
+/// decisions behind one another.
 fn listed(printed: &str) -> BTreeMap<(String, String), Vec<f64>> {
     let mut all: BTreeMap<(String, String), Vec<f64>> = BTreeMap::new();
     for line in ScoredTokens::read_lines(printed, Path::new("stdout")).unwrap() {

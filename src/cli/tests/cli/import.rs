@@ -1,5 +1,5 @@
-//! `reel import` from outside, and what the other commands say of an imported trace: that there is
-//! nothing to re-execute.
+//! `reel import` from outside, and what the other commands say of an imported trace: that there
+//! is nothing to re-execute.
 
 use std::{collections::BTreeMap, fs, path::Path};
 

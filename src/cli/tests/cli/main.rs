@@ -1,5 +1,5 @@
-//! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts
-//! rely on.
+//! The `reel` command from outside: the loop a newcomer goes through, and the exit
+//! codes scripts rely on.
 
 #[cfg(feature = "service")]
 mod agents;

@@ -1,5 +1,5 @@
-//! Going to a moment, dropping pictures and drawing them again, explaining, distrusting: from
-//! outside.
+//! Going to a moment, dropping pictures and drawing them again,
+//! explaining, distrusting: from outside.
 
 use std::{
     fs,

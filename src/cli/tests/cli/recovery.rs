@@ -1,5 +1,5 @@
-//! `reel recover` and `reel doctor` from outside: what they say, what they leave, and their exit
-//! codes.
+//! `reel recover` and `reel doctor` from outside: what they say, what they leave,
+//! and their exit codes.
 
 use std::{fs, path::Path};
 
@@ -85,7 +85,7 @@ fn doctor_and_recover_by_exit_code() {
     let restored = report["trace"].as_str().unwrap();
     assert!(expect(folder, 0, &["replay", restored]).contains("exact"));
 
-    // A part of which nothing can be read, and a file that is none of ours.
+    // A part of which nothing can be read, and a file of another program.
     fs::write(&part, b"").unwrap();
     fs::remove_file(&trace).unwrap();
     fs::remove_file(&recovered).unwrap();

@@ -28,8 +28,8 @@ fn script(name: &str, arguments: &[&str]) {
     );
 }
 
-/// The faults of every day; `make service` has all of them, and the fuzzing of the OpenAPI
-/// document.
+/// The faults of every day; `make service` has all of them, and the fuzzing
+/// of the OpenAPI document.
 const FAULTS: &[&str] = &[
     "kill_under_load",
     "names_are_taken_once",

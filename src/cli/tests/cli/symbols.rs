@@ -103,8 +103,8 @@ fn the_list_knows_what_it_looks_for() {
     }
 }
 
-/// Whether a symbol is one of those functions, for any width of float and in the C libraries'
-/// spellings.
+/// Whether a symbol is one of those functions, for any width of float and in
+/// the C libraries' spellings.
 fn is_mathematics(symbol: &str) -> bool {
     let name = symbol.strip_prefix("__").unwrap_or(symbol);
     let name = name

@@ -24,8 +24,8 @@ fn count(folder: &Path, sql: &str) -> u64 {
         .expect("a number")
 }
 
-/// Every episode is whole: its task and scene are there, and its steps and terms are those of its
-/// length.
+/// Every episode is whole: its task and scene are there, and its steps and terms are
+/// those of its length.
 fn whole(folder: &Path) -> u64 {
     let episodes = count(folder, "SELECT count(*) FROM episodes");
     let joined = "SELECT count(*) FROM episodes e JOIN tasks t ON t.task_digest = e.task_digest \

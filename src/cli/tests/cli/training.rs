@@ -1,5 +1,5 @@
-//! Training sets by the command: words by rules and by a model, rollout groups, tokens by a model's
-//! own tokenizer.
+//! Training sets by the command: words by rules and by a model, rollout groups, tokens by
+//! a model's own tokenizer.
 
 use std::{fs, path::Path, process::Command};
 
@@ -66,8 +66,8 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
         assert_eq!(note["completion"], rule["completion"]);
     }
 
-    // a model: what it says of the first decision is taken, what it claims falsely of the second is
-    // not
+    // a model: what it says of the first decision is taken, what it claims falsely of
+    // the second is not
     let note = |step: usize, history: &str| {
         serde_json::json!({
             "step": step, "reasoning": "Let me think.", "history": history, "schedule": "All of it.", "subtask": "The next thing.",

@@ -30,8 +30,8 @@ pub struct Alternative {
     pub verified: bool,
 }
 
-/// Plays what would have been better at the decisive step, and records and verifies it where a path
-/// is given.
+/// Plays what would have been better at the decisive step, and records and verifies it where
+/// a path is given.
 ///
 /// # Errors
 /// When the episode cannot be executed up to there, or the branch cannot be written. Inside: why

@@ -31,8 +31,8 @@ pub struct BlameOptions {
     pub branches: Option<PathBuf>,
 }
 
-/// Measures traces. A trace that cannot be read is an error in words, and keeps the others from
-/// nothing.
+/// Measures traces. A trace that cannot be read is an error in words, and keeps
+/// the others from nothing.
 pub fn blame_all(
     paths: &[PathBuf],
     workers: usize,

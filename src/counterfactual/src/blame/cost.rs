@@ -18,8 +18,8 @@ pub(crate) struct DecisionPoint {
     /// Decisions after which a competent agent is sure to have succeeded, at worst; none where it
     /// cannot be sure of it.
     pub cost: Option<u32>,
-    /// The same for one who knows besides which receptacles are meant: nothing falls by a lucky
-    /// find.
+    /// The same for one who knows besides which receptacles are meant: nothing falls
+    /// by a lucky find.
     pub hindsight: Option<u32>,
     /// What is left to do in truth, wherever the robot stands and whatever is in view: calls by
     /// what has to be done with.
@@ -53,11 +53,11 @@ pub struct StepCost {
     pub before: Option<u32>,
     /// Cost after the step; `None` on the same condition as for `before`.
     pub after: Option<u32>,
-    /// Before it, for one who knows besides which receptacles are meant; what decides is told by
-    /// this.
+    /// Before it, for one who knows besides which receptacles are meant; what decides
+    /// is told by this.
     pub hindsight: Option<u32>,
-    /// Decisions it lost: how far the cost did not fall by one. None where success was out of reach
-    /// before or after.
+    /// Decisions it lost: how far the cost did not fall by one. None where success was out of
+    /// reach before or after.
     pub regret: Option<u32>,
 }
 

@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::blame::cost::{DecisionPoint, Item};
 
-/// Decisions lost in vain after which an agent that finishes has given up rather than ended too
-/// early.
+/// Decisions lost in vain after which an agent that finishes has given up rather
+/// than ended too early.
 const IN_VAIN: u32 = 4;
 
 /// What kind of harm the decisive step did.
@@ -26,8 +26,8 @@ pub enum Harm {
     World,
     /// It ended the episode although success was still to be had.
     Ending,
-    /// With it the agent left the way to success and never came back, until it ended or the
-    /// decisions ran out.
+    /// With it the agent left the way to success and never came back, until it ended or
+    /// the decisions ran out.
     Time,
 }
 

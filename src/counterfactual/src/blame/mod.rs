@@ -1,9 +1,9 @@
-//! Why an episode failed, measured: what every step cost, the step that decided, what would have
-//! been better then, played and verified, and the smallest change of its calls that makes it
-//! succeed.
+//! Why an episode failed, measured: what every step cost, the step that decided, what
+//! would have been better then, played and verified, and the smallest change of its calls
+//! that makes it succeed.
 //!
-//! Never labels, rules of the taxonomy or words of the policy: only what was done and what could be
-//! known.
+//! Never labels, rules of the taxonomy or words of the policy: only what was done and
+//! what could be known.
 
 mod alternative;
 mod batch;

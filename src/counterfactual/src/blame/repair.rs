@@ -60,8 +60,8 @@ pub struct Repair {
 /// Searches the smallest repair, and records and verifies it where a path is given.
 ///
 /// # Errors
-/// When the episode cannot be executed up to there, or the branch cannot be written. Inside: why
-/// there is none.
+/// When the episode cannot be executed up to there, or the branch cannot be written. Inside:
+/// why there is none.
 pub fn repair(
     trace: &Trace,
     decisive: &Decisive,
@@ -142,9 +142,9 @@ impl Search<'_, '_> {
         Ok(branch.play(self.fork, None)?.success)
     }
 
-    /// One edit at the decisive call: without it, another call instead of it or before it; what a
-    /// competent agent would have called, or the same with another number of the map that lay
-    /// before the agent.
+    /// One edit at the decisive call: without it, another call instead of it or before it;
+    /// what a competent agent would have called, or the same with another number of the map
+    /// that lay before the agent.
     fn one_edit(
         &mut self,
         trace: &Trace,

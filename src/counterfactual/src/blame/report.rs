@@ -1,5 +1,5 @@
-//! What is to be said of a failed episode: the decisive step in words, what it lost, and which
-//! capacity failed.
+//! What is to be said of a failed episode: the decisive step in words, what it lost,
+//! and which capacity failed.
 
 use reel_agents::plan::Objection;
 use reel_trace::Trace;
@@ -38,8 +38,8 @@ impl Cause {
     }
 }
 
-/// How much of what was lost for good is due to each capacity, from 0 to 1; all 0 where nothing was
-/// lost.
+/// How much of what was lost for good is due to each capacity, from 0 to 1; all 0
+/// where nothing was lost.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Shares {
     /// Share of the loss that is due to [`Cause::Perception`], from 0 to 1.
@@ -104,8 +104,8 @@ pub struct Blame {
     pub decisive: Option<Decisive>,
     /// Decisions lost in all.
     pub wasted: u32,
-    /// The step after which success could no longer be had for sure; luck may still have brought
-    /// it.
+    /// The step after which success could no longer be had for sure; luck may
+    /// still have brought it.
     pub point_of_no_return: Option<u32>,
     /// Whether it still was to be had for sure before the last step.
     pub repairable_at_end: bool,

@@ -185,12 +185,12 @@ impl Branch {
         Ok(running.end(heir.and_then(|heir| heir.gave_up()))?)
     }
 
-    /// Goes to the moment before call `at` of the parent and plays it from there; see [`Fork::at`]
-    /// and [`Branch::play`].
+    /// Goes to the moment before call `at` of the parent and plays it from there;
+    /// see [`Fork::at`] and [`Branch::play`].
     ///
     /// # Errors
-    /// When the parent cannot be executed up to there or differs on the way, and as
-    /// [`Branch::play`].
+    /// When the parent cannot be executed up to there or differs on the
+    /// way, and as [`Branch::play`].
     pub fn play_at(
         &self,
         parent: &Trace,

@@ -1,5 +1,5 @@
-//! Injected faults: the measured step against the step at which the fault began, and what comes of
-//! the advice.
+//! Injected faults: the measured step against the step at which the fault began, and what
+//! comes of the advice.
 
 use reel_agents::{FaultKind, Injection, Label, RecordTo, SampleOptions, sample};
 use reel_counterfactual::blame::{Edit, Harm, alternative, blame, repair};

@@ -1,5 +1,5 @@
 //! Branches of recorded episodes: random ones, of branches too and of what was compacted and
-//! recovered, verified to the last bit; what they hold; and what is refused.
+//! recovered, verified bit for bit; what they hold; and what is refused.
 
 #[path = "../../../replay/tests/replay/episodes.rs"]
 #[expect(dead_code, reason = "not every crate's tests need all of it")]
@@ -67,8 +67,8 @@ fn a_branch_has_the_parents_past_its_own_future_and_says_so() {
     let descent = verify_branch(&made, &parent);
     assert!(descent.holds(), "{descent:?}");
 
-    // Other calls at the same place are another episode; the same ones are the same, to the byte,
-    // by whatever way.
+    // Other calls at the same place are another episode; the same ones are the same, to the
+    // byte, by whatever way.
     let other = folder.branch(
         &Branch {
             calls: vec![walk()],

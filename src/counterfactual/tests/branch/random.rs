@@ -1,7 +1,7 @@
 //! Random branches, up to three deep, of episodes of all kinds of policies, and of what was
-//! compacted or broke off and was recovered on the way. Each verifies against its parent, to the
-//! last bit. `REEL_BRANCHES` says how many; a failure prints the number that makes it again alone
-//! (`REEL_BRANCH=n`).
+//! compacted or broke off and was recovered on the way. Each verifies against its parent,
+//! to the last bit. `REEL_BRANCHES` says how many; a failure prints the number that makes
+//! it again alone (`REEL_BRANCH=n`).
 
 use std::{
     env, mem,
@@ -140,8 +140,8 @@ fn random_branches_verify_against_their_parents() {
     assert!(branches >= indices.len());
 }
 
-/// A few calls of the parent's, at another time, or nonsense; then nothing, the parent, or any
-/// policy.
+/// A few calls of the parent's, at another time, or nonsense; then nothing, the
+/// parent, or any policy.
 fn any_branch(draw: &mut Draw, parent: &Trace, at: usize) -> Branch {
     let mut calls = Vec::new();
     for _ in 0..draw.below(4) {

@@ -1,5 +1,5 @@
-//! Policies that take over in the middle: they have watched what came before, and make the best of
-//! it.
+//! Policies that take over in the middle: they have watched what came before, and make
+//! the best of it.
 
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use reel_world::Task;
 
 use crate::{episodes::tasks, folder::Folder};
 
-/// At how many of the calls of an episode a policy that takes over still reaches the goal; of how
-/// many.
+/// At how many of the calls of an episode a policy that takes over still reaches the
+/// goal; of how many.
 fn rescued(folder: &Folder, task: &Arc<Task>, faulty: &str, heir: &str) -> (usize, usize, Trace) {
     let parent = folder.play(task, faulty, Images::None);
     let forks = Fork::at_every_call(&parent).unwrap();

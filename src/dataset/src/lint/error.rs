@@ -1,5 +1,5 @@
-//! What cannot be read: a whole path ([`LintError`]), or one row of a file that is otherwise fine
-//! ([`RowError`]).
+//! What cannot be read: a whole path ([`LintError`]), or one row of a file that
+//! is otherwise fine ([`RowError`]).
 
 use std::{io, path::PathBuf};
 

@@ -1,5 +1,5 @@
-//! The common form of a training row: turns of text, pictures and calls, whatever the file's
-//! format.
+//! The common form of a training row: turns of text, pictures and calls,
+//! whatever the file's format.
 
 use std::path::PathBuf;
 

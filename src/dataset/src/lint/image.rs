@@ -1,5 +1,5 @@
-//! What a picture's file says of itself: format, size, whether it is whole. Reads headers; never
-//! decodes pixels.
+//! What a picture's file says of itself: format, size, whether it is whole. Reads
+//! headers; never decodes pixels.
 
 use std::fmt;
 

@@ -1,5 +1,5 @@
-//! Rows of Parquet files, pictures apart from the rest so that their bytes are never turned into
-//! text.
+//! Rows of Parquet files, pictures apart from the rest so that their bytes are
+//! never turned into text.
 //!
 //! Holds one small batch at a time.
 

@@ -27,8 +27,8 @@ fn good_rows_pass() {
         .map(|task| good(task))
         .collect();
     let report = linted(&folder.lines("rows.jsonl", &rows));
-    // Two rows that differ in a word are near-duplicates, rightly, and two rows do not call all
-    // tools.
+    // Two rows that differ in a word are near-duplicates, rightly, and two rows do
+    // not call all tools.
     let expected = ["balance", "near-duplicates"];
     let worst: Vec<_> = report
         .checks

@@ -1,5 +1,5 @@
-//! Near-duplicates in a planted set: how many of the pairs are found, and how many that are found
-//! were planted.
+//! Near-duplicates in a planted set: how many of the pairs are found, and how many that
+//! are found were planted.
 
 use std::collections::BTreeSet;
 
@@ -50,8 +50,8 @@ fn precision_and_recall(other_words: usize) -> (f64, f64) {
     let mut numbers = Numbers(7);
     let originals: Vec<Vec<&str>> = (0..ORIGINALS).map(|_| numbers.words()).collect();
     let mut rows: Vec<Value> = originals.iter().map(|words| row(words)).collect();
-    // Every third has a near-duplicate, every fourth of the others a text that shares half of its
-    // words.
+    // Every third has a near-duplicate, every fourth of the others a text that shares
+    // half of its words.
     let mut planted = BTreeSet::new();
     for (number, words) in originals.iter().enumerate() {
         if number % 3 == 0 {

@@ -161,8 +161,8 @@ fn every_format_and_style_is_read_back_without_a_finding() {
             }
             let report = lint(&dataset, &LintOptions::default(), |_| ());
             assert_eq!((report.rows, report.unreadable), (rows, 0), "{told}");
-            // Two episodes that differ in two words are near-duplicates; they do not call all
-            // tools.
+            // Two episodes that differ in two words are near-duplicates; they do
+            // not call all tools.
             let expected = ["near-duplicates", "balance"];
             let wrong: Vec<_> = report
                 .checks

@@ -1,5 +1,5 @@
-//! What a question is about, and how one asks which object is meant. Rules over words; never looks
-//! at a task.
+//! What a question is about, and how one asks which object is meant. Rules over words; never
+//! looks at a task.
 
 use reel_world::language::{is_a, names_object, words};
 
@@ -14,8 +14,8 @@ pub(super) enum Topic {
     Destination,
 }
 
-/// The question which object is meant, by what was seen (captions or categories) and what it is
-/// wanted for.
+/// The question which object is meant, by what was seen (captions or categories) and what
+/// it is wanted for.
 pub fn which<'a>(seen: impl Iterator<Item = &'a str>, purpose: Option<&str>) -> String {
     let mut things: Vec<String> = seen
         .map(|thing| thing.trim_end_matches('.').to_lowercase())
@@ -97,8 +97,8 @@ impl Topic {
     }
 }
 
-/// Whether a question can be answered by yes or no: it begins with an auxiliary verb and offers no
-/// choice.
+/// Whether a question can be answered by yes or no: it begins with an auxiliary verb
+/// and offers no choice.
 pub(super) fn wants_yes_or_no(question: &str) -> bool {
     const AUXILIARIES: [&str; 16] = [
         "is", "are", "do", "does", "did", "should", "shall", "can", "could", "would", "was",

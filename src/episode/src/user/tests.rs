@@ -358,8 +358,8 @@ fn the_check_finds_each_broken_rule() {
         if found.contains(&"raw_id")
             || found.contains(&"exact_position") && expected == &["exact_position"]
         {
-            // ids and numbers may look like places too; the rule in question must be among those
-            // found
+            // ids and numbers may look like places too; the rule in question must
+            // be among those found
             found.retain(|name| expected.contains(name));
         }
         assert_eq!(&found, expected, "{reply}");

@@ -1,7 +1,7 @@
-//! The short subset of the determinism checks: an episode in another thread and restored before
-//! each call, and scenes made to fail against digests written here, so that a platform or a build
-//! that computes otherwise fails `make test`. The whole of it: tests/determinism.sh and
-//! tests/determinism-cross.sh.
+//! The short subset of the determinism checks: an episode in another thread and
+//! restored before each call, and scenes made to fail against digests written here, so
+//! that a platform or a build that computes otherwise fails `make test`. The whole of
+//! it: tests/determinism.sh and tests/determinism-cross.sh.
 
 use std::sync::Arc;
 
@@ -15,8 +15,8 @@ use reel_world::{
 };
 use serde_json::json;
 
-/// The digests of so many steps of 1/240 s. They change with the engine and with [`Stress`], and
-/// with nothing else.
+/// The digests of so many steps of 1/240 s. They change with the engine and with [`Stress`],
+/// and with nothing else.
 const STRESS_STEPS: u32 = 100;
 const STRESS: [(Stress, &str); 3] = [
     (

@@ -1,6 +1,6 @@
-//! Training sets out of a store of played episodes: what a row holds, what is refused, equal bytes,
-//! going on after a break, rollout groups, notes, and that the loaders get the frames that are
-//! drawn again.
+//! Training sets out of a store of played episodes: what a row holds, what is refused, equal
+//! bytes, going on after a break, rollout groups, notes, and that the loaders get the frames
+//! that are drawn again.
 
 mod buckets;
 #[path = "../../../replay/tests/replay/episodes.rs"]
@@ -403,8 +403,8 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
         assert_eq!(report.episodes, 2, "{}", format.as_str());
     }
     assert!(!sets.join("parquet/images").exists() && !sets.join("parquet/.pictures").exists());
-    // every row's frame, drawn again; the first decision of an episode is shown none, as with
-    // REAL's trainer
+    // every row's frame, drawn again; the first decision of an episode is shown none,
+    // as with REAL's trainer
     let frames: Vec<u8> = rows(&sets.join("trl"), "train")
         .iter()
         .filter(|row| row["provenance"]["call"] != 0)

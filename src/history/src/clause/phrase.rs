@@ -315,8 +315,8 @@ impl Reader<'_> {
         true
     }
 
-    /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name says what
-    /// is meant.
+    /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name
+    /// says what is meant.
     fn merge(&mut self, arg: &Arg) -> bool {
         let fresh = self.fresh;
         let whole = match self.found.last_mut() {

@@ -1,5 +1,5 @@
-//! Reads what was asked and said, and calls as they were written. Never looks inside an answer for
-//! deeds.
+//! Reads what was asked and said, and calls as they were written. Never looks inside
+//! an answer for deeds.
 
 use reel_world::ToolSpec;
 

@@ -1,5 +1,5 @@
-//! Reads a verb: which of its meanings it has, and whether it tells that something was done. Never
-//! looks at phrases.
+//! Reads a verb: which of its meanings it has, and whether it tells that something was done.
+//! Never looks at phrases.
 
 use crate::{
     clause::{Mood, Predicate, Reader},
@@ -66,8 +66,8 @@ impl Reader<'_> {
         self.at += 1;
     }
 
-    /// Whether a base form behind a determiner is a deed (`the pick failed`) rather than a thing
-    /// (`the place`).
+    /// Whether a base form behind a determiner is a deed (`the pick failed`) rather than
+    /// a thing (`the place`).
     pub(super) fn nominal(&self, verb: Verb) -> bool {
         let next = self.class_at(self.at + 1);
         let deed =
@@ -151,8 +151,8 @@ impl Reader<'_> {
         }
     }
 
-    /// `took the mug` and `moved to table_1`, but not `took the mug to table_1` and `moved the
-    /// mug`.
+    /// `took the mug` and `moved to table_1`, but not `took the mug to table_1`
+    /// and `moved the mug`.
     fn goes_itself(&self, verb: Verb) -> bool {
         let mut rest = self.tokens[self.at + 1..]
             .iter()

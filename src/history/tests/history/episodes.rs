@@ -1,5 +1,5 @@
-//! Real episodes, as plain data: a scene, a task, the graph at the start, and step records without
-//! motion states.
+//! Real episodes, as plain data: a scene, a task, the graph at the start, and step
+//! records without motion states.
 
 use std::{
     collections::BTreeMap,

@@ -82,8 +82,8 @@ fn alarms(file: &str) -> (Vec<String>, usize, usize) {
     (alarms, supported, all)
 }
 
-/// Every sentence of a file of false ones is planted behind the true History; what is not found, or
-/// found elsewhere.
+/// Every sentence of a file of false ones is planted behind the true History; what is not
+/// found, or found elsewhere.
 fn overlooked(file: &str) -> Vec<String> {
     let mut overlooked = Vec::new();
     for Planted {
@@ -257,8 +257,8 @@ fn fresh_true_sentences_raise_no_alarm() {
     }
 }
 
-/// Every deed of the episodes in every wording of a rule-based annotator, alone and as whole
-/// stories.
+/// Every deed of the episodes in every wording of a rule-based annotator, alone
+/// and as whole stories.
 #[test]
 fn told_deeds_raise_no_alarm() {
     for file in [include_str!("wordings.txt"), include_str!("stories.txt")] {

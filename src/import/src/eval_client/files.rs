@@ -1,5 +1,5 @@
-//! The files of a run: `<out>/<scene>/<id>/<slug>/` for an episode, and one with the results of
-//! all.
+//! The files of a run: `<out>/<scene>/<id>/<slug>/` for an episode, and one with
+//! the results of all.
 
 use std::{
     fs, io,

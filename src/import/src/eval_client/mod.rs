@@ -1,6 +1,6 @@
-//! The evaluation client of REAL's published agents: how it names folders, reads results, scores an
-//! episode, loops over tasks, and which files it writes. What it writes, the importer of this crate
-//! reads.
+//! The evaluation client of REAL's published agents: how it names folders, reads results,
+//! scores an episode, loops over tasks, and which files it writes. What it writes, the importer
+//! of this crate reads.
 //!
 //! [`run`] is its loop over any [`EvalDriver`]; [`replay::Recorded`] is one over recorded traces,
 //! so that REAL's own analysis reads them.

@@ -116,8 +116,8 @@ impl Playing {
         })
     }
 
-    /// What the call that was decided last came to: its text, the image after it, and what is known
-    /// of the world.
+    /// What the call that was decided last came to: its text, the image after it, and what is
+    /// known of the world.
     fn result(&mut self) -> Result<Vec<Content>, String> {
         let record = self
             .next

@@ -1,6 +1,6 @@
-//! What was said, in the order of time, as episodes: which calls belong together, what came of
-//! each, what was measured and shown meanwhile, and the records that follow. Knows neither files
-//! nor encodings.
+//! What was said, in the order of time, as episodes: which calls belong together, what came
+//! of each, what was measured and shown meanwhile, and the records that follow. Knows
+//! neither files nor encodings.
 
 use std::path::Path;
 
@@ -168,8 +168,8 @@ pub(crate) struct AssembledEpisode {
 }
 
 impl EpisodeBuilder {
-    /// Opens an episode before which something was said: of where the robot was only the last
-    /// counts.
+    /// Opens an episode before which something was said: of where the robot was
+    /// only the last counts.
     fn after(between: Vec<Event>, bare: bool) -> Self {
         let mut playing = Self {
             bare,

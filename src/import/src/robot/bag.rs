@@ -1,6 +1,6 @@
-//! MCAP files of any origin, record by record: what can be read of a file that broke off or is
-//! damaged is read, and what cannot is named. Holds one record at a time; knows no meaning of
-//! messages.
+//! MCAP files of any origin, record by record: what can be read of a file that broke
+//! off or is damaged is read, and what cannot is named. Holds one record at a time;
+//! knows no meaning of messages.
 
 use std::{
     fs::File,
@@ -145,8 +145,8 @@ impl Walk<'_> {
         Ok(bytes)
     }
 
-    /// Learns the topics that stand at the end of a finished file; one that is not finished has
-    /// none there.
+    /// Learns the topics that stand at the end of a finished file; one that is not
+    /// finished has none there.
     fn summary(&mut self) {
         let footer = self
             .file

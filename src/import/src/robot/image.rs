@@ -14,8 +14,8 @@ use zune_jpeg::{
 /// Most pixels of a picture.
 const PIXELS_MAX: usize = 64 << 20;
 
-/// The picture in a message: a file in JPEG or PNG, or raw pixels beside their size, which become a
-/// PNG file.
+/// The picture in a message: a file in JPEG or PNG, or raw pixels beside their size, which
+/// become a PNG file.
 ///
 /// # Errors
 /// What is wrong with it.
@@ -89,9 +89,9 @@ fn size_of_row(beside: Option<&Value>, least: usize) -> usize {
         .unwrap_or(least)
 }
 
-/// A picture file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x 480,
-/// one of another shape between black bars. Pixels have no digests of instances and depth: no
-/// camera tells them.
+/// A picture file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x
+/// 480, one of another shape between black bars. Pixels have no digests of instances and depth:
+/// no camera tells them.
 ///
 /// # Errors
 /// What is wrong with it.

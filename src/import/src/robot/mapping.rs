@@ -29,8 +29,8 @@ pub(crate) enum Kind {
     Episode,
 }
 
-/// A key, and where its value is looked for when the file does not say it; the first that is there
-/// counts.
+/// A key, and where its value is looked for when the file does not say it; the first
+/// that is there counts.
 type Key = (&'static str, &'static [&'static str]);
 
 /// The word of each kind, and its keys.

@@ -220,8 +220,8 @@ impl Episode {
     }
 }
 
-/// The episode that does everything right, with the failures on its way: both apples listed, a
-/// question, a door.
+/// The episode that does everything right, with the failures on its way: both apples listed,
+/// a question, a door.
 pub fn full(root: &Path) -> Episode {
     let mut e = Episode::new(root, "SUL", "verify_task_9", "qwen-vl");
     e.text_step(

@@ -1,6 +1,6 @@
-//! Episodes of published tasks: the task file's own task is used where it is given, and what is
-//! made of `task_meta.json` alone has the same goal. Reads the data from `REEL_REAL_BENCH` or
-//! beside the repository.
+//! Episodes of published tasks: the task file's own task is used where it is given, and what
+//! is made of `task_meta.json` alone has the same goal. Reads the data from `REEL_REAL_BENCH`
+//! or beside the repository.
 
 use std::{
     fs,

@@ -368,8 +368,8 @@ fn every_field_comes_through() {
         (Some(0), "table", Some(0.0178), None)
     );
 
-    // The picture up to the result, else the first after it; a wide one between black bars; each as
-    // it came, too.
+    // The picture up to the result, else the first after it; a wide one between black bars; each
+    // as it came, too.
     let at = |step: Option<u32>, row: usize| {
         let rgb = trace.frame_rgb(step).unwrap().unwrap();
         let at = (row * FRAME_WIDTH + FRAME_WIDTH / 2) * 3;

@@ -1,5 +1,5 @@
-//! Households at work: equal to what a runner records, whoever is put aside when, and whatever
-//! breaks next door.
+//! Households at work: equal to what a runner records, whoever is put aside when, and
+//! whatever breaks next door.
 
 #[path = "../../../replay/tests/replay/episodes.rs"]
 #[expect(

@@ -1,5 +1,5 @@
-//! What a query means by the vectors of an embedding model: the categories that are near enough to
-//! it.
+//! What a query means by the vectors of an embedding model: the categories that are
+//! near enough to it.
 
 use std::{collections::BTreeMap, sync::Arc};
 

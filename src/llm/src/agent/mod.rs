@@ -1,6 +1,6 @@
-//! Agents, users and matchers behind an OpenAI-compatible endpoint (paper, "Problem Formulation and
-//! Context Management" and "Simulated User Module"; docs/spec.md#simulated-user and
-//! docs/spec.md#policy-context).
+//! Agents, users and matchers behind an OpenAI-compatible endpoint (paper,
+//! "Problem Formulation and Context Management" and "Simulated User
+//! Module"; docs/spec.md#simulated-user and docs/spec.md#policy-context).
 //!
 //! Owns how a model is asked at every step and what is made of its answer. Never decides whether an
 //! answer is a good call: the tools do, and tell the model. Whatever a model says becomes an input

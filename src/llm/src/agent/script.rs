@@ -523,8 +523,8 @@ fn progress(prompt: &str, plan: &[Line]) -> (usize, bool) {
     }
 }
 
-/// The calls that somebody else made, as the memory tells of them: `0) {"tool_name": ..}: outcome`,
-/// one a line.
+/// The calls that somebody else made, as the memory tells of them: `0) {"tool_name": ..}:
+/// outcome`, one a line.
 fn watched_calls(prompt: &str) -> Vec<(String, String)> {
     let mut calls = Vec::new();
     for (at, _) in prompt.match_indices(") {\"tool_name\":") {

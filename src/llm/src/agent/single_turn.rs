@@ -1,6 +1,6 @@
-//! The agent of REAL's rollouts: one user message a decision, made from the prompt template; the
-//! answer is reasoning and one JSON object. What it is asked equals what it is trained on, byte for
-//! byte (`reel_prompt`).
+//! The agent of REAL's rollouts: one user message a decision, made from the prompt template;
+//! the answer is reasoning and one JSON object. What it is asked equals what it is trained on,
+//! byte for byte (`reel_prompt`).
 
 use std::sync::Arc;
 

@@ -9,8 +9,8 @@ use crate::client::ModelError;
 /// Where a model is asked, and how.
 #[derive(Clone, Debug)]
 pub struct Endpoint {
-    /// Up to and without `/chat/completions`, mostly ending in `/v1`. Holds no secret: it is shown
-    /// in errors.
+    /// Up to and without `/chat/completions`, mostly ending in `/v1`. Holds no secret: it
+    /// is shown in errors.
     pub base_url: String,
     /// The model's name at the endpoint.
     pub model: String,
@@ -24,8 +24,8 @@ pub struct Endpoint {
     pub temperature: f64,
     /// Most tokens that the model may write.
     pub max_tokens: u32,
-    /// Whether the log-probabilities of the tokens that the model writes are asked for; not every
-    /// endpoint gives them.
+    /// Whether the log-probabilities of the tokens that the model writes are asked for; not
+    /// every endpoint gives them.
     pub logprobs: bool,
     /// Further fields of every request, e.g. `seed`; they replace fields of the same name, and
     /// `null` takes one away (models that want `max_completion_tokens` refuse `max_tokens`).

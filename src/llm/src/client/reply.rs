@@ -20,8 +20,8 @@ pub struct Reply {
     /// Log-probabilities of the tokens that it wrote; `None` if they were not asked for
     /// ([`crate::client::Endpoint::logprobs`]), or the endpoint gave none.
     pub logprobs: Option<TokenLogprobs>,
-    /// How long it took, pauses and tries in vain included; of a kept reply, when it was first
-    /// given.
+    /// How long it took, pauses and tries in vain included; of a kept reply, when
+    /// it was first given.
     pub latency_ns: u64,
     /// Whether nobody was asked, because the reply was kept from an equal request.
     pub cached: bool,

@@ -10,8 +10,8 @@ use crate::client::Endpoint;
 pub struct Request {
     /// Messages of the conversation, the oldest first.
     pub messages: Vec<Message>,
-    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where
-    /// there are none.
+    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null
+    /// where there are none.
     pub tools: Value,
 }
 

@@ -148,8 +148,8 @@ impl Client {
         })
     }
 
-    /// The kept reply to a request, if there is one. Nobody is asked, and as no call is made none
-    /// is logged.
+    /// The kept reply to a request, if there is one. Nobody is asked, and as no call is
+    /// made none is logged.
     pub fn cached(&self, request: &Request) -> Option<Reply> {
         let digest = Digest::of(canonical_json(&request::body(&self.endpoint, request)).as_bytes());
         Some(reply(self.cache.as_ref()?.get(&digest)?, true, digest))

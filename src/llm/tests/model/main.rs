@@ -307,8 +307,8 @@ fn an_endpoint_that_never_answers_costs_the_timeout() {
     assert_eq!(clock.pauses_s(), [1]);
 }
 
-/// Also that the cryptography behind `https` is there at all: it is chosen when the first
-/// connection is made.
+/// Also that the cryptography behind `https` is there at all: it is chosen when the
+/// first connection is made.
 #[test]
 fn an_endpoint_that_does_not_speak_tls_is_not_asked_again() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

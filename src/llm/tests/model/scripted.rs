@@ -1,5 +1,5 @@
-//! An endpoint that does what a test says, and a clock that nobody waits for. Used by the tests of
-//! other crates too.
+//! An endpoint that does what a test says, and a clock that nobody waits for. Used by the tests
+//! of other crates too.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -83,8 +83,8 @@ impl Scripted {
     }
 }
 
-/// The address of an endpoint that is not there. No port of this machine's choice: another test
-/// could get it.
+/// The address of an endpoint that is not there. No port of this machine's choice: another
+/// test could get it.
 pub fn nobody() -> String {
     "http://127.0.0.1:1/v1".to_owned()
 }

@@ -1,5 +1,5 @@
-//! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state: no
-//! instances, poses, goals.
+//! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state:
+//! no instances, poses, goals.
 
 use reel_live::{CallResult, LiveError, StartedEpisode};
 use reel_world::{HORIZON, record::EndReason};

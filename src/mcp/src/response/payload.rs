@@ -9,9 +9,9 @@ use serde_json::{Map, Value, json};
 const GLOBAL_INDEX: &str = "episodes[0].global_index";
 const DISTRACTOR_META: &str = "episodes[0].obj_distractor_meta.";
 
-/// What is known when an episode begins. Branch `main` gives the benchmark's instruction and names,
-/// branch `gspo` the precise instruction; a task that was asked for by an id has that id, for the
-/// trainer compares them.
+/// What is known when an episode begins. Branch `main` gives the benchmark's instruction and
+/// names, branch `gspo` the precise instruction; a task that was asked for by an id has that id,
+/// for the trainer compares them.
 pub(super) fn payload(profile: Profile, begun: &StartedEpisode, scene: &Scene) -> Value {
     let task = &*begun.task;
     let main = profile != Profile::RealGspo;

@@ -1,6 +1,6 @@
-//! The published servers (profiles `real-repo` and `real-gspo`) to the letter: which items an
-//! answer has, and the debug information that is always the last of them. What a tool says is the
-//! outcome's text.
+//! The published servers (profiles `real-repo` and `real-gspo`) to the letter: which items
+//! an answer has, and the debug information that is always the last of them. What a tool
+//! says is the outcome's text.
 
 use reel_live::{CallResult, LiveError, PrivilegedState};
 use reel_world::{
@@ -17,8 +17,8 @@ use super::{
     picture, task_ids,
 };
 
-/// A failure of the domain is text and no protocol error: the trainer would take that for a broken
-/// connection.
+/// A failure of the domain is text and no protocol error: the trainer would take that
+/// for a broken connection.
 pub(super) fn say(profile: Profile, said: &Response) -> CallToolResult {
     CallToolResult::success(match said {
         Response::CallMade(made) => call(made),

@@ -1,5 +1,5 @@
-//! The published conformance suite of the protocol passes, where npm can install it
-//! (`tests/conformance.sh`).
+//! The published conformance suite of the protocol passes, where npm
+//! can install it (`tests/conformance.sh`).
 
 use std::{
     env,

@@ -30,8 +30,8 @@ use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader, DuplexStrea
 const TOKEN: &str = "⟦traceback ending in⟧ ";
 const TRACEBACK: &str = "Traceback (most recent call last):\n";
 const START_STEPS: u64 = 550;
-/// How far a placed object may have moved while it came to rest, or was pushed by what stood there,
-/// in metres.
+/// How far a placed object may have moved while it came to rest, or was pushed by what
+/// stood there, in metres.
 const REST_M: f64 = 0.2;
 
 const TEXT_PLANS: &str = "a plan of texts is no plan of REAL-Bench: the loader refuses the file";
@@ -364,8 +364,8 @@ impl Table {
         items(&result["content"]).iter().map(item).collect()
     }
 
-    /// Ends the session; every recorded step, the steps of physics before the first call of an
-    /// episode included.
+    /// Ends the session; every recorded step, the steps of physics before the first call
+    /// of an episode included.
     async fn records(self) -> Vec<(StepRecord, u64)> {
         let Self {
             client,
@@ -472,8 +472,8 @@ fn compare(step: &Value, found: &Value, after_pick: bool, now: &Now) -> Option<S
     })
 }
 
-/// The first difference of what was recorded of a call: physics steps, text, and what became of the
-/// simulator.
+/// The first difference of what was recorded of a call: physics steps, text, and what
+/// became of the simulator.
 fn compare_record(step: &Value, found: &Value, record: &StepRecord, steps: u64) -> Option<String> {
     let told = found[0].get("text").map_or("", text);
     if record.outcome.text != told {

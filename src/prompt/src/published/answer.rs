@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::python;
 
-/// Tool names of earlier versions that the agent and the trainer still read, with the names that
-/// they mean.
+/// Tool names of earlier versions that the agent and the trainer still read, with the
+/// names that they mean.
 pub const LEGACY_TOOLS: [(&str, &str); 6] = [
     ("nav_to", "navigate_to"),
     ("walk_around", "explore_receptacle"),
@@ -30,8 +30,8 @@ pub fn canonical_tool(name: &str) -> &str {
 /// What the evaluation agent keeps of an answer.
 #[derive(Clone, PartialEq, Debug)]
 pub struct AgentAnswer {
-    /// Its memory: the object under `summary`, `{"history": text}` for any other value there, `{}`
-    /// without one.
+    /// Its memory: the object under `summary`, `{"history": text}` for any other value
+    /// there, `{}` without one.
     pub summary: Map<String, Value>,
     /// The tool by its canonical name.
     pub tool_name: String,
@@ -239,8 +239,8 @@ pub struct GymAnswer {
     pub last_action: Option<Value>,
 }
 
-/// Reads an answer as the gym environment does: from the first `{` to the last `}` after the last
-/// `</think>`.
+/// Reads an answer as the gym environment does: from the first `{` to the last `}`
+/// after the last `</think>`.
 pub fn gym_answer(text: &str) -> GymAnswer {
     let body = after_think(text);
     let span = body
@@ -350,8 +350,8 @@ fn is_true(value: &Value) -> bool {
 }
 
 /// A call as the published clients are shown it: the tool by its canonical name, marker ids as
-/// texts (their schema says `string`). A name that is no tool's stays, and so do arguments that are
-/// no object.
+/// texts (their schema says `string`). A name that is no tool's stays, and so do arguments
+/// that are no object.
 pub(crate) fn published_call(name: &str, arguments: &Value) -> (String, Value) {
     let name = ToolSpec::by_name(name)
         .map_or_else(|| canonical_tool(name), |spec| spec.name(NameSet::RealRepo));

@@ -85,8 +85,8 @@ impl SchedulerMemory {
     }
 }
 
-/// The step that a History adds: its last line, without the number before it. `None` if it is
-/// empty.
+/// The step that a History adds: its last line, without the number before it. `None`
+/// if it is empty.
 fn new_step(history: &str) -> Option<&str> {
     if history.is_empty() {
         return None;
@@ -145,8 +145,8 @@ impl AgentMemory {
         ]
     }
 
-    /// A result as the next prompt shows it: its texts, without the debug information, and a mark
-    /// for each image.
+    /// A result as the next prompt shows it: its texts, without the debug information, and a
+    /// mark for each image.
     pub fn observation(texts: &[&str], images: usize, wording: &PromptWording) -> String {
         let joined = texts.join("\n");
         let text = Some(python::strip(&joined))

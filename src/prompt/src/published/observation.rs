@@ -59,8 +59,8 @@ impl Observation {
         }
     }
 
-    /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever the number of
-    /// images.
+    /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever
+    /// the number of images.
     pub fn in_rollout(&self, wording: &PromptWording) -> String {
         let introduction = if self.images > 0 {
             &wording.observed_image_and_text
@@ -83,8 +83,8 @@ impl Observation {
     }
 }
 
-/// What the trainer believes of the hand: any pick whose observation reports no error fills it, any
-/// place empties it.
+/// What the trainer believes of the hand: any pick whose observation reports no error fills it,
+/// any place empties it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Hand {
     occupied: bool,

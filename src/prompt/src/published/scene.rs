@@ -7,8 +7,8 @@ use crate::{
     python::{self, Ascii},
 };
 
-/// The scene in a prompt of the trainer: a heading, then one line a room, names and order as they
-/// come.
+/// The scene in a prompt of the trainer: a heading, then one line a room, names and
+/// order as they come.
 pub fn trainer_scene<'a, R>(
     rooms: impl IntoIterator<Item = (&'a str, R)>,
     wording: &PromptWording,
@@ -52,8 +52,8 @@ where
     (1..).zip(rooms).map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// The tools of a server as the Qwen agent lists them: a line each, keys sorted. `tools` are MCP
-/// tools.
+/// The tools of a server as the Qwen agent lists them: a line each, keys sorted.
+/// `tools` are MCP tools.
 pub fn prompt_tools(tools: &[Value]) -> String {
     let line = |tool: &Value| {
         let shown = json!({"description": tool["description"], "name": tool["name"], "parameters": sorted(&tool["inputSchema"])});

@@ -1,6 +1,6 @@
-//! A finished rollout as the conversation that the trainer learns from: every turn's prompt and
-//! answer, texts only, older prompts shortened, the oldest turns dropped where the context is too
-//! long.
+//! A finished rollout as the conversation that the trainer learns from: every turn's prompt
+//! and answer, texts only, older prompts shortened, the oldest turns dropped where the
+//! context is too long.
 
 use serde_json::{Value, json};
 
@@ -18,8 +18,8 @@ pub const MAX_CONTEXT_CHARS: usize = 18_432;
 /// Least characters that an observation is cut to.
 const OBSERVATION_CHARS_MIN: usize = 200;
 
-/// How many questions a prompt allows in a rollout of so many turns: 15 of a hundred, rounded up.
-/// Nothing enforces it.
+/// How many questions a prompt allows in a rollout of so many turns: 15 of a hundred, rounded
+/// up. Nothing enforces it.
 pub fn ask_limit(max_turns: u32) -> u32 {
     (f64::from(max_turns) * 0.15).ceil() as u32
 }

@@ -1,5 +1,5 @@
-//! The conversation of the published agent for OpenAI-compatible endpoints. Builds messages; sends
-//! nothing.
+//! The conversation of the published agent for OpenAI-compatible endpoints.
+//! Builds messages; sends nothing.
 
 use serde_json::{Map, Value, json};
 
@@ -52,8 +52,8 @@ impl<'w> VlmConversation<'w> {
         }
     }
 
-    /// The messages of the next request: the conversation, and the latest images, which stay out of
-    /// it.
+    /// The messages of the next request: the conversation, and the latest images, which
+    /// stay out of it.
     pub fn request(&self) -> Vec<Value> {
         let mut messages = self.messages.clone();
         if !self.images.is_empty() {
@@ -104,8 +104,8 @@ impl<'w> VlmConversation<'w> {
         }
     }
 
-    /// Takes in a result: its text (`None` if it holds images and no text) and its images in
-    /// base64.
+    /// Takes in a result: its text (`None` if it holds images and no text) and
+    /// its images in base64.
     pub fn observe(&mut self, tool_call_id: &str, text: Option<&str>, images: &[String]) {
         let content = match text {
             None => &self.wording.vlm_image_follows,

@@ -1,6 +1,6 @@
-//! The parts of Python that REAL's clients lean on: reading JSON as `json` does, writing it as
-//! `json.dumps` does, and `str()` of a value. Whoever wants the same bytes as these clients goes
-//! through here.
+//! The parts of Python that REAL's clients lean on: reading JSON as `json` does, writing it
+//! as `json.dumps` does, and `str()` of a value. Whoever wants the same bytes as these
+//! clients goes through here.
 
 mod read;
 mod write;
@@ -8,8 +8,8 @@ mod write;
 pub use read::{first_object, loads, objects, raw_decode};
 pub use write::{Ascii, dumps, dumps_indented, str};
 
-/// What `str.strip()` takes off: Unicode white space, and the four separators that Rust does not
-/// count as such.
+/// What `str.strip()` takes off: Unicode white space, and the four separators that Rust does
+/// not count as such.
 pub fn is_space(c: char) -> bool {
     c.is_whitespace() || ('\u{1c}'..='\u{1f}').contains(&c)
 }

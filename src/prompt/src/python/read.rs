@@ -1,5 +1,5 @@
-//! JSON as Python reads it: `NaN` and `Infinity` are numbers, the last of equal keys holds, nothing
-//! follows the value.
+//! JSON as Python reads it: `NaN` and `Infinity` are numbers, the last of equal keys holds,
+//! nothing follows the value.
 //!
 //! Two values have no place in [`Value`]: `nan`, `inf` and `-inf` become these texts, and half of a
 //! surrogate pair becomes U+FFFD.
@@ -22,8 +22,8 @@ pub fn loads(text: &str) -> Option<Value> {
     (reader.at == text.len()).then_some(value)
 }
 
-/// `JSONDecoder().raw_decode(text)`: the value at the beginning of the text, and the byte where it
-/// ends.
+/// `JSONDecoder().raw_decode(text)`: the value at the beginning of the text, and the
+/// byte where it ends.
 pub fn raw_decode(text: &str) -> Option<(Value, usize)> {
     let mut reader = Reader {
         text,

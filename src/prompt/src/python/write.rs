@@ -8,8 +8,8 @@ use serde_json::Value;
 /// Whether characters beyond ASCII are escaped: the option `ensure_ascii` of Python's `json.dumps`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ascii {
-    /// Other characters become a backslash, `u` and four hexadecimal digits, as Python writes them
-    /// by default.
+    /// Other characters become a backslash, `u` and four hexadecimal digits, as Python
+    /// writes them by default.
     Escaped,
     /// Characters stay as they are.
     Plain,
@@ -113,8 +113,8 @@ fn quoted(out: &mut String, text: &str, ascii: Ascii) {
     out.push('"');
 }
 
-/// An integer as it is, a float as `repr` writes it: the shortest digits, an exponent below 1e-4
-/// and from 1e16.
+/// An integer as it is, a float as `repr` writes it: the shortest digits, an exponent below
+/// 1e-4 and from 1e16.
 fn number(out: &mut String, value: &Value) {
     let Some(float) = value.as_f64().filter(|_| value.is_f64()) else {
         let _ = write!(out, "{value}");

@@ -193,8 +193,8 @@ mod real_contract {
             let keep_last = case["keep_last"]
                 .as_u64()
                 .map_or(default.keep_last, |count| count as usize);
-            // The file does not say where a case cuts observations; those that do cut at the least
-            // length.
+            // The file does not say where a case cuts observations; those that do cut
+            // at the least length.
             let cuts = case["messages"].to_string().contains("⟦cut⟧");
             let observation_chars = if cuts { 0 } else { default.observation_chars };
             let compression = on.then_some(Compression {
@@ -218,8 +218,8 @@ mod real_contract {
         rewards_report.finish();
     }
 
-    /// What fills up a token to the length of the sentence that it stands for: limits are counted
-    /// in characters.
+    /// What fills up a token to the length of the sentence that it stands for: limits
+    /// are counted in characters.
     const PADDING: char = '~';
 
     fn as_long_as_published(wording: PromptWording) -> PromptWording {
@@ -332,8 +332,8 @@ mod real_contract {
                 .map(|(slot, value)| json!({"slot": slot, "value": value}))
                 .collect();
             let mut expected = step["prompt_slots"].clone();
-            // The last step's prompt holds the fixed sentence itself, which the step before gives
-            // as a token.
+            // The last step's prompt holds the fixed sentence itself, which the step before
+            // gives as a token.
             let before = index
                 .checked_sub(1)
                 .map(|before| &case["steps"][before]["after"]["observation"]);

@@ -1,5 +1,5 @@
-//! The SQL function that measures why an episode failed. Reads a trace of the store; nothing is
-//! executed.
+//! The SQL function that measures why an episode failed. Reads a trace of the
+//! store; nothing is executed.
 
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! Conditions over the steps of many episodes at once, whole columns at a time: what each step
-//! fits, as bits. A column that was read as codes is asked once a code, not once a step. Knows no
-//! function of SQL.
+//! fits, as bits. A column that was read as codes is asked once a code, not once a step. Knows
+//! no function of SQL.
 
 use std::{
     collections::{BTreeMap, HashMap},

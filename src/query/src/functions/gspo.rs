@@ -212,8 +212,8 @@ fn floats(
     Ok(ColumnarValue::Array(Arc::new(values)))
 }
 
-/// A struct of numbers a row from its lists and the numbers behind them; of nulls where one of them
-/// is null.
+/// A struct of numbers a row from its lists and the numbers behind them; of nulls where one
+/// of them is null.
 fn structs<const N: usize>(
     arguments: &[ColumnarValue],
     list_count: usize,

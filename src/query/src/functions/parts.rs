@@ -14,8 +14,8 @@ use datafusion::{
 };
 use reel_world::Digest;
 
-/// `reel_part(text, parts)`: to which of so many parts a text belongs; equal texts to the same,
-/// null to none.
+/// `reel_part(text, parts)`: to which of so many parts a text belongs; equal texts to the
+/// same, null to none.
 pub(crate) fn function() -> ScalarUDF {
     create_udf(
         "reel_part",

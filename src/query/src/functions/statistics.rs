@@ -1,5 +1,5 @@
-//! Statistics that SQL lacks: intervals of proportions, tests of paired runs, returns and
-//! advantages.
+//! Statistics that SQL lacks: intervals of proportions, tests of paired
+//! runs, returns and advantages.
 
 use std::sync::Arc;
 

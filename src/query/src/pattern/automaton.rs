@@ -75,8 +75,8 @@ impl Automaton {
         })
     }
 
-    /// Calls `with` the set that may follow, for every position of `set` whose condition `mask`
-    /// fulfils.
+    /// Calls `with` the set that may follow, for every position of `set`
+    /// whose condition `mask` fulfils.
     pub fn step<'a>(&'a self, set: &[u64], mask: u64, mut with: impl FnMut(usize, &'a [u64])) {
         for bit in bits(set).filter(|bit| *bit >= MARKS) {
             let position = bit - MARKS;
@@ -117,8 +117,8 @@ fn bits(set: &[u64]) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Steps and anchors once repetitions are written out. Every node counts at least one, so this
-/// bounds all work.
+/// Steps and anchors once repetitions are written out. Every node counts at least one, so
+/// this bounds all work.
 fn written_out(node: &Node) -> usize {
     match node {
         Node::Step(_) | Node::Begin | Node::End => 1,

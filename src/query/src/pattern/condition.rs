@@ -5,8 +5,8 @@ use std::{cmp::Ordering, fmt};
 
 use crate::pattern::{PatternError, parser};
 
-/// A predicate over one step and the few before it. A step fits where it is true (not where it is
-/// null).
+/// A predicate over one step and the few before it. A step fits where it is true (not
+/// where it is null).
 #[derive(Clone, PartialEq, Debug)]
 pub enum Condition {
     /// Always true: `_`, which every step fits.
@@ -29,8 +29,8 @@ pub enum Condition {
         /// What it may be.
         values: Vec<Literal>,
     },
-    /// `column like pattern`: `%` stands for any text, `_` for one character, `\` takes the next
-    /// literally.
+    /// `column like pattern`: `%` stands for any text, `_` for one character, `\`
+    /// takes the next literally.
     Like {
         /// The text column that is matched with the pattern.
         column: StepColumn,
@@ -115,8 +115,8 @@ pub trait StepRow {
 }
 
 impl Condition {
-    /// Parses what one step of a pattern may be: `pick[ok]`, `!ask`, `[reward < 0]`,
-    /// `(open|close)`.
+    /// Parses what one step of a pattern may be: `pick[ok]`, `!ask`,
+    /// `[reward < 0]`, `(open|close)`.
     ///
     /// # Errors
     /// As [`Pattern::parse`](crate::pattern::Pattern::parse).
@@ -295,8 +295,8 @@ fn compare(left: Value<'_>, right: Value<'_>) -> Option<Ordering> {
     }
 }
 
-/// SQL's LIKE: on a mismatch only the last `%` takes one more character, so at most length times
-/// length steps.
+/// SQL's LIKE: on a mismatch only the last `%` takes one more character, so at most
+/// length times length steps.
 fn like(text: &str, pattern: &str) -> bool {
     enum Piece {
         Many,

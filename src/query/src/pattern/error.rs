@@ -9,8 +9,8 @@ use crate::pattern::{
     compiled::ColumnKind,
 };
 
-/// A pattern or condition that cannot be used. The text ends with the line concerned and a mark
-/// below it.
+/// A pattern or condition that cannot be used. The text ends with the line concerned and
+/// a mark below it.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 #[non_exhaustive]
 pub enum PatternError {
@@ -143,8 +143,8 @@ pub struct SourceLocation {
 }
 
 impl SourceLocation {
-    /// The place of `length` bytes from `byte` on; both are cut to whole characters inside the
-    /// text.
+    /// The place of `length` bytes from `byte` on; both are cut to whole
+    /// characters inside the text.
     pub(crate) fn new(text: &str, byte: usize, length: usize) -> Self {
         let byte = text.floor_char_boundary(byte.min(text.len()));
         let start = text[..byte].rfind('\n').map_or(0, |newline| newline + 1);

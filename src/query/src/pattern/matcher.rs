@@ -1,5 +1,5 @@
-//! Runs an automaton over the truth vectors of episodes, and remembers what it worked out in a
-//! bounded cache.
+//! Runs an automaton over the truth vectors of episodes, and remembers what it worked out
+//! in a bounded cache.
 
 use std::{collections::HashMap, ops::Range, sync::Arc};
 
@@ -59,8 +59,8 @@ impl Matcher {
         state & ACCEPTS_AT_END != 0
     }
 
-    /// The steps of the leftmost match, and among those that begin with it the longest. May be
-    /// empty.
+    /// The steps of the leftmost match, and among those that begin with it the
+    /// longest. May be empty.
     pub fn find(&mut self, episode: &[u64]) -> Option<Range<usize>> {
         if !self.is_match(episode) {
             return None;
@@ -119,8 +119,8 @@ impl Matcher {
         &self.trail[step * words..][..words]
     }
 
-    /// Fills the trail from the end: at each step the positions from which a match can be
-    /// completed.
+    /// Fills the trail from the end: at each step the positions from which a
+    /// match can be completed.
     fn look_back(&mut self, episode: &[u64]) {
         let words = self.automaton.words;
         self.trail.clear();
@@ -136,8 +136,8 @@ impl Matcher {
         self.work += episode.len() as u64;
     }
 
-    /// Where the longest match from `begin` on ends. Reads no step after that end: the trail says
-    /// where it is.
+    /// Where the longest match from `begin` on ends. Reads no step after that end: the trail
+    /// says where it is.
     fn longest(&mut self, episode: &[u64], begin: usize) -> usize {
         let words = self.automaton.words;
         let first = if begin == 0 {
@@ -158,8 +158,8 @@ impl Matcher {
     }
 }
 
-/// A state: its number, and above it the flags of its set. [`EMPTY`] is the set from which nothing
-/// can come.
+/// A state: its number, and above it the flags of its set. [`EMPTY`] is the set from
+/// which nothing can come.
 type State = u32;
 const ACCEPTS: State = 1 << 31;
 const ACCEPTS_AT_END: State = 1 << 30;

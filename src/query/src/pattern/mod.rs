@@ -1,5 +1,5 @@
-//! A small regular language over the steps of an episode, matched in time linear in the number of
-//! steps.
+//! A small regular language over the steps of an episode, matched in time linear in
+//! the number of steps.
 //!
 //! Owns the language, its typed conditions, the automaton and the oscillation rule. Knows no table,
 //! no Arrow and no I/O: a columnar engine evaluates [`Pattern::conditions`] over whole columns and
@@ -34,10 +34,10 @@
 //! doubling inside an SQL string. `column@-n` is the column `n` steps earlier (at most
 //! [`MAX_LOOKBACK`]) in the same episode, null before its begin: `argument = argument@-2`.
 //!
-//! A step fits where the condition is *true*. As in SQL, a comparison with null is null, `not` of
-//! null is null, and null is not true: `place[not goal_receptacle]` needs a known receptacle. `!`
-//! is the exact complement instead: `!pick[goal_object]` also fits a pick of which nothing is
-//! known.
+//! A step fits where the condition is *true*. As in SQL, a comparison with null is null, `not`
+//! of null is null, and null is not true: `place[not goal_receptacle]` needs a known
+//! receptacle. `!` is the exact complement instead: `!pick[goal_object]` also fits a pick of
+//! which nothing is known.
 //!
 //! ## What a match is
 //!

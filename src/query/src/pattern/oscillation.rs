@@ -1,5 +1,5 @@
-//! Going back and forth between two receptacles: the mark of Lost Memory. Counts only; never judges
-//! an episode.
+//! Going back and forth between two receptacles: the mark of Lost Memory. Counts only;
+//! never judges an episode.
 
 /// The longest back and forth of an episode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,5 +1,5 @@
-//! Tokens into a tree of steps and their conditions, within the limits. Refuses with a place; never
-//! panics.
+//! Tokens into a tree of steps and their conditions, within the limits. Refuses with
+//! a place; never panics.
 
 use crate::pattern::{
     Condition, Literal, MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_REPEAT, Op,
@@ -315,8 +315,8 @@ impl<'a> Parser<'a> {
         Ok(Condition::Not(Box::new(inner)))
     }
 
-    /// A condition in parentheses, a word, or a column with what is asked of it; then perhaps `is
-    /// [not] true`.
+    /// A condition in parentheses, a word, or a column with what is asked of it; then
+    /// perhaps `is [not] true`.
     fn test(&mut self) -> Result<Condition, PatternError> {
         let mut condition = if self.take("(") {
             self.deeper()?;

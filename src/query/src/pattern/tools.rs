@@ -1,7 +1,7 @@
 //! The tool names a pattern may use, and the nearest name to one that it may not.
 
-/// The paper's names, as the column `tool` holds them, and the published repository's name for the
-/// same tool.
+/// The paper's names, as the column `tool` holds them, and the published repository's name
+/// for the same tool.
 pub(crate) const TOOLS: &[(&str, &str)] = &[
     ("nav_to", "navigate_to"),
     ("walk_around", "explore_receptacle"),
@@ -24,8 +24,8 @@ pub(crate) fn is_tool(name: &str) -> bool {
     TOOLS.iter().any(|(paper, _)| *paper == name)
 }
 
-/// What was probably meant: the paper's name for the repository's, or else the nearest name that is
-/// not too far.
+/// What was probably meant: the paper's name for the repository's, or else the nearest name that
+/// is not too far.
 pub(crate) fn nearest_tool(name: &str) -> Option<&'static str> {
     let alias = TOOLS
         .iter()

@@ -1,5 +1,5 @@
-//! Statistics of episodes: intervals of proportions and tests of paired runs. Knows neither tables
-//! nor traces.
+//! Statistics of episodes: intervals of proportions and tests of paired runs. Knows
+//! neither tables nor traces.
 
 use rand_chacha::{
     ChaCha8Rng,
@@ -46,8 +46,8 @@ pub fn mcnemar(only_a: f64, only_b: f64) -> Option<f64> {
     Some((2.0 * tail).min(1.0))
 }
 
-/// Mean, and the 2.5 and 97.5 % percentiles of the means of resampled lists. Equal seeds give equal
-/// intervals.
+/// Mean, and the 2.5 and 97.5 % percentiles of the means of resampled lists. Equal
+/// seeds give equal intervals.
 pub fn bootstrap(differences: &[f64], samples: usize, seed: u64) -> Option<[f64; 3]> {
     if differences.is_empty() {
         return None;

@@ -1,5 +1,5 @@
-//! Patterns as trees and a naive matcher that tries everything, sharing nothing with the crate but
-//! the text.
+//! Patterns as trees and a naive matcher that tries everything, sharing nothing with the
+//! crate but the text.
 
 use std::{collections::BTreeSet, fmt, ops::Range};
 

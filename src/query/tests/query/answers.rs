@@ -1,4 +1,4 @@
-//! Every named query over recorded and made-up episodes: against answers by another route, with
+//! Every named query over recorded and synthetic episodes: against answers by another route, with
 //! parameters, and where the right answer is known.
 
 use std::{
@@ -135,7 +135,7 @@ fn parameters_are_bound_as_their_defaults_are_written_in() {
     assert_eq!(
         asked_twice.len(),
         2,
-        "a made-up episode and a recorded one: {asked_twice:?}"
+        "a synthetic episode and a recorded one: {asked_twice:?}"
     );
 }
 
@@ -202,8 +202,8 @@ fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
     assert_eq!(rows, ["student,FDP/t,7,2", "student,SUL/t,5,2"]);
 }
 
-/// A store of recorded and made-up episodes, broken-off and unreadable traces, scored again under
-/// the other preset.
+/// A store of recorded and synthetic episodes, broken-off and unreadable traces, scored again
+/// under the other preset.
 fn rich_store(dir: &Path) -> Store {
     let mut store = store(dir, &varied());
     let broken_off = Play::new("student", Family::FDP, 19)

@@ -1,5 +1,5 @@
-//! Any moment from any camera: the same picture by any way to the moment, and nothing changes by
-//! taking it.
+//! Any moment from any camera: the same picture by any way to the moment, and nothing
+//! changes by taking it.
 
 use reel_replay::{Viewpoint, frame_at, view_at, views};
 use reel_trace::{Images, Trace};

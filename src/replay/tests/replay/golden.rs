@@ -1,5 +1,5 @@
-//! The old-log gate: every golden trace replays to the last bit, and together they hold what an
-//! episode can hold.
+//! The old-log gate: every golden trace replays bit for bit, and together they hold what
+//! an episode can hold.
 
 use std::{
     collections::BTreeSet,

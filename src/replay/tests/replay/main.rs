@@ -1,5 +1,5 @@
-//! Replay proves what it says: recorded episodes are exact in any order, and no changed trace is
-//! ever exact.
+//! Replay proves what it says: recorded episodes are exact in any order, and no changed
+//! trace is ever exact.
 
 mod cameras;
 mod episodes;

@@ -14,8 +14,8 @@ use reel_world::{
 
 use crate::episodes::{config, record, tasks};
 
-/// A pyramid cut off above, with a texture, colours and one leaning side: nothing that a primitive
-/// is.
+/// A pyramid cut off above, with a texture, colours and one leaning side: nothing
+/// that a primitive is.
 fn mesh(tint: f32) -> Arc<Mesh> {
     let corner = |corner: usize| {
         let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2].map(|bit| bit as f32);

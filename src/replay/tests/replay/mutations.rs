@@ -169,8 +169,8 @@ fn removed(base: &Trace, call: u32, renumber: bool) -> Trace {
     trace
 }
 
-/// Every call left out in memory, as the others were: named at the call that came next, by its own
-/// number.
+/// Every call left out in memory, as the others were: named at the call that came next,
+/// by its own number.
 fn without_calls(base: &Trace) -> Vec<Case> {
     let last = base.steps.len() as u32 - 1;
     let case = |call: u32| {
@@ -241,8 +241,8 @@ fn another(call: &ToolCall, markers: &[Marker], base: &Trace) -> ToolCall {
     ToolCall::new(call.name.clone(), json!({ key.as_str(): value }))
 }
 
-/// One output changed at a time, at the first, a middle and the last call, at the start and at the
-/// end.
+/// One output changed at a time, at the first, a middle and the last call, at the start
+/// and at the end.
 fn other_outputs(base: &Trace) -> Vec<Case> {
     let count = base.steps.len() as u32;
     let mut cases = Vec::new();

@@ -1,5 +1,5 @@
-//! A world graph as a short list: how many of a thing stand at a place. Never knows what the
-//! numbers mean.
+//! A world graph as a short list: how many of a thing stand at a place. Never knows
+//! what the numbers mean.
 
 use crate::facts::ReceptacleKey;
 

@@ -1,11 +1,11 @@
-//! The facts of one episode in flat, reusable buffers, filled in the order of its steps. Never
-//! allocates once warm.
+//! The facts of one episode in flat, reusable buffers, filled in the order of its steps.
+//! Never allocates once warm.
 
 use crate::facts::{Authority, Change, MarkerReferent, ObjectKey, StepHead};
 
-/// One episode as facts. Filled from the start on: what the start saw and how its graphs differ
-/// from the task's, then [`EpisodeFacts::step`] once a step, each followed by what came with it.
-/// See [`crate::TaskFacts::begin`].
+/// One episode as facts. Filled from the start on: what the start saw and how its graphs
+/// differ from the task's, then [`EpisodeFacts::step`] once a step, each followed by what came
+/// with it. See [`crate::TaskFacts::begin`].
 #[derive(Clone, PartialEq, Debug)]
 pub struct EpisodeFacts {
     /// The first is the start.
@@ -88,8 +88,8 @@ impl EpisodeFacts {
         });
     }
 
-    /// A change of one of the graphs, in the order of the record; before the first step: from the
-    /// task's initial graph.
+    /// A change of one of the graphs, in the order of the record; before the first step: from
+    /// the task's initial graph.
     pub fn change(&mut self, authority: Authority, change: Change) {
         match authority {
             Authority::Physics => self.physics.push(change),
@@ -98,8 +98,8 @@ impl EpisodeFacts {
         self.close();
     }
 
-    /// An object in the picture, or told in words. It is enough to tell when it is seen for the
-    /// first time.
+    /// An object in the picture, or told in words. It is enough to tell when it is seen
+    /// for the first time.
     pub fn push_visible(&mut self, object: ObjectKey) {
         self.seen.push(object);
         self.close();

@@ -54,8 +54,8 @@ impl Kinds {
         self.names.name(kind.0)
     }
 
-    /// Sets the goal from the contents of both graphs: kinds with their places, each as often as it
-    /// stands there.
+    /// Sets the goal from the contents of both graphs: kinds with their places, each as often
+    /// as it stands there.
     pub(crate) fn set_graphs(
         &mut self,
         initial: &[(KindKey, ReceptacleKey)],

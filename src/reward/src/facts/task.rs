@@ -19,9 +19,9 @@ use crate::{
     trainer::{Categories, Graph, GraphSize, TextError, is_dropped, is_unknown, lower},
 };
 
-/// A task as a reward reads it, and the numbers of everything that its episodes name. One can serve
-/// any number of episodes of its task, one after the other; what only records know is numbered as
-/// it comes.
+/// A task as a reward reads it, and the numbers of everything that its episodes name. One can
+/// serve any number of episodes of its task, one after the other; what only records know is
+/// numbered as it comes.
 #[derive(Clone, Debug)]
 pub struct TaskFacts {
     objects: Names,
@@ -125,8 +125,8 @@ pub(crate) struct ObjectFacts {
 }
 
 impl TaskFacts {
-    /// Prepares a task. The scene says which captions tell like receptacles apart, and in which
-    /// order graphs come.
+    /// Prepares a task. The scene says which captions tell like receptacles apart, and in
+    /// which order graphs come.
     pub fn new(task: &Task, scene: &Scene) -> Self {
         let fits = |object: &&ObjectInstance| {
             language::fits(&task.instruction, object, task.purpose.as_deref())
@@ -155,8 +155,8 @@ impl TaskFacts {
         facts
     }
 
-    /// Prepares what preset `real-trainer` reads, from what the trainer is told of a task. The rest
-    /// is empty.
+    /// Prepares what preset `real-trainer` reads, from what the trainer is told of a task.
+    /// The rest is empty.
     pub(crate) fn for_trainer(
         mapping: Categories,
         category: &str,

@@ -1,5 +1,5 @@
-//! Names of objects as categories, as the trainer translates them. Owns the mapping from assets to
-//! categories.
+//! Names of objects as categories, as the trainer translates them. Owns the mapping
+//! from assets to categories.
 
 use std::borrow::Cow;
 
@@ -135,8 +135,8 @@ impl Categories {
     }
 }
 
-/// The part of a runtime name before the first `_on_`; a name without `_on_` and `_at_` is an asset
-/// or a category.
+/// The part of a runtime name before the first `_on_`; a name without `_on_` and `_at_` is an
+/// asset or a category.
 fn asset(name: &str) -> &str {
     let runtime = name
         .contains("_at_")

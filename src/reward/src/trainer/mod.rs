@@ -1,7 +1,7 @@
 //! What REAL's published trainer makes of a server's answers: categories, refused graphs, listed
-//! errors, answers of the user. The rules are those of `src/real_trainer.rs`, which runs on facts;
-//! [`TrainerRollout`] feeds them with payloads and results as they come over MCP. Never talks to a
-//! server.
+//! errors, answers of the user. The rules are those of `src/real_trainer.rs`, which runs on
+//! facts; [`TrainerRollout`] feeds them with payloads and results as they come over MCP. Never
+//! talks to a server.
 
 mod categories;
 mod graph;

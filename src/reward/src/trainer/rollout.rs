@@ -1,6 +1,6 @@
-//! One episode as the trainer plays it, from payloads and results as they come over MCP: the same
-//! rules that score records and table columns, fed by what a client is sent. Never makes a call
-//! itself.
+//! One episode as the trainer plays it, from payloads and results as they come over MCP: the
+//! same rules that score records and table columns, fed by what a client is sent. Never
+//! makes a call itself.
 
 use serde_json::Value;
 use thiserror::Error;
@@ -395,8 +395,8 @@ fn debug_information(text: &str) -> Option<DebugInformation> {
     })
 }
 
-/// A map from numbers to names, or to objects with a category or a name. Other keys and values mark
-/// nothing.
+/// A map from numbers to names, or to objects with a category or a name. Other keys
+/// and values mark nothing.
 fn marks(map: &Value) -> Vec<Mark> {
     let mark = |(number, value): (&String, &Value)| {
         let told = value

@@ -118,16 +118,16 @@ pub fn observation(content: &[Value]) -> String {
     lines
 }
 
-/// Whether a failed reset says that the scene does not have the task, so that the trainer goes to
-/// another server.
+/// Whether a failed reset says that the scene does not have the task, so that the trainer
+/// goes to another server.
 pub fn is_not_found(observation: &str, instruction: Option<&str>) -> bool {
     let says_so = |text: &str| text.to_lowercase().contains("not found");
     says_so(observation) || instruction.is_some_and(says_so)
 }
 
-/// The marker that an answer names: the longest of the known ones that occurs in it (the first of
-/// equally long ones); where none is known, the word that follows `marker` and one blank or
-/// underscore.
+/// The marker that an answer names: the longest of the known ones that occurs in it (the
+/// first of equally long ones); where none is known, the word that follows `marker` and
+/// one blank or underscore.
 pub fn marker_in_answer(answer: &str, known: &[impl AsRef<str>]) -> Option<String> {
     if known.is_empty() {
         return after_marker(answer).map(str::to_owned);

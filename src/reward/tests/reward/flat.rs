@@ -269,8 +269,8 @@ impl Flat {
     }
 }
 
-/// The published text of a failure, or an unlisted text if the published server does not know the
-/// failure.
+/// The published text of a failure, or an unlisted text if the published server does
+/// not know the failure.
 fn said(error: ErrorCode) -> &'static str {
     match error {
         ErrorCode::UnknownTool => "Action 'x' not recognized.",

@@ -43,8 +43,8 @@ fn advantages_are_relative_to_the_group() {
     );
 }
 
-/// Worked by hand: log-ratios ln 2, ln 2, -ln 4 and 0 have the mean 0; without the last two it is
-/// ln 2.
+/// Worked by hand: log-ratios ln 2, ln 2, -ln 4 and 0 have the mean 0; without the last two
+/// it is ln 2.
 #[test]
 fn ratios_and_estimates_of_known_numbers() {
     let ln2 = std::f64::consts::LN_2;

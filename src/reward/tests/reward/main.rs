@@ -1,5 +1,5 @@
-//! The rules of the presets, their laws, preset files and the quantities of GSPO, on a flat without
-//! physics.
+//! The rules of the presets, their laws, preset files and the quantities of GSPO, on
+//! a flat without physics.
 
 mod advantage;
 mod columns;
@@ -55,8 +55,8 @@ fn play_by(preset: &Preset, task: &Task, script: &[Act]) -> (Flat, Vec<Vec<Rewar
     (flat, terms)
 }
 
-/// Compares what each step of a successful play pays with `expected`; gives the metrics of the
-/// episode.
+/// Compares what each step of a successful play pays with `expected`; gives the
+/// metrics of the episode.
 #[track_caller]
 fn close_steps(
     preset: &Preset,

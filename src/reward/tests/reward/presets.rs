@@ -57,8 +57,8 @@ fn a_version_is_of_the_content_and_not_of_name_order_or_spelling() {
     assert_ne!(anti.version(), Preset::real_repo().version());
 }
 
-/// The version stands in traces and tables: a change of the rules must change it, and nothing else
-/// may.
+/// The version stands in traces and tables: a change of the rules must change it,
+/// and nothing else may.
 #[test]
 fn the_versions_of_the_built_in_presets_are_known() {
     let versions = Preset::built_in().map(|preset| preset.version().short());

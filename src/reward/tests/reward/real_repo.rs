@@ -75,8 +75,8 @@ fn the_reverse_of_a_target_costs_and_so_does_the_used_up_place() {
         1.5 + 2.0 + 1.0,
     );
     close(step(3, "wrong_diff"), -0.5);
-    // as published: the target at the fridge is used up, so putting the apple there again is a
-    // wrong place
+    // as published: the target at the fridge is used up, so putting the apple there again
+    // is a wrong place
     close(step(4, "place_wrong_furniture"), -2.0);
     close(step(4, "perfect_match") + step(4, "diff_match"), 0.0);
     close(step(6, "place_wrong_furniture"), -2.0);
@@ -290,8 +290,8 @@ fn anti_exploit_terms_are_off_and_can_be_switched_on() {
     close(component(&done, "premature_finish"), 0.0);
 }
 
-/// With one gripper a place and the next pick are two steps, and the return of the wrong object is
-/// overlooked, as published.
+/// With one gripper a place and the next pick are two steps, and the return of the wrong object
+/// is overlooked, as published.
 #[test]
 fn recovery_pays_only_where_return_and_pick_are_one_step() {
     use Act::*;

@@ -152,8 +152,8 @@ fn the_hand_counts_by_texts_and_not_by_what_is_held() {
         -0.9,
     );
     close(hand(&[Pick(RED), Place("desk_1"), Open("fridge_0")]), 0.0);
-    // a pick that is refused with a text that is not listed counts as one that worked: holding red,
-    // green is refused
+    // a pick that is refused with a text that is not listed counts as one that worked: holding
+    // red, green is refused
     close(
         hand(&[
             Pick(RED),

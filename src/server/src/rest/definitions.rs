@@ -99,8 +99,8 @@ pub(super) struct Listed {
     problem: Option<String>,
 }
 
-/// Panels and pages of the dashboards, by name. A file that is none is told with what is wrong with
-/// it.
+/// Panels and pages of the dashboards, by name. A file that is none is told with what
+/// is wrong with it.
 #[utoipa::path(get, path = "/api/definitions", operation_id = "list_definitions", tag = "tables", security(("token" = [])),
     responses((status = 200, body = Vec<Listed>), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>>, ApiError> {

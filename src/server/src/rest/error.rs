@@ -1,5 +1,5 @@
-//! What a client is told when something does not work: a status, a code for programs, a sentence
-//! for people.
+//! What a client is told when something does not work: a status, a code for programs,
+//! a sentence for people.
 
 use axum::{
     Json,

@@ -135,8 +135,8 @@ pub(super) async fn examples(
     found.await.map(Json)
 }
 
-/// What is wrong with a training set: leaks, contradictions, duplicates, bad labels, missing
-/// pictures.
+/// What is wrong with a training set: leaks, contradictions, duplicates,
+/// bad labels, missing pictures.
 #[utoipa::path(get, path = "/api/exports/{export}/lint", tag = "tables", security(("token" = [])),
     params(("export" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),

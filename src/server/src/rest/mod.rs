@@ -71,8 +71,8 @@ impl Modify for Security {
     }
 }
 
-/// What holds for every operation and is said once: how names in paths look, and what the gate may
-/// answer (`crate::gate`).
+/// What holds for every operation and is said once: how names in paths look, and what the
+/// gate may answer (`crate::gate`).
 struct Everywhere;
 
 /// Names in paths, where not every text is one.
@@ -129,7 +129,7 @@ impl Modify for Everywhere {
             );
             may_answer("429", "Too much at once; wait a moment");
             if operation.security.is_some() {
-                may_answer("401", "No token, or none of ours");
+                may_answer("401", "No token, or an unknown one");
             }
             if let Some(body) = &mut operation.request_body {
                 body.required = Some(Required::True);

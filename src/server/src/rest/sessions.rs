@@ -145,8 +145,8 @@ pub(super) struct Leased {
     sse: String,
 }
 
-/// Leases a simulator to a prompt group: every `finish` begins the next rollout, with equal task
-/// and seed.
+/// Leases a simulator to a prompt group: every `finish` begins the next rollout, with
+/// equal task and seed.
 #[utoipa::path(post, path = "/api/leases", tag = "sessions", security(("token" = [])), request_body = LeaseBody,
     responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]

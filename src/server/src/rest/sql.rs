@@ -193,8 +193,8 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     });
     match parts.recv().await {
         Some(Ok(first)) => {
-            // After the first part it is too late for a status: the stream breaks off, which
-            // clients see.
+            // After the first part it is too late for a status: the stream breaks
+            // off, which clients see.
             let rest = ReceiverStream::new(parts).map(|part| part.map_err(io::Error::other));
             let body = futures_util::stream::once(async { Ok::<_, io::Error>(first) }).chain(rest);
             Ok(([(header::CONTENT_TYPE, kind)], Body::from_stream(body)).into_response())

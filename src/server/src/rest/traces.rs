@@ -519,8 +519,8 @@ pub(super) struct BlameQuery {
     alternative: bool,
 }
 
-/// Why an episode failed, measured: what every step cost, the decisive one, and what would have
-/// been better.
+/// Why an episode failed, measured: what every step cost, the decisive one, and what
+/// would have been better.
 #[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), BlameQuery),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),

@@ -68,8 +68,8 @@ fn served(kind: &'static str, content: &'static [u8]) -> Response {
     (headers, Bytes::from_static(content)).into_response()
 }
 
-/// Serves one recording in Rerun's web viewer, until Ctrl-C. `on_listening` is told the address of
-/// the page.
+/// Serves one recording in Rerun's web viewer, until Ctrl-C. `on_listening` is told the
+/// address of the page.
 ///
 /// # Errors
 /// When the address cannot be listened on.

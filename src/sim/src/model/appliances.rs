@@ -1,6 +1,6 @@
-//! Kitchen and bathroom pieces: sinks, pots on their stove, lids, and box shells that open at the
-//! front with a hinged door. Built like [`super::furniture`]; a door is a body of its own around
-//! its hinge.
+//! Kitchen and bathroom pieces: sinks, pots on their stove, lids, and box shells that open
+//! at the front with a hinged door. Built like [`super::furniture`]; a door is a body of its
+//! own around its hinge.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -87,8 +87,8 @@ impl Enclosure {
     }
 }
 
-/// Builds a box shell around an interior whose floor has height `z`; gives its door, closed, in the
-/// scene frame.
+/// Builds a box shell around an interior whose floor has height `z`; gives its door, closed,
+/// in the scene frame.
 pub(super) fn enclosure(
     kind: Enclosure,
     door: Door,
@@ -208,8 +208,8 @@ pub(super) fn enclosure(
     })
 }
 
-/// A door whose back lies at `x`, between `-y` and `y`, from height `z` on; `size` is width and
-/// height.
+/// A door whose back lies at `x`, between `-y` and `y`, from height `z` on; `size`
+/// is width and height.
 fn hinged(
     kind: Enclosure,
     side: Door,
@@ -219,8 +219,8 @@ fn hinged(
     body: Paint,
     traits: &Traits,
 ) -> DoorModel {
-    // Seen from the front, left is -y. The hinge is on the outer corner, so that the door clears
-    // the shell.
+    // Seen from the front, left is -y. The hinge is on the outer corner, so that the
+    // door clears the shell.
     let (hinge, sign) = if side == Door::Right {
         (y, -1.0_f32)
     } else {
@@ -366,8 +366,8 @@ pub(super) fn pot(spot: &Spot, z: f32, traits: &Traits, parts: &mut Parts) {
     }
 }
 
-/// A lid: a disc that lies on what has height `on`, or on a counter of its own where it covers
-/// nothing.
+/// A lid: a disc that lies on what has height `on`, or on a counter of its own
+/// where it covers nothing.
 pub(super) fn lid(spot: &Spot, z: f32, on: Option<f32>, traits: &Traits, parts: &mut Parts) {
     let (d, w) = (spot.half_depth, spot.half_width);
     let radius = libm::sqrtf(d * d + w * w) + 0.002;

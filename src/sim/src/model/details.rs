@@ -1,5 +1,5 @@
-//! What is seen of objects and never touched: stems, dials, pages, labels, ears, buttons. Nothing
-//! here is solid.
+//! What is seen of objects and never touched: stems, dials, pages, labels, ears, buttons.
+//! Nothing here is solid.
 
 use super::{
     looks::Paint,

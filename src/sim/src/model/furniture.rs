@@ -132,8 +132,8 @@ pub(super) fn build(kind: Kind, spot: &Spot, z: f32, traits: &Traits, parts: &mu
     }
 }
 
-/// Half depth and half width of the surface, its height, the room around it, and what people say of
-/// it.
+/// Half depth and half width of the surface, its height, the room around it, and what
+/// people say of it.
 struct Piece<'a> {
     d: f32,
     w: f32,
@@ -719,8 +719,8 @@ impl Piece<'_> {
     }
 }
 
-/// A kitchen base unit with doors and a worktop that reaches the floor; half depth and half width
-/// first.
+/// A kitchen base unit with doors and a worktop that reaches the floor; half depth
+/// and half width first.
 pub(super) fn base_cabinet(parts: &mut Parts, [d, w]: [f32; 2], z: f32, body: Paint, top: Paint) {
     let plinth = 0.08_f32.min(z * 0.15);
     let under = z - 0.035_f32.min(z * 0.2);

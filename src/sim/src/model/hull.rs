@@ -125,8 +125,8 @@ fn wrap(points: &[[i64; 3]]) -> Option<Vec<[usize; 3]>> {
     Some(faces)
 }
 
-/// Six times the volume of the tetrahedron over a face; positive where the point sees the face from
-/// outside.
+/// Six times the volume of the tetrahedron over a face; positive where the point sees
+/// the face from outside.
 fn volume(points: &[[i64; 3]], [a, b, c]: [usize; 3], point: usize) -> i64 {
     let normal = cross(sub(points[b], points[a]), sub(points[c], points[a]));
     let away = sub(points[point], points[a]);

@@ -136,8 +136,8 @@ fn is_unsure(receptacle: &Receptacle) -> bool {
     synthetic == Some(true) || matches!(text, Some("low" | "none"))
 }
 
-/// Room from a side (0 is +x, then counter-clockwise) to the border of the room or to the next
-/// furniture.
+/// Room from a side (0 is +x, then counter-clockwise) to the border of the room or
+/// to the next furniture.
 fn free_room(scene: &Scene, index: usize, [low, high]: Rectangle, side: usize) -> f32 {
     let receptacle = &scene.receptacles[index];
     let (along, across) = (side % 2, 1 - side % 2);

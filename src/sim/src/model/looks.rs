@@ -152,8 +152,8 @@ impl Traits {
         }
     }
 
-    /// Colours belong to the noun after them; without a known noun to the body, behind a "with" to
-    /// nothing.
+    /// Colours belong to the noun after them; without a known noun to the body, behind
+    /// a "with" to nothing.
     fn read(&mut self, caption: &str) {
         let mut waiting: Vec<String> = Vec::new();
         let mut on_body = true;

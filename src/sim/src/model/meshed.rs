@@ -1,5 +1,5 @@
-//! A mesh as the model of an object: fitted into the object's box, with the hull that it collides
-//! by.
+//! A mesh as the model of an object: fitted into the object's box, with the hull
+//! that it collides by.
 
 use std::sync::Arc;
 

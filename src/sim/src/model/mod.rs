@@ -1,5 +1,5 @@
-//! What scenes and objects look like and consist of: furniture, walls, floor and household objects
-//! as coloured parts.
+//! What scenes and objects look like and consist of: furniture, walls, floor and household
+//! objects as coloured parts.
 
 mod appliances;
 mod details;
@@ -50,8 +50,8 @@ pub struct SceneModel {
 pub struct Furniture {
     /// Id of the receptacle that these parts model.
     pub id: ReceptacleId,
-    /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose pot is in
-    /// use).
+    /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose
+    /// pot is in use).
     pub parts: Vec<Part>,
     /// The rectangle that objects are placed on, in the scene frame.
     pub surface: Surface,
@@ -94,8 +94,8 @@ pub struct DoorModel {
 /// A movable object as parts, or as a mesh, around the centre of its box.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ObjectModel {
-    /// In the object's frame; the solid ones together stay within its size. None where there is a
-    /// mesh.
+    /// In the object's frame; the solid ones together stay within its size. None where
+    /// there is a mesh.
     pub parts: Vec<Part>,
     /// What stands in for parts.
     pub mesh: Option<MeshModel>,
@@ -108,8 +108,8 @@ pub struct ObjectModel {
 /// Height to which the space above an open surface counts as free, in metres.
 const ROOM_HEIGHT_M: f32 = 2.5;
 
-/// Builds a scene. `in_use` names the receptacles that hold objects at the start: what covers them
-/// is taken off.
+/// Builds a scene. `in_use` names the receptacles that hold objects at the start: what covers
+/// them is taken off.
 pub fn scene_model(scene: &Scene, in_use: &BTreeSet<ReceptacleId>) -> SceneModel {
     let covered = layout::covered(scene);
     let pieces = covered.iter().enumerate();

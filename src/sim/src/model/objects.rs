@@ -87,8 +87,8 @@ pub(super) fn build(object: &ObjectInstance) -> ObjectModel {
     }
 }
 
-/// The form of a category; its last words decide (a `coffee mug` is a mug, an `alarm clock` a
-/// clock).
+/// The form of a category; its last words decide (a `coffee mug` is a mug, an
+/// `alarm clock` a clock).
 fn form_of(category: &[String]) -> Option<Form> {
     category.iter().rev().find_map(|word| {
         let word = word.as_str();

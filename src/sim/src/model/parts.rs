@@ -1,5 +1,5 @@
-//! A list of parts being built, and how shapes are put: blocks by their corners, rods along an
-//! axis.
+//! A list of parts being built, and how shapes are put: blocks by their corners,
+//! rods along an axis.
 //!
 //! Furniture is built in its own frame (x to the front, y to its left, z up from the floor) and put
 //! into the scene by quarter turns, so that boxes stay axis-aligned and heights stay exact. Never

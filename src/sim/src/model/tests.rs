@@ -117,8 +117,8 @@ fn samples(surface: &Surface) -> Vec<[f32; 2]> {
         .collect()
 }
 
-/// Every surface is flat at its height over its whole rectangle, and nothing solid stands in the
-/// space above it.
+/// Every surface is flat at its height over its whole rectangle, and nothing solid stands in
+/// the space above it.
 fn check_surfaces(model: &SceneModel, skip: &[&str]) {
     for piece in model
         .furniture

@@ -1,5 +1,5 @@
-//! Floor slabs and walls: as the scene gives them, or around the rooms with an opening between
-//! neighbours.
+//! Floor slabs and walls: as the scene gives them, or around the rooms with
+//! an opening between neighbours.
 
 use reel_world::{Room, Scene, Wall};
 
@@ -89,8 +89,8 @@ struct Edge {
     to: f32,
     /// The two rooms, if there are two.
     rooms: Option<(usize, usize)>,
-    /// From here to the middle of the wall: the wall between rooms stands on the border, one to the
-    /// outside behind it.
+    /// From here to the middle of the wall: the wall between rooms stands on the border, one to
+    /// the outside behind it.
     shift: f32,
 }
 
@@ -264,8 +264,8 @@ fn room_around(opening: &Opening, furniture: &[Rectangle]) -> f32 {
     distances.fold(FAR_M, f32::min)
 }
 
-/// A wall with its thickness; an end that meets another wall across is drawn out to close the
-/// corner.
+/// A wall with its thickness; an end that meets another wall across is drawn out
+/// to close the corner.
 fn thick(wall: &Wall, walls: &[Wall]) -> Rectangle {
     let half = THICKNESS_M * 0.5;
     let along = usize::from((wall.to[0] - wall.from[0]).abs() < (wall.to[1] - wall.from[1]).abs());

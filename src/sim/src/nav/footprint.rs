@@ -1,15 +1,15 @@
 //! What a part covers of the floor plan: its exact convex outline and its height range.
 //!
-//! Knows nothing of grids but the square of a cell; never looks at colours or at whether a part is
-//! solid.
+//! Knows nothing of grids but the square of a cell; never looks at colours or at whether
+//! a part is solid.
 
 use crate::geometry::{Part, Shape, add, distance_2d};
 
-/// Resolution of polygon corners, in metres. Corners are whole numbers of it, so that the hull is
-/// exact.
+/// Resolution of polygon corners, in metres. Corners are whole numbers of it, so that
+/// the hull is exact.
 const CORNER_M: f32 = 1e-4;
-/// Overlap that does not count yet, in metres: a wall that ends on a cell's edge does not take that
-/// cell.
+/// Overlap that does not count yet, in metres: a wall that ends on a cell's edge does
+/// not take that cell.
 const TOUCH_M: f32 = 1e-3;
 
 /// The part of the floor plan below a part.
@@ -177,8 +177,8 @@ fn edges(corners: &[[f32; 2]]) -> Vec<[[f32; 2]; 2]> {
         .collect()
 }
 
-/// The convex hull, counter-clockwise, by Andrew's monotone chain over whole multiples of
-/// [`CORNER_M`].
+/// The convex hull, counter-clockwise, by Andrew's monotone chain over
+/// whole multiples of [`CORNER_M`].
 fn convex_hull(points: [[f32; 2]; 8]) -> Vec<[f32; 2]> {
     let mut points = points.map(|point| point.map(|value| libm::roundf(value / CORNER_M) as i64));
     points.sort_unstable();

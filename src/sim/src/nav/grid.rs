@@ -1,8 +1,8 @@
-//! The occupancy grid: which cells of the floor are taken, where the base can stand, and which
-//! cells are connected.
+//! The occupancy grid: which cells of the floor are taken, where the base can stand, and
+//! which cells are connected.
 //!
-//! Never searches paths (see `path`) and never looks at heights beyond what the base and the camera
-//! can hit.
+//! Never searches paths (see `path`) and never looks at heights beyond what the base and
+//! the camera can hit.
 
 use std::ops::RangeInclusive;
 
@@ -11,8 +11,8 @@ use crate::{geometry::Part, model::SceneModel};
 
 /// Parts that end at or below this height are floor, in metres.
 const FLOOR_M: f32 = 0.02;
-/// Parts that start at or above this height are above the robot: a hand's breadth over the camera,
-/// in metres.
+/// Parts that start at or above this height are above the robot: a hand's breadth over
+/// the camera, in metres.
 const ROBOT_TOP_M: f32 = CAMERA_HEIGHT_M + 0.1;
 /// Between these heights something stands in the robot's way.
 pub(super) const ROBOT_HEIGHTS_M: [f32; 2] = [FLOOR_M, ROBOT_TOP_M];
@@ -123,8 +123,8 @@ impl Grid {
         grid
     }
 
-    /// A grid whose occupied cells are given row by row, without inflation. The border must be
-    /// occupied.
+    /// A grid whose occupied cells are given row by row, without inflation. The
+    /// border must be occupied.
     #[cfg(test)]
     pub(super) fn from_occupied(origin: [i32; 2], width: usize, occupied: Vec<bool>) -> Self {
         let mut grid = Self::unconnected(origin, width, occupied);
@@ -258,8 +258,8 @@ impl Grid {
         }
     }
 
-    /// Labels connected regions. A diagonal step needs both cells beside it, so straight steps
-    /// decide.
+    /// Labels connected regions. A diagonal step needs both cells beside it,
+    /// so straight steps decide.
     fn connect(&mut self) {
         const NONE: u32 = u32::MAX;
         self.region = vec![NONE; self.occupied.len()];
@@ -285,8 +285,8 @@ impl Grid {
     }
 }
 
-/// Which cell a coordinate lies in, counted from the origin of the scene; of 32 bits, so that
-/// differences fit.
+/// Which cell a coordinate lies in, counted from the origin of the scene; of 32 bits,
+/// so that differences fit.
 fn cell_along(value: f32) -> i64 {
     i64::from(libm::floorf(value / CELL_M) as i32)
 }

@@ -1,5 +1,5 @@
-//! Where the robot can stand and go: a 5 cm occupancy grid, shortest paths, viewpoints with a line
-//! of sight.
+//! Where the robot can stand and go: a 5 cm occupancy grid, shortest paths, viewpoints with
+//! a line of sight.
 //!
 //! Knows what is fixed: the shell and the furniture. Doors and movable objects are never part of
 //! it, and nothing here changes the world. Equal arguments give equal answers; points that are not
@@ -21,8 +21,8 @@ pub const CELL_M: f32 = 0.05;
 pub const ROBOT_RADIUS_M: f32 = 0.2;
 /// Height of the head camera, in metres.
 pub const CAMERA_HEIGHT_M: f32 = 1.4;
-/// Least distance between the robot's centre and the bounding box of the receptacle it goes to
-/// (docs/spec.md#tools).
+/// Least distance between the robot's centre and the bounding box of the receptacle
+/// it goes to (docs/spec.md#tools).
 pub const STANDOFF_M: f32 = 0.6;
 /// How far the arm reaches horizontally from the robot's centre.
 pub const REACH_M: f32 = 1.0;
@@ -111,8 +111,8 @@ impl NavMap {
         )
     }
 
-    /// Whether nothing fixed stands between two points; parts of the furniture `ignoring` do not
-    /// count.
+    /// Whether nothing fixed stands between two points; parts of the furniture
+    /// `ignoring` do not count.
     pub fn line_of_sight(&self, from: [f32; 3], to: [f32; 3], ignoring: Option<usize>) -> bool {
         let solids = self
             .solids
@@ -122,9 +122,9 @@ impl NavMap {
     }
 
     /// The viewpoint for furniture `index`: free, connected to the robot's base, at least
-    /// [`STANDOFF_M`] from its bounding box (nearer or farther only where there is nothing else),
-    /// in front of its door if it has one, and with a line of sight to the surface (or the door)
-    /// past everything else.
+    /// [`STANDOFF_M`] from its bounding box (nearer or farther only where there is nothing
+    /// else), in front of its door if it has one, and with a line of sight to the surface (or
+    /// the door) past everything else.
     ///
     /// Of those the one that sees most of the surface past the furniture's own parts, then with all
     /// of it in the picture, then nearest to the standoff, then to the robot. `None` if there is
@@ -150,8 +150,8 @@ impl NavMap {
         vantage::approach(self, robot, target, furniture)
     }
 
-    /// A place to start in: the one given if the base can stand there, else the centre of the
-    /// nearest free cell.
+    /// A place to start in: the one given if the base can stand there, else the centre of
+    /// the nearest free cell.
     pub fn free_near(&self, point: [f32; 2]) -> Option<[f32; 2]> {
         if self.standable(point) {
             return Some(point);
@@ -161,8 +161,8 @@ impl NavMap {
             .map(|cell| self.grid.center(cell))
     }
 
-    /// Whether something solid overlaps the cell of a point, or it lies outside the rooms. Not
-    /// inflated.
+    /// Whether something solid overlaps the cell of a point, or it lies outside
+    /// the rooms. Not inflated.
     pub fn occupied(&self, point: [f32; 2]) -> bool {
         self.grid
             .cell(point)

@@ -96,8 +96,8 @@ pub(super) fn open_panel(owner: usize, furniture: &Furniture) -> Vec<Solid> {
         .collect()
 }
 
-/// Whether none of the solids hides one point from the other. Points that are not finite see
-/// nothing.
+/// Whether none of the solids hides one point from the other. Points that are
+/// not finite see nothing.
 pub(super) fn is_clear<'a>(
     mut solids: impl Iterator<Item = &'a Solid>,
     from: [f32; 3],
@@ -132,8 +132,8 @@ fn solid(owner: Option<usize>, part: &Part) -> Option<Solid> {
     })
 }
 
-/// Cuts the span of a ray, as fractions of its way, to where one coordinate lies within `half` of
-/// 0.
+/// Cuts the span of a ray, as fractions of its way, to where one coordinate lies
+/// within `half` of 0.
 fn slab([start, end]: [f32; 2], origin: f32, way: f32, half: f32) -> Option<[f32; 2]> {
     if way == 0.0 {
         return (origin.abs() < half).then_some([start, end]);

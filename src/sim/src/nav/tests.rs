@@ -99,8 +99,8 @@ fn table(min: [f32; 2], max: [f32; 2], z: f32) -> Furniture {
     )
 }
 
-/// A box of 0.6 x 0.6 x 0.8 m on the floor with the interior at 0.3 m; its front, with a door,
-/// looks along +x.
+/// A box of 0.6 x 0.6 x 0.8 m on the floor with the interior at 0.3 m; its front, with a
+/// door, looks along +x.
 fn fridge([x, y]: [f32; 2]) -> Furniture {
     let parts = vec![
         block([x, y, 0.0], [x + 0.58, y + 0.6, 0.3]),
@@ -377,8 +377,8 @@ fn walls_block_and_openings_do_not() {
     assert!(!closed.line_of_sight([1.0, 1.0, 1.4], [5.0, 1.0, 1.4], None));
     let open = NavMap::new(&two_rooms(0.8));
     let length = open.path_length(left, right).unwrap();
-    // Around the corner of the opening, at least as far as the crow flies and at most as octile
-    // steps go.
+    // Around the corner of the opening, at least as far as the crow flies and at most
+    // as octile steps go.
     let (air, octile) = (
         2.0 * libm::hypotf(2.0, 1.2),
         2.0 * (2.0 + 0.414 * 1.5) + 0.2,

@@ -1,5 +1,5 @@
-//! Where to stand to look at furniture or to reach a point: candidates, their order, and what
-//! counts as seen.
+//! Where to stand to look at furniture or to reach a point: candidates, their order, and
+//! what counts as seen.
 //!
 //! Chooses among the free cells of the grid only; never moves anything.
 
@@ -16,8 +16,8 @@ use crate::{
 /// Distances from the furniture's bounding box to stand at, in metres; later ones only where
 /// earlier ones have nothing.
 const STANDOFFS_M: [[f32; 2]; 3] = [[STANDOFF_M, 1.4], [0.3, STANDOFF_M], [1.4, 2.0]];
-/// Horizontal distances from a target to reach it from, in metres; later ones only where earlier
-/// ones have nothing.
+/// Horizontal distances from a target to reach it from, in metres; later ones only where
+/// earlier ones have nothing.
 const REACHES_M: [[f32; 2]; 3] = [[0.35, REACH_M], [0.0, 0.35], [REACH_M, 1.3]];
 /// Distances that differ by less are equally close, in metres.
 const BUCKET_M: f32 = 0.1;
@@ -102,8 +102,8 @@ pub(super) fn viewpoint(
         }
         places.sort_unstable();
 
-        // The first with the least hidden; it cannot get better than nothing hidden and all in the
-        // picture.
+        // The first with the least hidden; it cannot get better than nothing hidden and
+        // all in the picture.
         let mut best: Option<((usize, bool), Viewpoint)> = None;
         for (_, cost, cell) in places {
             let base = map.grid.center(cell);
@@ -145,8 +145,8 @@ pub(super) fn approach(
     let costs = costs_from(&map.grid, map.snapped(robot)?);
     let front = furniture.and_then(|index| map.fronts.get(index)?.as_ref());
     let on_floor = [target[0], target[1]];
-    // In plain sight within comfortable reach, else past the furniture's own parts from wherever it
-    // can be reached.
+    // In plain sight within comfortable reach, else past the furniture's own parts from wherever
+    // it can be reached.
     let attempts = [(REACHES_M[0], None)]
         .into_iter()
         .chain(REACHES_M.map(|reach| (reach, furniture)));

@@ -10,8 +10,8 @@ pub(super) const SIDE: u8 = 0;
 pub(super) const TOP: u8 = 1;
 pub(super) const BOTTOM: u8 = 2;
 
-/// A corner of a unit mesh: `unit * scale`, moved along z by `lift` times the half height of a
-/// capsule's cylinder.
+/// A corner of a unit mesh: `unit * scale`, moved along z by `lift` times the half height
+/// of a capsule's cylinder.
 #[derive(Clone, Copy)]
 pub(super) struct Vertex {
     pub unit: [f32; 3],

@@ -65,15 +65,15 @@ pub enum Detail {
     /// The complete frame: RGB, instance ids and depth.
     #[default]
     Full,
-    /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by
-    /// these.
+    /// Instance ids and depth; RGB stays black. Everything but the picture itself
+    /// is decided by these.
     Geometry,
 }
 
 /// Draws the drawables as the camera sees them. What has no finite pose or no extent is left out.
 ///
-/// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the earlier drawable is
-/// seen.
+/// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the
+/// earlier drawable is seen.
 pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Frame {
     let camera_axes = camera.axes();
     let mut visibility = Visibility::new();

@@ -40,8 +40,8 @@ pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, 
     }
 }
 
-/// Darkens the pixels along the outlines of things, strongly, and along the edges of their parts,
-/// weakly.
+/// Darkens the pixels along the outlines of things, strongly, and along the edges
+/// of their parts, weakly.
 pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
     let (codes, depths) = (&visibility.codes, &visibility.inverse_depth);
     let mut darkest = vec![0u8; FRAME_WIDTH * FRAME_HEIGHT];
@@ -59,8 +59,8 @@ pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
         } else {
             FACE_EDGE
         };
-        // The line lies on the nearer thing. Equal depths are told apart by what does not depend on
-        // drawing order.
+        // The line lies on the nearer thing. Equal depths are told apart by what does not
+        // depend on drawing order.
         let a_is_nearer =
             depths[a] > depths[b] || (depths[a] == depths[b] && frame.ids[a] >= frame.ids[b]);
         let on = if a_is_nearer { a } else { b };
@@ -98,12 +98,12 @@ const OUTLINE: u8 = 130;
 const PART_EDGE: u8 = 64;
 const FACE_EDGE: u8 = 34;
 
-/// Side of the square tiles in which neighbours are looked for; both sides of the picture are
-/// multiples of it.
+/// Side of the square tiles in which neighbours are looked for; both sides of the picture
+/// are multiples of it.
 const TILE: usize = 32;
 
-/// Rows and columns of the tiles in which shadows can fall: they or the tiles beside and above hold
-/// several things.
+/// Rows and columns of the tiles in which shadows can fall: they or the tiles beside and
+/// above hold several things.
 fn busy_tiles(ids: &[u16]) -> impl Iterator<Item = (usize, usize)> {
     const ACROSS: usize = FRAME_WIDTH / TILE;
     const DOWN: usize = FRAME_HEIGHT / TILE;

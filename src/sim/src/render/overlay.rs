@@ -78,8 +78,8 @@ struct Mask {
     left: i32,
     top: i32,
     width: i32,
-    /// City-block distance of each pixel to the nearest one outside the mask; 0 outside. Row by
-    /// row.
+    /// City-block distance of each pixel to the nearest one outside the mask; 0
+    /// outside. Row by row.
     depths: Vec<i32>,
     anchor: Anchor,
 }
@@ -204,8 +204,8 @@ impl Mask {
     }
 }
 
-/// City-block distances of the pixels of a mask to the nearest one outside; outside the bounding
-/// box is outside.
+/// City-block distances of the pixels of a mask to the nearest one outside; outside the
+/// bounding box is outside.
 fn distances_to_border(inside: impl Iterator<Item = bool>, width: usize) -> Vec<i32> {
     let mut distances: Vec<i32> = inside
         .map(|inside| if inside { i32::MAX } else { 0 })

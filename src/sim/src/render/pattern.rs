@@ -1,5 +1,5 @@
-//! Owns the patterns of surfaces: where the second colour shows. Arithmetic on object space only,
-//! no pictures.
+//! Owns the patterns of surfaces: where the second colour shows. Arithmetic on object
+//! space only, no pictures.
 
 use crate::geometry::Shape;
 
@@ -147,8 +147,8 @@ fn fade(value: f32, mean: f32, period_px: f32) -> f32 {
     mean + (value - mean) * kept
 }
 
-/// The direction of a point around z in quarter turns, 0 to 4; exact at the axes, nearly even
-/// between them.
+/// The direction of a point around z in quarter turns, 0 to 4; exact at the axes,
+/// nearly even between them.
 #[inline]
 fn turn(x: f32, y: f32) -> f32 {
     let share = x / (x.abs() + y.abs() + 1e-9);

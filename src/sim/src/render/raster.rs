@@ -29,8 +29,8 @@ pub(super) struct CameraFromPart {
 }
 
 impl CameraFromPart {
-    /// Whether a sphere around the part's origin can be seen: false for what is not finite or far
-    /// beyond any home.
+    /// Whether a sphere around the part's origin can be seen: false for what is not finite or
+    /// far beyond any home.
     pub fn sees(&self, bound: f32) -> bool {
         let [x, y, z] = self.translation;
         let (half_width, half_height) = (FRAME_WIDTH as f32 * 0.5, FRAME_HEIGHT as f32 * 0.5);
@@ -56,8 +56,8 @@ impl Visibility {
         }
     }
 
-    /// Draws a mesh; triangles that show their back are left out. On equal depths the earlier drawn
-    /// stays.
+    /// Draws a mesh; triangles that show their back are left out. On equal depths
+    /// the earlier drawn stays.
     pub fn draw(
         &mut self,
         tessellation: &Tessellation,
@@ -132,8 +132,8 @@ impl Visibility {
                 count += 1;
             }
             if here.in_front != next.in_front {
-                // Always from the visible end, so that two triangles cut their common edge in the
-                // same point.
+                // Always from the visible end, so that two triangles cut their common edge
+                // in the same point.
                 let (inner, outer) = if here.in_front {
                     (here.point, next.point)
                 } else {
@@ -155,8 +155,8 @@ impl Visibility {
     /// Pixels on an edge belong to the triangle if it is a left or a top edge, so triangles that
     /// share an edge share no pixel.
     pub fn fill(&mut self, [a, c, b]: [ScreenPoint; 3], code: u32) {
-        // Counter-clockwise from outside is negative with y down: corners two and three are swapped
-        // above.
+        // Counter-clockwise from outside is negative with y down: corners two and
+        // three are swapped above.
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if area <= 0 {
             return;
@@ -290,8 +290,8 @@ impl Edge {
     }
 }
 
-/// First and last pixel of a row that all edges hold inside, given the edges' values in the middle
-/// of pixel 0.
+/// First and last pixel of a row that all edges hold inside, given the edges' values in the
+/// middle of pixel 0.
 fn span(
     edges: &[Edge; 3],
     values: [i64; 3],
@@ -321,8 +321,8 @@ fn span(
     (first <= last).then_some((first, last))
 }
 
-/// Triangles of fewer columns than this are searched pixel by pixel, which gives the same and
-/// spares divisions.
+/// Triangles of fewer columns than this are searched pixel by pixel, which gives the
+/// same and spares divisions.
 const NARROW: i64 = 24;
 
 /// First and last pixel whose centre can lie within three coordinates, within the picture.

@@ -1,6 +1,6 @@
-//! Owns how surfaces look: light, patterns and the sRGB tables. Works from what is visible in each
-//! pixel: the point on the surface follows from pixel and depth, so nothing is interpolated. Knows
-//! no triangles.
+//! Owns how surfaces look: light, patterns and the sRGB tables. Works from what is visible in
+//! each pixel: the point on the surface follows from pixel and depth, so nothing is
+//! interpolated. Knows no triangles.
 
 use std::sync::LazyLock;
 
@@ -89,8 +89,8 @@ impl Surface {
         }
     }
 
-    /// The normal at a point of a round face. The true shape's rather than the mesh's, hence
-    /// smooth.
+    /// The normal at a point of a round face. The true shape's rather than
+    /// the mesh's, hence smooth.
     #[inline]
     fn round_normal(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         match self.shape {

@@ -116,8 +116,8 @@ fn drawables(things: &[(Part, Pose)]) -> Vec<Drawable<'_>> {
         .collect()
 }
 
-/// Nearest hit of a ray with a shape around the origin; the parameter is in lengths of the
-/// direction.
+/// Nearest hit of a ray with a shape around the origin; the parameter is in
+/// lengths of the direction.
 fn cast(shape: &Shape, origin: [f32; 3], direction: [f32; 3]) -> Option<f32> {
     let slab = |half: f32, axis: usize| {
         let (a, b) = (

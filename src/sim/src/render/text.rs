@@ -1,5 +1,5 @@
-//! Owns text in pictures: ASCII from a fixed bitmap font. Never measures or breaks lines for its
-//! callers.
+//! Owns text in pictures: ASCII from a fixed bitmap font. Never measures or breaks
+//! lines for its callers.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 

@@ -76,8 +76,8 @@ pub enum BucketError {
     },
 }
 
-/// A bucket, named by the URL of anything in it, with options that go before the environment's, by
-/// the same names.
+/// A bucket, named by the URL of anything in it, with options that go before the environment's,
+/// by the same names.
 ///
 /// # Errors
 /// When the URL names no bucket, or the settings are wrong. Nothing is asked of the store yet.

@@ -29,8 +29,8 @@ pub struct Buckets {
     runtime: OnceLock<Runtime>,
     cache: Arc<Cache>,
     opened: BucketHandles,
-    /// Of files that were listed or brought here: who goes through a folder asks for each of them
-    /// once.
+    /// Of files that were listed or brought here: who goes through a folder asks for
+    /// each of them once.
     seen: Mutex<HashMap<String, FileMetadata>>,
 }
 

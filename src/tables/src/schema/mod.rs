@@ -33,8 +33,8 @@ pub enum Table {
     Classes,
     /// Why episodes failed, measured.
     Blame,
-    /// Why they failed, by people, judges and those who injected the fault. The rules never read
-    /// it.
+    /// Why they failed, by people, judges and those who injected the fault. The
+    /// rules never read it.
     Labels,
     /// What replaying trace files found. Bound to no version of the store.
     Verdicts,
@@ -64,8 +64,8 @@ pub enum ColumnType {
     Int,
     /// 64-bit signed integer (Arrow `Int64`).
     Long,
-    /// 64-bit unsigned integer; a decimal of 20 digits, because Delta Lake knows no unsigned
-    /// numbers.
+    /// 64-bit unsigned integer; a decimal of 20 digits, because Delta Lake
+    /// knows no unsigned numbers.
     Unsigned,
     /// 64-bit floating-point number (Arrow `Float64`).
     Float,

@@ -1,5 +1,5 @@
-//! Traces into the store: read in parallel, committed in bounded portions, each whole or not at
-//! all.
+//! Traces into the store: read in parallel, committed in bounded portions, each whole
+//! or not at all.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
@@ -304,8 +304,8 @@ impl Store {
                 }
                 match known.episodes.get(&key(&read.episode_id)) {
                     // the trace was moved, its old file is another one by now, or its file holds
-                    // more beside the records (frames, log-probabilities): its row learns where and
-                    // how it is
+                    // more beside the records (frames, log-probabilities): its row learns where
+                    // and how it is
                     Some(digest)
                         if *digest == key(&read.digest)
                             && same_content.get(&read.episode_id).is_some_and(
@@ -370,8 +370,8 @@ impl Store {
         Ok(verdicts)
     }
 
-    /// Adds the tasks or scenes of a portion that are not there yet; the new version where there
-    /// were any.
+    /// Adds the tasks or scenes of a portion that are not there yet; the new version
+    /// where there were any.
     fn add_missing(
         &self,
         table: Table,
@@ -447,8 +447,8 @@ impl Store {
         self.commit_side(&newest, actions).map(Some)
     }
 
-    /// Actions that take the rows of some episodes, and those read from some files, out of
-    /// `episodes`.
+    /// Actions that take the rows of some episodes, and those read from some
+    /// files, out of `episodes`.
     fn without(
         &self,
         episodes: &BTreeSet<String>,

@@ -51,8 +51,8 @@ pub struct Finding<'a> {
     pub last_step: i32,
 }
 
-/// A failed episode with the step that decided, measured: a row of `blame`. See the columns of that
-/// table.
+/// A failed episode with the step that decided, measured: a row of `blame`. See the
+/// columns of that table.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the schema of the table says what each is")]
 pub struct BlameRow {

@@ -25,9 +25,9 @@ pub struct Location {
 }
 
 impl Location {
-    /// Understands a path or a URL. What `s3://` needs comes from the environment, as for other
-    /// tools of S3: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT_URL`,
-    /// `AWS_ALLOW_HTTP`, ...
+    /// Understands a path or a URL. What `s3://` needs comes from the environment, as
+    /// for other tools of S3: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`,
+    /// `AWS_REGION`, `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, ...
     ///
     /// # Errors
     /// When the URL is of a kind that is not served, or the bucket's configuration is wrong.

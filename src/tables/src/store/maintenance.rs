@@ -1,5 +1,5 @@
-//! Upkeep of a store: few large files instead of many small ones, and the removal of files that no
-//! version needs.
+//! Upkeep of a store: few large files instead of many small ones, and the removal of files
+//! that no version needs.
 
 use std::collections::BTreeMap;
 
@@ -32,8 +32,8 @@ pub struct VacuumReport {
 }
 
 impl Store {
-    /// Merges the small files of every table. Answers do not change; earlier versions stay
-    /// readable.
+    /// Merges the small files of every table. Answers do not change;
+    /// earlier versions stay readable.
     ///
     /// # Errors
     /// When the store cannot be read or written.

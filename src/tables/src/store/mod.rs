@@ -1,12 +1,12 @@
 //! The store: Delta Lake tables in one folder or bucket, and the one log that binds them.
 //!
-//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What makes
-//! them one store is the log of `episodes`: each of its commits names, as Delta application
-//! transactions, the version of every other table that belongs to it. A reader opens `episodes` at
-//! a version and the others at the versions named there, so that it never sees half of an ingest;
-//! two writers that commit at a time conflict on those names, and the later one looks again and
-//! repeats. Only `verdicts` hangs on no version. Nobody outside this folder knows how the tables
-//! lie.
+//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What
+//! makes them one store is the log of `episodes`: each of its commits names, as Delta
+//! application transactions, the version of every other table that belongs to it. A reader
+//! opens `episodes` at a version and the others at the versions named there, so that it never
+//! sees half of an ingest; two writers that commit at a time conflict on those names, and the
+//! later one looks again and repeats. Only `verdicts` hangs on no version. Nobody outside this
+//! folder knows how the tables lie.
 
 mod ingest;
 mod judgements;
@@ -57,8 +57,8 @@ const SIDE: [Table; 7] = [
     Table::Labels,
 ];
 
-/// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by
-/// recursion.
+/// Stack of the threads that plan and run queries, in bytes: deep expressions
+/// are walked by recursion.
 pub const STACK_BYTES: usize = 64 << 20;
 
 /// How often a writer looks again after others were quicker.
@@ -254,8 +254,8 @@ impl Store {
         Self::at(Location::parse(&location.as_ref().to_string_lossy())?, None)
     }
 
-    /// Opens or makes the store at a location: [`Store::open_or_create`], or [`Store::open_at`]
-    /// with a version.
+    /// Opens or makes the store at a location: [`Store::open_or_create`], or
+    /// [`Store::open_at`] with a version.
     ///
     /// # Errors
     /// As those.
@@ -273,8 +273,8 @@ impl Store {
         self.tables[&Table::Episodes].version().unwrap_or_default()
     }
 
-    /// The same version once more, with threads of its own: what hangs in one is not waited for in
-    /// the other.
+    /// The same version once more, with threads of its own: what hangs in one is not waited
+    /// for in the other.
     ///
     /// # Errors
     /// When the system refuses threads.
@@ -335,8 +335,8 @@ impl Store {
             .collect()
     }
 
-    /// Looks whether the files of this version are there: a vacuum may have deleted what an earlier
-    /// version needs.
+    /// Looks whether the files of this version are there: a vacuum may have deleted what
+    /// an earlier version needs.
     ///
     /// # Errors
     /// The first file that is missing.

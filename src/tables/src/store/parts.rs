@@ -1,5 +1,5 @@
-//! Reading and writing the Parquet files of a table: the mechanics of [`super::Store`]. Decides
-//! nothing.
+//! Reading and writing the Parquet files of a table: the mechanics
+//! of [`super::Store`]. Decides nothing.
 
 use std::{io::Cursor, sync::Arc};
 
@@ -183,8 +183,8 @@ impl Store {
         })
     }
 
-    /// Writes the rows of some files into fewer ones, a batch at a time. The actions say that no
-    /// data changed.
+    /// Writes the rows of some files into fewer ones, a batch at a time. The actions say
+    /// that no data changed.
     pub(super) fn rewrite_parts(
         &self,
         table: &DeltaTable,
@@ -234,8 +234,8 @@ pub(super) fn parts(table: &DeltaTable) -> Vec<Part> {
         remove: file.remove_action(true),
     };
     let mut parts: Vec<Part> = state.log_data().into_iter().map(part).collect();
-    // names are drawn: another store of the same traces is read in the same order only by when
-    // files were written
+    // names are drawn: another store of the same traces is read in the same order only by
+    // when files were written
     parts.sort_by(|one, other| (one.written_ms, &one.path).cmp(&(other.written_ms, &other.path)));
     parts
 }

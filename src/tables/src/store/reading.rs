@@ -1,5 +1,5 @@
-//! Traces as rows, before anybody decides what becomes of them. Knows no store: another machine may
-//! do this.
+//! Traces as rows, before anybody decides what becomes of them. Knows no store: another
+//! machine may do this.
 
 use std::{
     collections::HashSet,
@@ -67,8 +67,8 @@ struct Head {
 }
 
 impl TraceRows {
-    /// Reads some traces; a file that is no sound trace is told of, and keeps the others from
-    /// nothing.
+    /// Reads some traces; a file that is no sound trace is told of, and keeps
+    /// the others from nothing.
     ///
     /// # Errors
     /// When Arrow refuses what the tables were made for.
@@ -102,8 +102,8 @@ impl TraceRows {
             // after it was read: then a bucket has told it already
             let modified_ns = file_metadata(path).map_or(0, |facts| facts.modified_ns);
             if let Err(error) = episodes.push_episode(&trace, modified_ns) {
-                // a row that fails may have filled some of its columns: the rows before it are read
-                // again without it
+                // a row that fails may have filled some of its columns: the rows before it are
+                // read again without it
                 rows.bad
                     .push((path.clone(), format!("does not fit the tables: {error}")));
                 let sound: Vec<PathBuf> = paths

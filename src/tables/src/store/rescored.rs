@@ -1,5 +1,5 @@
-//! Recomputed rewards into the store, one row an episode and version of a preset, side by side with
-//! the recorded ones.
+//! Recomputed rewards into the store, one row an episode and version of a preset, side by side
+//! with the recorded ones.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -66,7 +66,7 @@ impl RescoredEpisodes {
         Ok(bytes)
     }
 
-    /// What [`RescoredEpisodes::to_bytes`] gave.
+    /// Reads rows from the bytes that [`RescoredEpisodes::to_bytes`] wrote.
     ///
     /// # Errors
     /// When it is something else.
@@ -188,8 +188,8 @@ impl Store {
 
     fn try_keep(&self, portions: &[RecordBatch], version: &str) -> Result<(), Refused> {
         let newest = self.newest(Table::Rescored)?;
-        // what another rescoring, or one that was killed before its last commit, has written
-        // meanwhile
+        // what another rescoring, or one that was killed before its last
+        // commit, has written meanwhile
         let there = self.versions_in(&newest, version)?;
         let mut missing = Vec::new();
         for batch in portions {

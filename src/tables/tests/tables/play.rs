@@ -338,8 +338,8 @@ impl Play {
         .unwrap()
     }
 
-    /// Records the trace under a path; without an end it stays the `.part` of a broken-off
-    /// recording.
+    /// Records the trace under a path; without an end it stays the `.part`
+    /// of a broken-off recording.
     pub fn record_as(&self, path: &Path, images: Images) -> PathBuf {
         let mut start = StartRecord {
             graphs: Graphs {

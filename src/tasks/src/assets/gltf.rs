@@ -1,7 +1,7 @@
-//! glTF 2.0, as text or binary: the triangles of the default scene with the transforms of their
-//! nodes, base colours and their textures, colours of vertices, normals. Skins, morph targets,
-//! animations and other maps are passed over. Reads bytes and asks for the files beside them; opens
-//! none.
+//! glTF 2.0, as text or binary: the triangles of the default scene with the transforms of
+//! their nodes, base colours and their textures, colours of vertices, normals. Skins, morph
+//! targets, animations and other maps are passed over. Reads bytes and asks for the files
+//! beside them; opens none.
 //!
 //! The crate `gltf` reads and checks the document. Container and accessors are read here, because
 //! it trusts their lengths.
@@ -316,8 +316,8 @@ impl Reader<'_> {
                 .get(semantic)
                 .filter(|accessor| accessor.count() == count)
         };
-        // A list is either whole or empty: what another primitive has and this one has not is
-        // filled up.
+        // A list is either whole or empty: what another primitive has and this one has
+        // not is filled up.
         if let Some(normals) = optional(&Semantic::Normals) {
             let normals = self.floats::<3>(&normals)?;
             let to_scene = normal_matrix(matrix);

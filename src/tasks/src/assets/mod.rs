@@ -2,8 +2,8 @@
 //! checked, and refused with a reason where they are not sound. Never changes a mesh: what has too
 //! many triangles is refused, not decimated.
 //!
-//! [`AssetFolder`] is the one place that opens files, and only files of the folder itself. The
-//! parsers believe nothing.
+//! [`AssetFolder`] is the one place that opens files, and only files of the folder itself.
+//! The parsers believe nothing.
 
 mod color;
 mod folder;
@@ -63,7 +63,7 @@ impl MeshFormat {
     }
 }
 
-/// Reads a mesh.
+/// Reads a mesh from the bytes of its file.
 ///
 /// # Errors
 /// Why it is refused.

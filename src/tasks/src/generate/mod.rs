@@ -2,8 +2,8 @@
 //! their check and their floor plans, tasks for any scene from any library of objects, and
 //! questions in their plans.
 //!
-//! Reads no file and knows no clock; whether a task can be done in a scene is found out by running
-//! it.
+//! Reads no file and knows no clock; whether a task can be done in a scene is found
+//! out by running it.
 
 pub mod scene;
 pub mod social;

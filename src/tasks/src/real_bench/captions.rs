@@ -243,8 +243,8 @@ fn split(raw: &str, object: (usize, usize), words: &mut Words) -> (Vec<u32>, Vec
     (numbers, spans)
 }
 
-/// The sentences that instructions are made of: words, the object, and [`SOURCE`] and
-/// [`DESTINATION`].
+/// The sentences that instructions are made of: words, the object,
+/// and [`SOURCE`] and [`DESTINATION`].
 fn sentences(texts: &[Text], words: &Words) -> Vec<Vec<u32>> {
     let mut counts: BTreeMap<Vec<u32>, usize> = BTreeMap::new();
     for (text, masked) in texts.iter().zip(mask(texts, words)) {

@@ -85,8 +85,8 @@ pub(super) fn runtime(root: &Field<'_>) -> Result<(), Problem> {
     Ok(())
 }
 
-/// What the published benchmark loader demands beyond [`runtime`] of the file
-/// `tasks/<family>/<task>.yaml`.
+/// What the published benchmark loader demands beyond [`runtime`]
+/// of the file `tasks/<family>/<task>.yaml`.
 pub(super) fn benchmark(
     root: &Field<'_>,
     (family, task): (&str, &str),
@@ -243,8 +243,8 @@ fn object_view(object: &Field<'_>, placement: &Field<'_>, meta: &Field<'_>) -> R
     Ok(())
 }
 
-/// The graphs hold what is placed, and the goal brings the target from the source to the
-/// destination.
+/// The graphs hold what is placed, and the goal brings the target from the
+/// source to the destination.
 fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
     let (initial, goal) = (
         episode.get("initial_world_graph")?,

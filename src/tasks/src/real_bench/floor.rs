@@ -63,8 +63,8 @@ pub(super) fn tiles(rooms: usize, pieces: &[Tile]) -> Vec<Tile> {
 
 /// Whether one can walk from every room to every other if each two neighbours share one opening.
 pub(super) fn is_connected(rooms: usize, tiles: &[Tile]) -> bool {
-    // Tiles of one room are one space where they touch; a room in two parts would need openings of
-    // its own.
+    // Tiles of one room are one space where they touch; a room in two parts would need
+    // openings of its own.
     let joined = |a: &Tile, b: &Tile| border(&a.rect, &b.rect) >= PASSAGE_M;
     let reached = |allowed: &dyn Fn(&Tile) -> bool, from: usize| {
         let mut seen = vec![from];
@@ -92,8 +92,8 @@ pub(super) fn is_connected(rooms: usize, tiles: &[Tile]) -> bool {
     whole && reached(&|_| true, 0) == tiles.len()
 }
 
-/// A place for a piece of furniture in its room: along a wall, as far from other furniture as there
-/// is room.
+/// A place for a piece of furniture in its room: along a wall, as far from other furniture
+/// as there is room.
 pub(super) fn place(room: usize, side_m: f64, tiles: &[Tile], taken: &[Rect]) -> Rect {
     let mut best: Option<(f64, Rect)> = None;
     for tile in tiles.iter().filter(|tile| tile.room == room) {

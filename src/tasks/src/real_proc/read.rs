@@ -1,6 +1,6 @@
-//! Files of REAL's task generator as tasks. What they do not say follows from the rest: all doors
-//! are closed at the start, the goal is the targets at the destination, and the family is that of
-//! the type.
+//! Files of REAL's task generator as tasks. What they do not say follows from the rest: all
+//! doors are closed at the start, the goal is the targets at the destination, and the family is
+//! that of the type.
 
 use std::collections::BTreeMap;
 
@@ -30,8 +30,8 @@ const EPISODE_FIELDS: &[&str] = &[
     "placements",
 ];
 
-/// Whether a document is of the generator: its episodes name a type, and no family as those of
-/// REAL-Bench do.
+/// Whether a document is of the generator: its episodes name a type, and no family as
+/// those of REAL-Bench do.
 pub(crate) fn is_proc(root: &Field<'_>) -> bool {
     let of_generator = || -> Result<bool, Problem> {
         let episodes = root.get("episodes")?.items()?;
@@ -172,8 +172,8 @@ impl Reader<'_> {
         })
     }
 
-    /// What the episode places, sorted by instance, and the order in which it places them if that
-    /// is another one.
+    /// What the episode places, sorted by instance, and the order in which it places them if
+    /// that is another one.
     fn objects(&self, name: &str) -> Result<(Vec<ObjectInstance>, Vec<InstanceId>), Problem> {
         let listed = self.root.get("objects")?;
         let placements = self.episode.get("placements")?;

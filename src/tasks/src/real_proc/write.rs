@@ -292,8 +292,8 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
                 "dest_furniture_distractors",
                 json!(episode.dest_distractors),
             );
-            // The generator groups a gathering's distractors by source and its exporter writes the
-            // groups' names.
+            // The generator groups a gathering's distractors by source and its exporter
+            // writes the groups' names.
             put(
                 "obj_distractors",
                 json!(

@@ -1,5 +1,5 @@
-//! Folders of files, most of which are no sound meshes: each loads or is refused with a reason, and
-//! nothing panics.
+//! Folders of files, most of which are no sound meshes: each loads or is refused with a
+//! reason, and nothing panics.
 
 mod samples;
 

@@ -86,8 +86,8 @@ pub fn obj(shape: &Shape, head: &str) -> String {
     text
 }
 
-/// A shape as a glTF document and its binary part: indices, positions, texture points, then what
-/// else there is.
+/// A shape as a glTF document and its binary part: indices, positions, texture points, then
+/// what else there is.
 pub fn gltf(shape: &Shape, more: &[u8]) -> (Value, Vec<u8>) {
     let mut binary: Vec<u8> = shape
         .triangles
@@ -225,8 +225,8 @@ fn data_uri(kind: &str, bytes: &[u8]) -> String {
     format!("data:{kind};base64,{}", STANDARD.encode(bytes))
 }
 
-/// Writes all of them, and says of each what comes of it: nothing where it loads, or a part of the
-/// reason.
+/// Writes all of them, and says of each what comes of it: nothing where it loads, or a
+/// part of the reason.
 pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
     let mut expected = Vec::new();
     let mut file = |name: &'static str, bytes: &[u8], refused: Option<&'static str>| {

@@ -1,5 +1,5 @@
-//! The seven scenes: their counts are those of the paper, they pass the check, and their plans can
-//! be read.
+//! The seven scenes: their counts are those of the paper, they pass the check, and their
+//! plans can be read.
 
 use std::collections::BTreeSet;
 

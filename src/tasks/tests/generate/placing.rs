@@ -189,8 +189,8 @@ fn nobody_reaches_over_an_edge_that_something_stands_at() {
                 .unwrap()
         };
         let (table, other) = (at("table_1"), at("table_2"));
-        // Beside the line between two cells of the map, so that the other piece lies in the next
-        // one.
+        // Beside the line between two cells of the map, so that the other piece lies
+        // in the next one.
         let edge = 5.98;
         scene.receptacles[table].surface_max[0] = edge;
         let moved = &mut scene.receptacles[other];

@@ -1,5 +1,5 @@
-//! A checkout of the published benchmark: its scene is rebuilt from its placements, and what is
-//! broken is named.
+//! A checkout of the published benchmark: its scene is rebuilt from its placements, and what
+//! is broken is named.
 
 use std::{collections::BTreeMap, fs};
 
@@ -245,8 +245,8 @@ fn broken_files_are_named_and_the_rest_loads() {
         ["manifest.yaml: family_counts.FDP is 3, but 1 good task files are there"]
     );
 
-    // The rebuilt scene of the one good task: a table that carries its mug, a sink of which nothing
-    // is known.
+    // The rebuilt scene of the one good task: a table that carries its mug, a sink of
+    // which nothing is known.
     let rebuilt = checkout.rebuild("house").unwrap();
     assert_eq!(checkout.load(&rebuilt.scene).tasks.len(), 1);
     let table = rebuilt.scene.receptacle(&"table_1".into()).unwrap();

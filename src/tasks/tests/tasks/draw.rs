@@ -1,5 +1,5 @@
-//! Generated tasks: the same again, of the right family, well placed, unambiguous, and unchanged by
-//! writing and reading.
+//! Generated tasks: the same again, of the right family, well placed, unambiguous, and unchanged
+//! by writing and reading.
 
 use std::{collections::BTreeSet, fs};
 

@@ -1,5 +1,5 @@
-//! Our own files in the published schema: oddities are taken, broken files are named, gibberish
-//! never panics.
+//! Our own files in the published schema: oddities are taken, broken files are
+//! named, gibberish never panics.
 
 use std::{collections::BTreeMap, fs};
 

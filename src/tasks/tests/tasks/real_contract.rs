@@ -1,5 +1,5 @@
-//! What the published loaders accept, case by case of `datagen.json`: ours accept and refuse the
-//! same.
+//! What the published loaders accept, case by case of `datagen.json`: ours accept
+//! and refuse the same.
 
 use std::{fs, path::Path};
 

@@ -1,5 +1,5 @@
-//! Scene files: the committed one, the published one, broken ones; and the JSON Schema agrees with
-//! the loader.
+//! Scene files: the committed one, the published one, broken ones; and the JSON Schema
+//! agrees with the loader.
 
 use reel_world::{Door, Rect};
 use serde_json::{Value, json};

@@ -1,6 +1,6 @@
 //! What a model wrote as an opinion: lenient about the form (fences, thoughts before, trailing
-//! commas, capitals), strict about the content. What is wrong comes back in words that the model
-//! can be told.
+//! commas, capitals), strict about the content. What is wrong comes back in words that the
+//! model can be told.
 
 use serde_json::{Deserializer, Map, Value};
 
@@ -95,8 +95,8 @@ fn object(text: &str) -> Option<Map<String, Value>> {
     last
 }
 
-/// Commas before a closing bracket go. Tried only where nothing parses, so that no good string is
-/// touched.
+/// Commas before a closing bracket go. Tried only where nothing parses, so that no
+/// good string is touched.
 fn without_trailing_commas(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for (at, c) in text.char_indices() {

@@ -131,8 +131,8 @@ fn line(turn: &CaseStep, text_max: usize) -> String {
     serde_json::to_string(&turn).expect("a turn is always JSON") + "\n"
 }
 
-/// Which lines have to go so that the others fit: about as many bytes stay before as after. Never
-/// none.
+/// Which lines have to go so that the others fit: about as many bytes stay before
+/// as after. Never none.
 fn middle(lines: &[String], room: usize) -> Range<usize> {
     let (mut start, mut end) = (0, lines.len());
     let (mut before, mut after) = (0, 0);

@@ -6,8 +6,8 @@ use std::{collections::BTreeMap, sync::LazyLock};
 use super::prompt::PROMPT;
 use crate::CLASSES;
 
-/// Sub-classes with their classes: lines `- name: ...` under `Class: ...` in the prompt's section
-/// on classes.
+/// Sub-classes with their classes: lines `- name: ...` under `Class: ...` in the
+/// prompt's section on classes.
 static SUB_CLASSES: LazyLock<BTreeMap<&str, &str>> = LazyLock::new(|| {
     let section = PROMPT
         .split("\n# ")

@@ -42,8 +42,8 @@ pub struct Ribbon {
     /// Those of each family, by index; one only where it comes from a family.
     pub of_family: Vec<(usize, u64)>,
     pub color: Color,
-    /// Where it begins at the left and at the right node: not quite equally tall where a thin one
-    /// was made visible.
+    /// Where it begins at the left and at the right node: not quite equally tall where a thin
+    /// one was made visible.
     pub spans: [Span; 2],
 }
 
@@ -161,15 +161,15 @@ impl Layout {
         layout
     }
 
-    /// Nodes are as tall as their episodes, but never too small to be seen, nor too small for their
-    /// ribbons.
+    /// Nodes are as tall as their episodes, but never too small to be seen, nor too
+    /// small for their ribbons.
     fn set_heights(&mut self) {
         let unit = EPISODES_HEIGHT / self.episodes.max(1) as f64;
         let columns = [&mut self.families, &mut self.classes, &mut self.sub_classes];
         for (column, nodes) in columns.into_iter().enumerate() {
             for (index, node) in nodes.iter_mut().enumerate() {
-                // Ribbons end at this node in the ribbons before its column, and begin in those
-                // after it.
+                // Ribbons end at this node in the ribbons before its column, and begin
+                // in those after it.
                 let ends_here = |ribbons: &[Ribbon], end: usize| {
                     ribbons.iter().filter(|r| r.ends[end] == index).count()
                 };
@@ -291,8 +291,8 @@ fn tally(flows: &[Flow]) -> BTreeMap<Names, u64> {
     tally
 }
 
-/// Draws the smallest names of a column together where there are too many of them; sub-classes only
-/// within a class.
+/// Draws the smallest names of a column together where there are too many of them; sub-classes
+/// only within a class.
 fn fold(tally: &BTreeMap<Names, u64>) -> BTreeMap<Names, u64> {
     let mut tally = tally.clone();
     for (column, &names_max) in NAMES_MAX.iter().enumerate() {
@@ -379,8 +379,8 @@ fn stack_height<'a>(
     nodes.map(|node| node.height.max(label_height)).sum::<f64>() + gaps
 }
 
-/// Gives every ribbon its piece of both its nodes; at each node they lie in the order of their
-/// other ends.
+/// Gives every ribbon its piece of both its nodes; at each node they lie in the order
+/// of their other ends.
 fn attach(ribbons: &mut [Ribbon], left: &[Node], right: &[Node]) {
     for (end, nodes) in [left, right].into_iter().enumerate() {
         for (index, node) in nodes.iter().enumerate() {
@@ -399,8 +399,8 @@ fn attach(ribbons: &mut [Ribbon], left: &[Node], right: &[Node]) {
     }
 }
 
-/// Divides a height in proportion, but for parts that would be invisible: what those get more the
-/// others have less.
+/// Divides a height in proportion, but for parts that would be invisible: what those get more
+/// the others have less.
 fn divide(height: f64, parts: &[u64]) -> Vec<f64> {
     let sum: f64 = parts.iter().map(|&part| part as f64).sum();
     let wished: Vec<f64> = parts

@@ -1,5 +1,5 @@
-//! Owns the SVG of a scene: escaped, numbers with two decimals at most, no ids, so that several fit
-//! on one page.
+//! Owns the SVG of a scene: escaped, numbers with two decimals at most, no ids, so that several
+//! fit on one page.
 
 use std::fmt::Write;
 

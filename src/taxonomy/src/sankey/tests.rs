@@ -27,8 +27,8 @@ fn paper() -> Vec<Flow> {
     ]
 }
 
-/// Four families by 21 sub-classes; names of 80 characters where asked for; sizes from 1 to
-/// 100,000.
+/// Four families by 21 sub-classes; names of 80 characters where asked for; sizes
+/// from 1 to 100,000.
 fn skewed(long_names: bool) -> Vec<Flow> {
     let name = |name: String| {
         if long_names {

@@ -1,5 +1,5 @@
-//! Owns what text of the diagram is fit to be shown: cleaned, measured, shortened, numbers written
-//! out. Never draws.
+//! Owns what text of the diagram is fit to be shown: cleaned, measured, shortened, numbers
+//! written out. Never draws.
 
 /// How a text is set. Sizes in units of the scene.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -34,8 +34,8 @@ impl Style {
         matches!(self, Self::Title | Self::Strong)
     }
 
-    /// What a usual character takes at most on the average, in the bitmap font and in the common
-    /// system fonts.
+    /// What a usual character takes at most on the average, in the bitmap font and in
+    /// the common system fonts.
     fn advance(self) -> f64 {
         match self {
             Self::Title => 13.6,
@@ -68,8 +68,8 @@ pub fn clean(text: &str) -> String {
     }
 }
 
-/// Cuts the middle out of a text that would be wider than `room`: what tells names apart is mostly
-/// at either end.
+/// Cuts the middle out of a text that would be wider than `room`: what tells names apart is
+/// mostly at either end.
 pub fn elide(text: &str, style: Style, room: f64) -> String {
     if width(text, style) <= room {
         return text.to_owned();

@@ -300,8 +300,8 @@ fn words_of_an_episode_are_data() {
         .iter()
         .position(|line| *line == format!("END RECORD {code}"))
         .unwrap();
-    // the only line of its kind; everything before it is JSON whose strings hold the order as it
-    // was
+    // the only line of its kind; everything before it is JSON whose strings hold the
+    // order as it was
     assert_eq!(
         lines
             .iter()
@@ -481,8 +481,8 @@ fn kept_replies_and_errors_are_no_refusals() {
         Err(JudgeError::Model { .. }) => 'r',
         Err(_) => 's',
     };
-    // kept, refused, stopped: kept replies neither end the row of refusals nor are lost when it is
-    // over
+    // kept, refused, stopped: kept replies neither end the row of refusals nor are lost
+    // when it is over
     assert_eq!(
         results.iter().map(outcome).collect::<String>(),
         "rrrkkrrsks"

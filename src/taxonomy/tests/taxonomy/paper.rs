@@ -1,6 +1,6 @@
-//! The worked failures and successes of the paper (Qualitative Analysis), acted out call by call in
-//! the simulator: each has the class that the paper gives it, with the evidence at the step that it
-//! names.
+//! The worked failures and successes of the paper (Qualitative Analysis), acted out call by
+//! call in the simulator: each has the class that the paper gives it, with the evidence at the
+//! step that it names.
 
 use std::{path::Path, sync::Arc};
 
@@ -118,8 +118,8 @@ fn scene() -> Scene {
     scene
 }
 
-/// (asset, category, colour, receptacle); the first is the target. Things on one receptacle stand
-/// side by side.
+/// (asset, category, colour, receptacle); the first is the target. Things on one receptacle
+/// stand side by side.
 fn task(
     name: &str,
     instruction: &str,

@@ -31,8 +31,8 @@ const FUNCTIONS: &[&str] = &[
     "std::fs::write",
 ];
 
-/// What the standard library leaves to the platform, for `f32` and `f64`. Square roots are exact
-/// everywhere.
+/// What the standard library leaves to the platform, for `f32` and `f64`. Square
+/// roots are exact everywhere.
 const MATHEMATICS: &[&str] = &[
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh",
     "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
@@ -72,8 +72,8 @@ fn every_computing_crate_has_the_same_ban_list() {
     }
 }
 
-/// Cargo unifies features: a crate built alone must get what it gets inside `reel`, so who computes
-/// names them itself.
+/// Cargo unifies features: a crate built alone must get what it gets inside `reel`, so who
+/// computes names them itself.
 #[test]
 fn who_uses_physics_names_its_mathematics() {
     const FEATURES: &[(&str, &[&str])] = &[

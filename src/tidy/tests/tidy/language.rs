@@ -1,5 +1,5 @@
-//! The words of the code: public identifiers use the field's terms, and a doc comment says more than
-//! a name. Reads files of the repository only.
+//! The words of the code: public identifiers use the field's terms, and a doc comment says more
+//! than a name. Reads files of the repository only.
 
 use reel_tidy::rust_files;
 
@@ -364,12 +364,12 @@ fn short_doc_comments(text: &str) -> Vec<(usize, String)> {
 #[test]
 fn finds_declarations_and_words() {
     let text = "pub struct Luck;\npub(crate) struct Deed;\npub enum E {\n    Thing,\n    Fine { what: u8 },\n}\n\
-                pub const fn told_by() {}\n    pub seat: u8,\nimpl X {\n    Lost\n}\n";
+                pub const fn from_told() {}\n    pub seat: u8,\nimpl X {\n    Lost\n}\n";
     let names: Vec<String> = public_identifiers(text)
         .into_iter()
         .map(|found| found.name)
         .collect();
-    assert_eq!(names, ["Luck", "E", "Thing", "Fine", "told_by", "seat"]);
+    assert_eq!(names, ["Luck", "E", "Thing", "Fine", "from_told", "seat"]);
     assert_eq!(words("SeatOf_two"), ["seat", "of", "two"]);
     let identifier = |name: &str, is_type| Identifier {
         line: 1,

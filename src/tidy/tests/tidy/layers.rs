@@ -11,8 +11,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("sim", &["world"]),
     ("trace", &["world"]),
     ("episode", &["world", "sim", "reward"]),
-    // sim: the physics filter. episode: whether a question has to be asked, the simulated user's
-    // answer decides.
+    // sim: the physics filter. episode: whether a question has to be asked, the
+    // simulated user's answer decides.
     ("tasks", &["world", "sim", "episode"]),
     ("agents", &["world", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
@@ -35,8 +35,8 @@ const LAYERS: &[(&str, &[&str])] = &[
         ],
     ),
     ("cluster", &["tables", "query"]),
-    // reward: what the published trainer reads in a result's texts has one owner,
-    // `reel_reward::trainer`.
+    // reward: what the published trainer reads in a result's texts
+    // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
     ("llm", &["world", "agents", "episode", "trace", "prompt"]),
     ("annotate", &["world", "trace", "history", "llm", "prompt"]),
@@ -78,8 +78,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("vectors", &[]),
 ];
 
-/// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is
-/// a prefix.
+/// Outside packages that only some crates of ours may use, tests included. A name ending in
+/// `*` is a prefix.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum*", &["mcp", "proxy", "server"]),
     ("rmcp", &["mcp", "server"]),

@@ -184,7 +184,7 @@ impl Pages {
     }
 
     /// What is wrong with a page that a text names; `None` if there is such a page. A name that
-    /// begins with a folder of the root is a path; of others the file name has to exist.
+    /// begins with a folder of the root is a path; of any other name the file name has to exist.
     fn wrong_with_reference(&self, name: &str) -> Option<String> {
         let (path, anchor) = split_anchor(name);
         let path = path.trim_start_matches(['.', '/']);
@@ -460,8 +460,8 @@ fn without_blocks(text: &str) -> String {
     kept
 }
 
-/// The mark of a line that opens or closes a block of code: its character, its length, and whether
-/// nothing follows it.
+/// The mark of a line that opens or closes a block of code: its character, its length, and
+/// whether nothing follows it.
 fn fence(line: &str) -> Option<(char, usize, bool)> {
     let line = line.trim();
     let mark = line

@@ -37,8 +37,8 @@ pub(crate) struct DigestMessage {
 pub(crate) fn decode_message<M: Message + Default>(bytes: &[u8]) -> Read<M> {
     let message = M::decode(bytes)
         .map_err(|error| format!("it is not the protobuf message it should be ({error})"))?;
-    // One record has one encoding: what would be dropped in silence is not covered by the hash
-    // chain.
+    // One record has one encoding: what would be dropped in silence is not covered
+    // by the hash chain.
     if message.encode_to_vec() == bytes {
         Ok(message)
     } else {

@@ -84,8 +84,8 @@ fn an_index_that_lies_is_found() {
             0x0d => "metadata index",
             _ => continue,
         };
-        // Names and media types in the index are text; the numbers before and after them are
-        // compared, too.
+        // Names and media types in the index are text; the numbers before and after
+        // them are compared, too.
         for at in [0, length / 2, length - 1] {
             let mut bytes = healthy.clone();
             bytes[offset + 9 + at] ^= 1;
@@ -101,8 +101,8 @@ fn an_index_that_lies_is_found() {
     assert_eq!(lied.len(), 5, "{lied:?}");
 }
 
-/// Writes a trace again by hand: schemas and numbers as the closures say, and one message on a
-/// channel of others.
+/// Rewrites a trace by hand: schemas and numbers as the closures say, and one message on a
+/// channel that Reel does not know.
 fn rewritten(
     trace: &[u8],
     schema: impl Fn(&str, &[u8]) -> Vec<u8>,

@@ -1,6 +1,6 @@
 //! Recordings that broke off: killed writers, cuts at every byte, flipped bytes, a full disk.
-//! Whatever happened, what was acknowledged is there afterwards, in a file that reopens and that
-//! other programs read.
+//! Whatever happened, what was acknowledged is there afterwards, in a file that reopens and
+//! that other programs read.
 
 mod damage;
 
@@ -109,8 +109,8 @@ fn options(index: u64) -> RecordOptions {
     }
 }
 
-/// Not a test of its own: the process that the others kill or starve. Says `ack` after each call
-/// that returned.
+/// Not a test of its own: the process that the others kill or starve. Says `ack` after
+/// each call that returned.
 #[test]
 fn child() {
     let Some(folder) = env::var_os(CHILD) else {
@@ -316,8 +316,8 @@ fn a_full_disk_loses_nothing_acknowledged() {
         let folder = tempfile::tempdir().unwrap();
         let child = child_command(folder.path());
         let mut bash = Command::new("bash");
-        // Files of the shell count in blocks of 1024 bytes; ignored, the signal turns into an
-        // error.
+        // Files of the shell count in blocks of 1024 bytes; ignored, the signal
+        // turns into an error.
         bash.args([
             "-c",
             &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$@\""),

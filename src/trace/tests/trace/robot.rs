@@ -197,8 +197,8 @@ fn a_recording_that_broke_off_keeps_what_was_measured() {
             yaw: 3.0,
         })
         .unwrap();
-    // Acknowledged with what follows; so the operating system has it, as in a recorder that is
-    // dropped whole.
+    // Acknowledged with what follows; so the operating system has it, as in a recorder
+    // that is dropped whole.
     drop(recorder);
     let score = |_: &Trace, _: &Graphs| Metrics::default();
     let recovery = recover(&part, None, score).unwrap();

@@ -1,5 +1,5 @@
-//! Other programs read our files: the Python library `mcap`, where it is installed; Foxglove with
-//! our layout.
+//! Other programs read our files: the Python library `mcap`, where it is installed;
+//! Foxglove with our layout.
 
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 

@@ -26,8 +26,8 @@ pub enum MatchKind {
     Lemma,
     /// Another word for the same.
     Synonym,
-    /// One is a more general word for the other, by the vocabulary or by the head noun (`alarm
-    /// clock`, `clock`).
+    /// One is a more general word for the other, by the vocabulary or by the head
+    /// noun (`alarm clock`, `clock`).
     Hypernym,
     /// No category that is present matches the query.
     None,
@@ -91,8 +91,8 @@ pub fn is_a(category: &str, kind: &str) -> bool {
         .contains(&vocabulary().canonical(&normal(kind)))
 }
 
-/// Whether it is known of any category that it is of this kind; else [`is_a`] only finds what is
-/// called so.
+/// Whether it is known of any category that it is of this kind; else [`is_a`] only finds
+/// what is called so.
 pub fn is_known_kind(kind: &str) -> bool {
     vocabulary().has_kinds(&vocabulary().canonical(&normal(kind)))
 }
@@ -131,15 +131,15 @@ pub fn quotes(text: &str, caption: &str) -> bool {
 
 /// Whether an object is compatible with an instruction or a reply.
 ///
-/// A text speaks of objects in noun phrases; those that say where something stands or shall go do
-/// not count. The object fits when its caption is quoted, or when one of the phrases names its
-/// category, a synonym, a hypernym or only `one`, and the object does not contradict the
+/// A text speaks of objects in noun phrases; those that say where something stands or shall go
+/// do not count. The object fits when its caption is quoted, or when one of the phrases names
+/// its category, a synonym, a hypernym or only `one`, and the object does not contradict the
 /// description there: a short description (up to three words) must hold word by word, but for
 /// colours, materials, shapes and sizes of which the object's own description says nothing; of a
-/// longer one at least 70% of the words must stand in the object's description. An object that is
-/// described nowhere contradicts nothing. `not the red one` rules out what fits it. A text that
-/// speaks of no object rules nothing out, but with a `purpose` (SUL tasks) the object must at least
-/// serve it.
+/// longer one at least 70% of the words must stand in the object's description. An object that
+/// is described nowhere contradicts nothing. `not the red one` rules out what fits it. A text
+/// that speaks of no object rules nothing out, but with a `purpose` (SUL tasks) the object must
+/// at least serve it.
 pub fn fits(text: &str, object: &ObjectInstance, purpose: Option<&str>) -> bool {
     let thing = ObjectWords::of(object);
     if object

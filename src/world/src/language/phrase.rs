@@ -1,6 +1,6 @@
-//! Finds the noun phrases of an instruction, question or reply that speak of an object, apart from
-//! those that say where it stands or where it shall go. Simple rules over words; never looks at a
-//! task.
+//! Finds the noun phrases of an instruction, question or reply that speak of an object, apart
+//! from those that say where it stands or where it shall go. Simple rules over words; never
+//! looks at a task.
 
 use super::words::{ARTICLES, Token, tokens};
 

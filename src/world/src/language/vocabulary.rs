@@ -82,8 +82,8 @@ impl Vocabulary {
         found.cloned().unwrap_or_else(|| name.to_owned())
     }
 
-    /// What a thing is: its canonical name, its head nouns as far as they are known, and all
-    /// hypernyms of these.
+    /// What a thing is: its canonical name, its head nouns as far as they are known, and
+    /// all hypernyms of these.
     pub(super) fn lineage(&self, name: &str) -> BTreeSet<String> {
         let mut open = vec![self.canonical(name)];
         if !self.known(name) {
@@ -102,8 +102,8 @@ impl Vocabulary {
     }
 }
 
-/// The name without its first word, its first two words, and so on: `old alarm clock` gives `alarm
-/// clock`, `clock`.
+/// The name without its first word, its first two words, and so on: `old alarm clock`
+/// gives `alarm clock`, `clock`.
 pub(super) fn heads(name: &str) -> impl Iterator<Item = &str> {
     name.match_indices(' ').map(|(space, _)| &name[space + 1..])
 }

@@ -58,9 +58,9 @@ pub fn words(text: &str) -> Vec<String> {
     tokens(text).into_iter().filter_map(word).collect()
 }
 
-/// The singular of a lower-case noun by the rules -ies, -ves, -es and -s, and a few irregular ones.
-/// Words that are no plurals come back as they are, or with an ending cut that every form of the
-/// word loses alike.
+/// The singular of a lower-case noun by the rules -ies, -ves, -es and -s, and a few irregular
+/// ones. Words that are no plurals come back as they are, or with an ending cut that every form of
+/// the word loses alike.
 pub fn lemma(word: &str) -> String {
     const IRREGULAR: [(&str, &str); 9] = [
         ("knives", "knife"),
@@ -98,8 +98,8 @@ pub fn lemma(word: &str) -> String {
     }
 }
 
-/// The lemmas of a name, joined by spaces, without leading articles: the form in which names are
-/// compared.
+/// The lemmas of a name, joined by spaces, without leading articles: the form in
+/// which names are compared.
 pub(super) fn normal(name: &str) -> String {
     let words = words(name);
     let first = words

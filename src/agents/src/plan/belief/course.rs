@@ -54,8 +54,8 @@ impl Belief {
         self.held == Some(thing) || sighting.place != sighting.origin
     }
 
-    /// Whether the words leave open which thing is meant. Even where one alone seems to fit, they
-    /// may mean another.
+    /// Whether the words leave open which thing is meant. Even where one alone seems to fit,
+    /// they may mean another.
     pub(super) fn wants_to_ask(&self, errand: usize) -> bool {
         self.errands[errand].vague && !self.settled && self.asks < ASKS_MAX
     }
@@ -138,8 +138,8 @@ impl Belief {
         found.filter(|(_, place)| !self.useless.contains(place))
     }
 
-    /// The errand that a taken thing is for: the first undone one that it may be meant by, or the
-    /// one it did.
+    /// The errand that a taken thing is for: the first undone one that it may be meant by, or
+    /// the one it did.
     fn errand_of(&self, thing: ObjectIndex) -> Option<usize> {
         let place = self.things[&thing].place.as_ref();
         let fits = |errand: &usize| self.may_be(thing, *errand);

@@ -114,8 +114,8 @@ impl Belief {
         self.read.insert(here.clone());
     }
 
-    /// Nothing new is there, unless it must be: then it is there, and where the words leave it open
-    /// another one too.
+    /// Nothing new is there, unless it must be: then it is there, and where the words leave it
+    /// open another one too.
     fn look_at_worst(&mut self, found: Option<ObjectIndex>) {
         let Some(here) = self.at.clone() else { return };
         self.read_at_worst(&here);

@@ -18,8 +18,8 @@ use reel_world::ReceptacleId;
 
 pub use objection::Objection;
 
-/// A thing that was seen, by a number of the agent's own: who follows things with the eyes knows
-/// them again.
+/// A thing that was seen, by a number of the agent's own: who follows things with the
+/// eyes knows them again.
 pub type ObjectIndex = u32;
 
 /// One object to bring somewhere, as the words tell.
@@ -153,8 +153,8 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Before the first call. `closed` are the receptacles that have a door, as far as one knows;
-    /// all stand closed.
+    /// Before the first call. `closed` are the receptacles that have a door, as far as one
+    /// knows; all stand closed.
     pub fn new(errands: Vec<DeliveryGoal>, closed: BTreeSet<ReceptacleId>) -> Self {
         Self {
             errands,

@@ -1,5 +1,5 @@
-//! What speaks against a call that somebody else made, from what could be known then. Never what
-//! came of it.
+//! What speaks against a call that somebody else made, from what could be known then. Never
+//! what came of it.
 
 use super::{Belief, Move};
 

@@ -33,10 +33,10 @@ const STORE: [&str; 0] = [];
 ///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
 ///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
 ///
-/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides which
-/// receptacles are meant. Causes: perception (the wrong candidate, although its look told it
-/// apart), communication (nobody was asked although several fitted), memory (against what was
-/// known), other.
+/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides
+/// which receptacles are meant. Causes: perception (the wrong candidate, although its look
+/// told it apart), communication (nobody was asked although several fitted), memory
+/// (against what was known), other.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -155,8 +155,8 @@ struct ExecutorReply {
     branch: Option<String>,
 }
 
-/// What an executor is asked: whether alternatives are played, and whether their branches are
-/// wanted.
+/// What an executor is asked: whether alternatives are played, and whether
+/// their branches are wanted.
 fn asked(options: &BlameOptions) -> (bool, bool) {
     (options.alternatives, options.branches.is_some())
 }

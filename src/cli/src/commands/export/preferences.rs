@@ -34,8 +34,8 @@ const GAMMA: f64 = 0.99;
 ///   reel export preferences --store store --out preferences
 ///   python -c "import datasets; print(datasets.load_dataset('json', data_files='preferences/preferences.jsonl'))"
 ///
-/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair; the report
-/// says why.
+/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair;
+/// the report says why.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {

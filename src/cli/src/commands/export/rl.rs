@@ -36,8 +36,8 @@ pub struct Arguments {
     #[command(flatten)]
     grouping: Grouping,
     /// Score the episodes under this preset instead of taking the recorded rewards: paper,
-    /// real-repo, real-trainer or a TOML file. Decisions after the preset is done with an episode
-    /// are left out
+    /// real-repo, real-trainer or a TOML file. Decisions after the preset is done with an
+    /// episode are left out
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
     /// What the dataset is called
@@ -56,8 +56,8 @@ pub struct Grouping {
     /// Where no prompt group was recorded: only episodes of equal seed are one
     #[arg(long)]
     same_seed: bool,
-    /// How rewards become a return: paper (gamma 0.99, 30 decisions) or published (plain sum, 50
-    /// decisions)
+    /// How rewards become a return: paper (gamma 0.99, 30 decisions) or published
+    /// (plain sum, 50 decisions)
     #[arg(long, value_name = "NAME", default_value = "paper", value_parser = returns)]
     returns: Returns,
     /// How returns become advantages: paper, ngrpo, grpo, rloo or reinforce++; without it paper, or
@@ -70,8 +70,8 @@ pub struct Grouping {
     /// Keeps groups of equal returns from dividing by nothing (advantage paper) [default: 0.000001]
     #[arg(long, value_name = "EPS")]
     eps: Option<f64>,
-    /// The virtual reward that joins each group (advantage ngrpo); without it a little above the
-    /// group's best
+    /// The virtual reward that joins each group (advantage ngrpo); without it a little
+    /// above the group's best
     #[arg(long, value_name = "REWARD", allow_negative_numbers = true)]
     virtual_max: Option<f64>,
 }

@@ -31,8 +31,8 @@ pub struct Arguments {
     /// What loads it: parquet (Hugging Face), trl, openai, ms-swift, llama-factory, qwen-vl
     #[arg(long, value_name = "NAME", default_value = "parquet", value_parser = format)]
     format: Format,
-    /// How a decision is put: single-turn (REAL's trainer), multi-turn (an episode with native tool
-    /// calls), multi-turn-prefix
+    /// How a decision is put: single-turn (REAL's trainer), multi-turn (an episode with
+    /// native tool calls), multi-turn-prefix
     #[arg(long, value_name = "STYLE", default_value = "single-turn", value_parser = style)]
     style: Style,
     /// Failed and broken-off episodes too, up to their decisive step (run `reel taxonomy` before)

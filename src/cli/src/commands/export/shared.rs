@@ -98,8 +98,8 @@ pub struct CommonArguments {
     /// Tokens of an example beyond which it counts as too long
     #[arg(long, value_name = "TOKENS", default_value_t = reel_dataset::CONTEXT_TOKENS)]
     budget: u32,
-    /// The `tokenizer.json` of the model that shall learn, to count tokens by; without it a token
-    /// is four bytes
+    /// The `tokenizer.json` of the model that shall learn, to count tokens by; without it a
+    /// token is four bytes
     #[arg(long, value_name = "FILE")]
     tokenizer: Option<PathBuf>,
     /// Licence of the data, as the dataset's card names it

@@ -26,8 +26,8 @@ use crate::{ExitStatus, inputs, progress};
 /// Tasks that are worked on before their files are written.
 const BATCH: usize = 10;
 
-/// Put questions into the plans of tasks, and make the instructions so vague that they have to be
-/// asked.
+/// Put questions into the plans of tasks, and make the instructions so vague that they
+/// have to be asked.
 ///
 /// Strategy A leaves open which object is meant ("a mug"), strategy B which of several receptacles
 /// of a kind ("a table"). One or two questions a task, drawn by seed from those that apply; each is

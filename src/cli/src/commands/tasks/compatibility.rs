@@ -1,5 +1,5 @@
-//! `reel tasks compatibility`: the table of what belongs where, to be changed by people or written
-//! by a model.
+//! `reel tasks compatibility`: the table of what belongs where, to be changed by people or
+//! written by a model.
 
 #[cfg(feature = "service")]
 use std::collections::BTreeMap;

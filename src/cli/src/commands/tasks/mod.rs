@@ -49,8 +49,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Draw plain tasks of one scene: what the published measurements of this project were made
-    /// with
+    /// Draw plain tasks of one scene: what the published measurements of this
+    /// project were made with
     #[command(verbatim_doc_comment)]
     ///
     /// One object moves, out of the 240 of the small library; nothing is simulated before it is

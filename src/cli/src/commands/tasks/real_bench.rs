@@ -1,5 +1,5 @@
-//! `reel tasks real-bench`: the published benchmark, from a checkout of its repository into task
-//! and scene files.
+//! `reel tasks real-bench`: the published benchmark, from a checkout of its repository into
+//! task and scene files.
 
 use std::{
     fs,

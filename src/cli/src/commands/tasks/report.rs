@@ -11,11 +11,11 @@ use serde_json::json;
 
 use crate::{ExitStatus, inputs};
 
-/// Show how plan length, distractors, object sizes and instruction length are distributed in a set
-/// of tasks.
+/// Show how plan length, distractors, object sizes and instruction length are distributed in
+/// a set of tasks.
 ///
-/// Each task plays in the scene that it names, found beside the tasks or among those that come with
-/// Reel.
+/// Each task plays in the scene that it names, found beside the tasks or among those
+/// that come with Reel.
 ///
 /// Example:
 ///   reel tasks report made --against real-bench/tasks

@@ -1,9 +1,9 @@
 //! Answers: each turn of the model reads as an answer, calls a tool that exists, with the arguments
 //! that its list demands.
 //!
-//! Why: the model learns to say what the environment refuses. Sure: yes, where the row declares its
-//! tools; else by the eleven tools of the household. Applies only where some answer calls a tool.
-//! Memory: constant.
+//! Why: the model learns to say what the environment refuses. Sure: yes, where the row
+//! declares its tools; else by the eleven tools of the household. Applies only where some
+//! answer calls a tool. Memory: constant.
 
 use reel_world::{Tool as WorldTool, ToolCall};
 

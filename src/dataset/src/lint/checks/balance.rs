@@ -43,8 +43,8 @@ impl Check for Balance {
         for call in seen.answers.iter().flat_map(|said| &said.calls) {
             count(&mut self.tools, tool_name(&call.name));
         }
-        // One look at the tools of a dataset's first row and now and then is enough: the lists are
-        // long.
+        // One look at the tools of a dataset's first row and now and then is enough:
+        // the lists are long.
         if self.declared.is_empty() || seen.place().index.is_multiple_of(1000) {
             let names = seen
                 .tools()

@@ -1,5 +1,5 @@
-//! Contradictions in History: what an answer says was done, beside what the rows of its episode
-//! tell was done.
+//! Contradictions in History: what an answer says was done, beside what the rows of its
+//! episode tell was done.
 //!
 //! Why: a model that learns false memories acts on them. Sure: as sure as the validator's reading
 //! of English; claims that the rows neither show nor refute raise no alarm. Rows are put together

@@ -1,9 +1,9 @@
-//! Pictures: files that are missing, bytes that no decoder takes, tags and pictures that do not
-//! pair off.
+//! Pictures: files that are missing, bytes that no decoder takes, tags and pictures that
+//! do not pair off.
 //!
-//! Sure: yes for missing files, counts and roles; a picture whose header is whole may still be
-//! damaged inside. URLs are not read. Memory: what [`super::row_facts::ImageProbes`] keeps of each
-//! picture file.
+//! Sure: yes for missing files, counts and roles; a picture whose header is whole may still
+//! be damaged inside. URLs are not read. Memory: what [`super::row_facts::ImageProbes`] keeps
+//! of each picture file.
 
 use super::{Check, RowFacts};
 use crate::lint::{Format, Part, Role, Severity, formats::has_tags, report::Findings};

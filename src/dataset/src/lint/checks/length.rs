@@ -1,7 +1,7 @@
 //! Contexts beyond a budget: what the trainer cuts off is the end, which is the answer.
 //!
-//! Sure: an estimate, unless the model's own tokenizer counts. Pictures count at their own size.
-//! Memory: constant.
+//! Sure: an estimate, unless the model's own tokenizer counts. Pictures count at their
+//! own size. Memory: constant.
 
 use std::sync::Arc;
 

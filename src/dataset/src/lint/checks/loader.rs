@@ -1,5 +1,5 @@
-//! What the loader of each format passes over in silence, or fails on
-//! (docs/spec.md#dataset-formats).
+//! What the loader of each format passes over in silence,
+//! or fails on (docs/spec.md#dataset-formats).
 //!
 //! Why: rows that are skipped and pictures that are ignored are noticed after the training, if
 //! ever. Sure: yes, for the loaders of docs/spec.md#dataset-formats as they are; other loaders of
@@ -138,8 +138,8 @@ impl Check for Loader {
     }
 }
 
-/// sharegpt: user and model by turns, the user first, an even number; else the row is skipped in
-/// silence.
+/// sharegpt: user and model by turns, the user first, an even number; else the row
+/// is skipped in silence.
 fn alternating(example: &Example, add: &mut impl FnMut(&'static str, Severity, String)) {
     let turns: Vec<&Turn> = example
         .turns

@@ -1,5 +1,5 @@
-//! The checks: each sees every row once and keeps as little as it can. [`lint`] runs them all in
-//! one pass.
+//! The checks: each sees every row once and keeps as little as it can. [`lint`] runs them
+//! all in one pass.
 //!
 //! Owns what is wrong and how bad it is. Never stops at a bad row.
 

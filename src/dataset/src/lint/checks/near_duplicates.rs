@@ -1,12 +1,12 @@
-//! Near-duplicates: rows whose words are almost those of another (MinHash over word triples, bands
-//! of locality-sensitive hashing).
+//! Near-duplicates: rows whose words are almost those of another (MinHash over word triples,
+//! bands of locality-sensitive hashing).
 //!
-//! Why: they weigh like copies. Lines that half of the first rows share (tools, instructions) are
-//! left out, and rows of one episode are not compared: each continues the one before. Sure: the
-//! similarity is an estimate within some 0.05; a pair at the threshold is found with a probability
-//! of about one half, one well above it almost surely. A row is compared with the last
-//! [`crate::lint::LintOptions::near_rows_max`] rows. Memory: constant, some 700 bytes for each of
-//! those.
+//! Why: they weigh like copies. Lines that half of the first rows share (tools, instructions)
+//! are left out, and rows of one episode are not compared: each continues the one before.
+//! Sure: the similarity is an estimate within some 0.05; a pair at the threshold is found with
+//! a probability of about one half, one well above it almost surely. A row is compared with
+//! the last [`crate::lint::LintOptions::near_rows_max`] rows. Memory: constant, some 700 bytes
+//! for each of those.
 
 use std::{
     collections::{HashMap, HashSet},

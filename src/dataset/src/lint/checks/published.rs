@@ -1,11 +1,11 @@
 //! What REAL's published parsers lose of answers in text: the evaluation agent, the trainer, the
 //! gym and the scheduler each read another part of the forms that models write.
 //!
-//! Why: a student learns the form of its training set. An answer whose memory the agent does not
-//! find makes an agent without memory; one that only some parsers read behaves otherwise in
-//! evaluation than in training. Sure: yes, the parsers agree with the published code
-//! (`reel_prompt::published`). Answers by function calling are not theirs to read. Memory:
-//! constant.
+//! Why: a student learns the form of its training set. An answer whose memory the agent
+//! does not find makes an agent without memory; one that only some parsers read behaves
+//! otherwise in evaluation than in training. Sure: yes, the parsers agree with the
+//! published code (`reel_prompt::published`). Answers by function calling are not theirs
+//! to read. Memory: constant.
 
 use reel_prompt::published::{
     ActionError, TrainerAction, agent_answer, canonical_tool, gym_answer, scheduler_action,

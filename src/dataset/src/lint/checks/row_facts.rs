@@ -1,5 +1,5 @@
-//! What several checks need of a row, worked out once: answers, calls, declared tools, what its
-//! pictures look like.
+//! What several checks need of a row, worked out once: answers, calls, declared tools, what
+//! its pictures look like.
 
 use std::collections::HashMap;
 
@@ -20,8 +20,8 @@ pub(super) struct RowFacts<'a> {
     pub(super) answers: Vec<ModelTurn>,
     /// One for each picture of the row.
     pub(super) images: Vec<ImageProbe>,
-    /// Everything but answers, up to each answer: text with even white space, and pictures by
-    /// digest.
+    /// Everything but answers, up to each answer: text with even white space,
+    /// and pictures by digest.
     pub(super) contexts: Vec<Key>,
     /// The whole row: all turns and pictures.
     pub(super) whole: Key,
@@ -48,8 +48,8 @@ pub(super) struct ImageProbe {
     pub(super) fault: Option<(&'static str, String)>,
 }
 
-/// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for each file
-/// of pictures.
+/// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for
+/// each file of pictures.
 #[derive(Default)]
 pub(super) struct ImageProbes(HashMap<Key, ImageProbe>);
 

@@ -1,5 +1,5 @@
-//! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds for the
-//! History validator.
+//! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds
+//! for the History validator.
 //!
 //! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of
 //! docs/spec.md#published-texts; an outcome in other words is unknown, never guessed.
@@ -16,8 +16,8 @@ pub(super) fn line_after<'t>(prompt: &'t str, title: &str) -> Option<&'t str> {
     prompt[at..].lines().next().map(str::trim)
 }
 
-/// The setting that a prompt tells: `Task: ..`, and lines `1) In room: id, id.` or `- id (category,
-/// room)`.
+/// The setting that a prompt tells: `Task: ..`, and lines `1) In room: id, id.` or
+/// `- id (category, room)`.
 pub(super) fn setting(prompt: &str) -> EpisodeFacts {
     let place = |line: &str| {
         let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;

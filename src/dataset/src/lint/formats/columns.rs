@@ -1,5 +1,5 @@
-//! Which key of a row holds what: fixed by the format, or said by LLaMA-Factory's
-//! `dataset_info.json`.
+//! Which key of a row holds what: fixed by the format, or
+//! said by LLaMA-Factory's `dataset_info.json`.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -116,8 +116,8 @@ impl Columns {
         }
     }
 
-    /// What the `dataset_info.json` beside a file says of it; of a named entry, which may be in the
-    /// folder above.
+    /// What the `dataset_info.json` beside a file says of it; of a named entry, which may be
+    /// in the folder above.
     pub(crate) fn declared(file: &Path) -> Option<Self> {
         let name = file.file_name()?.to_str()?;
         let mut folder = file.parent()?;

@@ -1,8 +1,8 @@
-//! The six formats of docs/spec.md#dataset-formats: which one a row is written in, and the row in
-//! the common form.
+//! The six formats of docs/spec.md#dataset-formats: which one a row is written in, and the row
+//! in the common form.
 //!
-//! Accepts more than the loaders do, so that what they would refuse or skip can be told instead of
-//! lost.
+//! Accepts more than the loaders do, so that what they would refuse or skip can be
+//! told instead of lost.
 
 mod columns;
 mod turns;

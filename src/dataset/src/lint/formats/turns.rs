@@ -65,8 +65,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Pictures listed beside the turns: a path, an object with bytes or a path, or a list of
-    /// those.
+    /// Pictures listed beside the turns: a path, an object with bytes or a path, or
+    /// a list of those.
     pub(super) fn images(&mut self, listed: &Value) -> Vec<Image> {
         match listed {
             Value::Null => Vec::new(),

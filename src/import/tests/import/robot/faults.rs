@@ -1,5 +1,5 @@
-//! Recordings that are torn, damaged, out of order or no recordings: what can be read is read, the
-//! rest is named.
+//! Recordings that are torn, damaged, out of order or no recordings: what can be read is read,
+//! the rest is named.
 
 use super::*;
 

@@ -156,8 +156,8 @@ fn compare_class(
         let before = scorer.progress();
         let mut fired = Vec::new();
         scorer.step(&mut facts, &step, &mut fired);
-        // what it pays for tools is compared beside the class, what `finish` costs is its
-        // environment's
+        // what it pays for tools is compared beside the class, what `finish`
+        // costs is its environment's
         let environment = [TRACK, TOOLS, &[Term::PrematureFinish]].concat();
         let rest: Vec<Term> = Term::ALL
             .iter()
@@ -234,8 +234,8 @@ fn compare_class(
             found.insert("remaining".into(), json!(0));
         }
         assert!(scorer.progress() >= before);
-        // handed uncut names, the class does not find where an object is, and takes it to be on its
-        // way
+        // handed uncut names, the class does not find where an object is, and takes it to
+        // be on its way
         let uncut = case["initial"].to_string().contains("_on_");
         let on_its_way = preset.weight(Term::PartialMove);
         let more =

@@ -630,8 +630,8 @@ fn candidates_are_seen_as_published() {
     report.finish();
 }
 
-/// So that a vector that is not read is noticed: the parts that belong to the trainer's view are
-/// all compared here.
+/// So that a vector that is not read is noticed: the parts that belong to the trainer's view
+/// are all compared here.
 #[test]
 fn the_parts_of_the_contract_are_known() {
     let Some(document) = load("trainer_contract.json") else {

@@ -1,5 +1,5 @@
-//! How people call the furniture of a scene: captions made of what is seen, each true of one piece
-//! only.
+//! How people call the furniture of a scene: captions made of what is seen, each true
+//! of one piece only.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! What is wrong with a scene: furniture that overlaps, that cannot be reached or seen, doors that
-//! hit something, narrow passages, captions that mislead. Asks the simulator's own models and map;
-//! never mends anything.
+//! What is wrong with a scene: furniture that overlaps, that cannot be reached or seen, doors
+//! that hit something, narrow passages, captions that mislead. Asks the simulator's own models
+//! and map; never mends anything.
 
 use std::collections::BTreeSet;
 

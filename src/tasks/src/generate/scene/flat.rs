@@ -1,6 +1,6 @@
-//! The empty flat: rooms in two bands (with a corridor between them, and in several wings, where
-//! they are many), balconies before the outline, doorways and walls. Whole cells of 5 cm; never
-//! places furniture.
+//! The empty flat: rooms in two bands (with a corridor between them, and in several wings,
+//! where they are many), balconies before the outline, doorways and walls. Whole cells of 5
+//! cm; never places furniture.
 
 use crate::random::Stream;
 use reel_world::Wall;
@@ -168,8 +168,8 @@ fn split(rooms: Vec<usize>, sizes: &[[i32; 2]], stream: &mut Stream) -> [Vec<usi
     [rooms[..cut].to_vec(), rooms[cut..].to_vec()]
 }
 
-/// Gives the rooms of all wings their rectangles; gives how many cells rooms became wider than they
-/// would be.
+/// Gives the rooms of all wings their rectangles; gives how many cells rooms became wider
+/// than they would be.
 fn lay_bands(
     plots: &mut [Plot],
     wings: &[[Vec<usize>; 2]],

@@ -1,19 +1,19 @@
-//! What furniture looks like, in the attribute words that the renderer shows, such that pieces of
-//! one name differ.
+//! What furniture looks like, in the attribute words that the renderer shows, such that pieces
+//! of one name differ.
 
 use std::collections::BTreeMap;
 
 use crate::random::Stream;
 use reel_world::Attributes;
 
-/// The name that people call a category by, of which several categories may be kinds: its last
-/// word.
+/// The name that people call a category by, of which several categories may be
+/// kinds: its last word.
 pub(super) fn noun(category: &str) -> &str {
     category.rsplit(' ').next().unwrap_or(category)
 }
 
-/// What is said of two features of pieces of one noun: words of the first differ first, then those
-/// of the second.
+/// What is said of two features of pieces of one noun: words of the first differ first, then
+/// those of the second.
 struct Palette {
     first: Feature,
     second: Feature,
@@ -75,8 +75,8 @@ fn palette(noun: &str) -> Palette {
     Palette { first, second }
 }
 
-/// The attributes of pieces of these categories, in their order; none where a palette has too few
-/// looks.
+/// The attributes of pieces of these categories, in their order; none where a palette
+/// has too few looks.
 pub(super) fn draw(categories: &[&str], stream: &mut Stream) -> Option<Vec<Attributes>> {
     let mut decks: BTreeMap<&str, std::vec::IntoIter<Attributes>> = BTreeMap::new();
     for category in categories {

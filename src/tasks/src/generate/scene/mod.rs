@@ -102,8 +102,8 @@ pub fn by_id(scene_id: &str) -> Option<Scene> {
     built_in(scene_id).filter(|scene| scene.scene_id == scene_id)
 }
 
-/// Makes a scene: equal briefs, names and seeds give equal scenes, and what it gives passes
-/// [`check`].
+/// Makes a scene: equal briefs, names and seeds give equal scenes, and what
+/// it gives passes [`check`].
 ///
 /// # Errors
 /// When no flat is found that takes all of it.
@@ -121,8 +121,8 @@ pub fn generate(brief: &Brief, scene_id: &str, seed: u64) -> Result<Scene, Scene
             if findings.is_empty() {
                 return Some(scene);
             }
-            // Only rooms with a fault are furnished anew, so that a large house is not lost to one
-            // chair.
+            // Only rooms with a fault are furnished anew, so that a large house is not
+            // lost to one chair.
             for (room, plot) in flat.plots.iter().enumerate() {
                 let inside = |at: &str| {
                     scene

@@ -1,5 +1,5 @@
-//! Pictures of a scene without a task: each receptacle as the robot sees it from its viewpoint.
-//! Never moves anything.
+//! Pictures of a scene without a task: each receptacle as the robot sees it from its
+//! viewpoint. Never moves anything.
 
 use reel_sim::{
     geometry::Pose,

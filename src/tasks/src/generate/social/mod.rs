@@ -164,9 +164,9 @@ struct Proposal {
     instead: Option<(std::ops::Range<usize>, String)>,
 }
 
-/// Puts one or two questions into the plan of a task, by strategies drawn from those that apply,
-/// and rewrites its instruction so that they have to be asked. What is vague already is always
-/// asked about.
+/// Puts one or two questions into the plan of a task, by strategies drawn from those that
+/// apply, and rewrites its instruction so that they have to be asked. What is vague already
+/// is always asked about.
 ///
 /// # Errors
 /// The reason why nothing can be asked.

@@ -34,8 +34,8 @@ pub struct Compatibility {
     holds: Vec<TableRow>,
 }
 
-/// Receptacles of these kinds, in these rooms or in any, hold these things. The first row that fits
-/// a receptacle counts.
+/// Receptacles of these kinds, in these rooms or in any, hold these things. The first row that
+/// fits a receptacle counts.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TableRow {
@@ -90,8 +90,8 @@ pub fn question(place: &ReceptacleKind, library: &[LibraryObject]) -> String {
     )
 }
 
-/// The last list of words of an answer; none where there is no such list, or no word of it is
-/// known.
+/// The last list of words of an answer; none where there is no such list, or no word
+/// of it is known.
 pub fn judge(answer: &str, library: &[LibraryObject]) -> Option<CompatibilityAnswer> {
     let answer = answer
         .rsplit_once("</think>")
@@ -199,8 +199,8 @@ impl Compatibility {
         self.rooms.get(&kind).cloned().unwrap_or(kind)
     }
 
-    /// The kind of a category: itself, another name of one, or the longest of both that stands in
-    /// it (`coffee table`).
+    /// The kind of a category: itself, another name of one, or the longest of both that stands
+    /// in it (`coffee table`).
     fn kind(&self, category: &str) -> String {
         let letters: String = category
             .to_lowercase()

@@ -1,5 +1,5 @@
-//! What receptacles and objects are called, so that nothing else is meant: by their captions, else
-//! by their attributes.
+//! What receptacles and objects are called, so that nothing else is meant: by their captions,
+//! else by their attributes.
 
 use std::collections::BTreeSet;
 
@@ -11,9 +11,9 @@ const EMPTY: &[&str] = &[
     "a", "an", "the", "with", "and", "in", "on", "of", "one", "that", "which", "its", "is", "only",
 ];
 
-/// The phrases that mean this receptacle and no other of the scene: the captions that do, or, if
-/// none does, one made from category, attributes and room; none if not even that tells it from the
-/// others.
+/// The phrases that mean this receptacle and no other of the scene: the captions that do,
+/// or, if none does, one made from category, attributes and room; none if not even that
+/// tells it from the others.
 ///
 /// A phrase may mean another receptacle if that is of the same category and all words of the phrase
 /// are said of it.

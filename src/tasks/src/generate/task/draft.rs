@@ -1,5 +1,5 @@
-//! A draft of a task: the choices made for a triplet, in words that were checked. Where its objects
-//! stand comes later.
+//! A draft of a task: the choices made for a triplet, in words that were checked. Where its
+//! objects stand comes later.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,8 +22,8 @@ use super::{
 pub enum TaskType {
     /// One object, like furniture elsewhere, nothing beside it.
     Basic,
-    /// With distractors: copies of the target on like furniture, and in FODP objects like it beside
-    /// it.
+    /// With distractors: copies of the target on like furniture, and in FODP objects
+    /// like it beside it.
     Distractor,
     /// Articulation: into something with a door.
     Store,
@@ -305,8 +305,8 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// One or two more objects for the destination: from the source where it is easy, else also
-    /// from somewhere else.
+    /// One or two more objects for the destination: from the source where it is easy, else
+    /// also from somewhere else.
     fn draw_companions(&mut self, stream: &mut Stream) -> Result<(), DraftError> {
         let count = if self.difficulty == Difficulty::Hard {
             2
@@ -508,8 +508,8 @@ impl<'a> Draft<'a> {
         others.any(|caption| foreign(caption) && language::quotes(text, caption))
     }
 
-    /// A description that means an object and nothing beside it: mostly the full one; in FDO, as
-    /// published, the category.
+    /// A description that means an object and nothing beside it: mostly the full one; in FDO,
+    /// as published, the category.
     fn phrase(
         &self,
         object: &LibraryObject,
@@ -660,8 +660,8 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// How much an object distracts: 1 for the same purpose, 2 for the same category, 3 if it looks
-/// alike, too.
+/// How much an object distracts: 1 for the same purpose, 2 for the same category, 3 if
+/// it looks alike, too.
 fn object_grade(target: &LibraryObject, other: &LibraryObject) -> usize {
     match (
         target.category == other.category,

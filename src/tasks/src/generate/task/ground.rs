@@ -12,8 +12,8 @@ use reel_world::{Receptacle, Rect, Scene};
 
 use super::{compatibility::Compatibility, describe, grid::REACH_RADIUS_M};
 
-/// So near to a surface, or to a ceiling above it, these themselves do not count as obstacles, in
-/// metres.
+/// So near to a surface, or to a ceiling above it, these themselves do not count
+/// as obstacles, in metres.
 const ABOVE_SURFACE_M: f32 = 0.01;
 /// What stands higher above a surface is in nothing's way, in metres.
 const TALLEST_M: f32 = 0.4;
@@ -135,8 +135,8 @@ impl SceneSites {
         Self { scene, sites }
     }
 
-    /// The pairs of sites between which at least one object plausibly moves: source, destination,
-    /// objects by index.
+    /// The pairs of sites between which at least one object plausibly moves: source,
+    /// destination, objects by index.
     pub fn triplets(
         &self,
         library: &[LibraryObject],
@@ -202,8 +202,8 @@ impl Site {
             .disc_is_free(center.map(|value| value as f32), radius as f32)
     }
 
-    /// How many points of a lattice of 5 cm around a place, within [`REACH_RADIUS_M`] of it, are
-    /// free floor.
+    /// How many points of a lattice of 5 cm around a place, within [`REACH_RADIUS_M`] of
+    /// it, are free floor.
     pub fn free_floor_near(&self, [x, y]: [f64; 2]) -> usize {
         let steps = (REACH_RADIUS_M / FLOOR_STEP_M).round() as i32;
         let offsets =

@@ -16,8 +16,8 @@ use super::{
     statistics::{Rejection, Statistics},
 };
 
-/// Gap between an object and the surface it is about to settle on, in metres
-/// (docs/spec.md#real-bench).
+/// Gap between an object and the surface it is about to settle
+/// on, in metres (docs/spec.md#real-bench).
 const SPAWN_GAP_M: f64 = 0.02;
 
 /// Options of the task generator: what to draw from, how many, and how.
@@ -88,8 +88,8 @@ pub struct GenerateReport {
 }
 
 /// Makes tasks; `on_task` is called from the threads as they come. Task ids are
-/// `<family>/<scene>_<type>_<number>`, the number being that of the draft, so that rejected ones
-/// leave gaps.
+/// `<family>/<scene>_<type>_<number>`, the number being that of the draft, so that
+/// rejected ones leave gaps.
 pub fn make(
     options: &GenerateOptions<'_>,
     on_task: impl Fn() + Sync,

@@ -1,6 +1,6 @@
-//! Where objects stand: the static filter, and collision-free placement within reach (paper,
-//! Collision-Free Object Placement and Two-Stage Task Filtering; docs/spec.md#placement and
-//! docs/spec.md#task-filters). Never simulates.
+//! Where objects stand: the static filter, and collision-free placement within reach
+//! (paper, Collision-Free Object Placement and Two-Stage Task Filtering;
+//! docs/spec.md#placement and docs/spec.md#task-filters). Never simulates.
 
 use std::collections::BTreeMap;
 
@@ -20,8 +20,8 @@ pub const BAND_M: f64 = 0.5;
 pub const STAND_RADIUS_M: f64 = 0.05;
 /// Grid of candidates within the band, in metres.
 const STEP_M: f64 = 0.05;
-/// Room above an object when it is spawned over its place, in metres: the gap of the task files and
-/// the spawn offset.
+/// Room above an object when it is spawned over its place, in metres: the gap of the task files
+/// and the spawn offset.
 const HEADROOM_M: f64 = 0.13;
 
 /// Why an object cannot be placed.
@@ -50,8 +50,8 @@ impl PlacementError {
     }
 }
 
-/// The static filter: whether objects (width, depth, height) fit on a surface together, tried at
-/// random.
+/// The static filter: whether objects (width, depth, height) fit on a surface
+/// together, tried at random.
 pub fn static_filter(
     site: &Site,
     sizes: &[[f64; 3]],
@@ -80,12 +80,12 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Finds a place for an object (width, depth, height) and takes it; gives the centre of its box
-    /// on the surface.
+    /// Finds a place for an object (width, depth, height) and takes it; gives the centre of its
+    /// box on the surface.
     ///
-    /// Candidates lie on a grid over strips along the edges. Of those that are free and within
-    /// reach it takes the one farthest from all objects placed before; the first object stands
-    /// anywhere.
+    /// Candidates lie on a grid over strips along the edges. Of those that are free
+    /// and within reach it takes the one farthest from all objects placed before; the
+    /// first object stands anywhere.
     pub fn place(
         &mut self,
         site: &Site,
@@ -141,8 +141,8 @@ pub fn is_valid(site: &Site, centre: [f64; 2], [width, depth, _]: [f64; 3]) -> b
         && site.is_free_above(centre, 0.5 * (width * width + depth * depth).sqrt())
 }
 
-/// The edge an object is reached over, and how far it is: the nearest one, or the one with the
-/// door.
+/// The edge an object is reached over, and how far it is: the nearest one, or the
+/// one with the door.
 pub fn nearest_side(site: &Site, centre: [f64; 2]) -> (Side, f64) {
     let surface = site.surface();
     let sides = Side::ALL

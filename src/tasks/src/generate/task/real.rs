@@ -8,8 +8,8 @@ use crate::{real_proc, yaml};
 use reel_world::{Family, Scene, Task};
 use serde_json::{Value, json};
 
-/// The task as the text of a REAL-Bench file; none where the schema cannot say it: it moves one
-/// object.
+/// The task as the text of a REAL-Bench file; none where the schema cannot say it:
+/// it moves one object.
 ///
 /// `index` numbers the tasks of a set. There are no USD files: the paths are where published code
 /// would look for them.

@@ -1,7 +1,7 @@
 //! The physics filter: every object is spawned above its place and has to come to rest there
-//! (paper, Two-Stage Task Filtering; docs/spec.md#task-filters). The simulator does what it does at
-//! the start of every episode; here is only what must come of it, and whether the robot can get
-//! near then.
+//! (paper, Two-Stage Task Filtering; docs/spec.md#task-filters). The simulator does what it
+//! does at the start of every episode; here is only what must come of it, and whether the robot
+//! can get near then.
 
 use std::sync::Arc;
 
@@ -46,8 +46,8 @@ pub fn spawn(scene: &Arc<Scene>, task: &Arc<Task>) -> Simulator {
     )
 }
 
-/// The final rest positions, in the order of the objects, if every object came to rest on its
-/// receptacle.
+/// The final rest positions, in the order of the objects, if every object came to
+/// rest on its receptacle.
 pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, SettleError> {
     let bodies = spawned.bodies();
     let rest = |(index, object): (usize, &ObjectInstance)| {
@@ -83,8 +83,8 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, SettleError> {
         .collect()
 }
 
-/// Whether the robot finds somewhere to stand from which each object that shall move is near enough
-/// and in sight.
+/// Whether the robot finds somewhere to stand from which each object that shall move is near
+/// enough and in sight.
 ///
 /// The static filter knows no robot: beside a bed there may be room for the 5 cm that it asks for,
 /// and none for a base.

@@ -15,8 +15,8 @@ pub enum Rejection {
     Static(PlacementError),
     /// The physics filter: an object falls, flies away or comes to rest elsewhere.
     Physics(SettleError),
-    /// The robot cannot get near enough to an object that shall move, or does not see it from
-    /// there.
+    /// The robot cannot get near enough to an object that shall move, or does not
+    /// see it from there.
     Approach,
 }
 

@@ -23,8 +23,8 @@ const GATHERING: &[&str] = &[
     "Carry {objects} to {dest}.",
 ];
 
-/// One way to say it, chosen once, so that the precise and the fuzzy instruction of a task are
-/// worded alike.
+/// One way to say it, chosen once, so that the precise and the fuzzy instruction of a
+/// task are worded alike.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InstructionWording {
     template: &'static str,
@@ -53,8 +53,8 @@ impl InstructionWording {
         }
     }
 
-    /// The instruction for an object on `src`; `into` where the destination is something to put
-    /// into.
+    /// The instruction for an object on `src`; `into` where the destination is
+    /// something to put into.
     pub(crate) fn say(self, object: &str, src: &str, dest: &str, into: bool) -> String {
         self.fill(dest, into)
             .replace("{src}", src)

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// A crash in `end` may leave a whole part beside the finished trace, or beside half a temporary
-/// file.
+/// A crash in `end` may leave a whole part beside the finished trace, or beside
+/// half a temporary file.
 #[test]
 fn a_crash_while_finishing_leaves_everything() {
     let (sample, trace, _) = small();
