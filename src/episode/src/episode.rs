@@ -1,5 +1,7 @@
 //! A running episode: the step function itself.
 
+mod records;
+
 use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
@@ -19,6 +21,7 @@ use reel_world::{
 use crate::{
     Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, published_user, user::RuleUser,
 };
+use records::{chain_of, digests, end, header, observe, observers};
 
 /// What a policy is told whose answer holds no call.
 const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
@@ -594,99 +597,6 @@ fn check_stage(stage: &PreparedTask, config: &EpisodeConfig) {
         stage.task().task_id,
         config.task.task_id
     );
-}
-
-/// Chain digest after the last step; that of the start if there is no step.
-fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
-    steps
-        .last()
-        .map_or(start.digests.chain, |step| step.digests.chain)
-}
-
-fn end(
-    ended: Option<EndReason>,
-    config: &EpisodeConfig,
-    start: &StartRecord,
-    steps: &[StepRecord],
-    graphs: Graphs,
-) -> EndRecord {
-    EndRecord {
-        reason: ended.unwrap_or(EndReason::Aborted),
-        metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
-        chain: chain_of(start, steps),
-        steps: u32::try_from(steps.len()).expect("an episode has few steps"),
-        graphs,
-    }
-}
-
-/// Those who watch an episode: the rewards and the user, told of its start.
-fn observers(config: &EpisodeConfig, start: &StartRecord) -> (Box<dyn Rewarder>, RuleUser) {
-    let mut rewarder = config.preset.rewarder(&config.task, &config.scene);
-    rewarder.start(start);
-    let mut user = RuleUser::new(&config.task, &config.scene);
-    user.observe("", &seen(&start.visible, &[]));
-    (rewarder, user)
-}
-
-/// What the user learns of a step.
-fn observe(user: &mut RuleUser, step: &StepRecord) {
-    user.observe(
-        &step.input.call.to_string(),
-        &seen(&step.visible, &step.listed),
-    );
-    user.observe_held(step.held.as_ref());
-}
-
-fn header(config: &EpisodeConfig) -> EpisodeHeader {
-    let mut header = EpisodeHeader {
-        episode_id: String::new(),
-        run_id: config.run_id.clone(),
-        group_id: config
-            .rollout
-            .as_ref()
-            .map(|rollout| rollout.group_id.clone()),
-        rollout_index: config.rollout.as_ref().map(|rollout| rollout.index),
-        task_id: config.task.task_id.clone(),
-        family: config.task.family,
-        scene_id: config.scene.scene_id.clone(),
-        task_digest: Digest::of_json(&*config.task),
-        scene_digest: Digest::of_json(&*config.scene),
-        seed: config.seed,
-        sim_version: sim_version(config.profile),
-        build: String::new(),
-        profile: config.profile,
-        reward_preset: config.preset.name().to_owned(),
-        policy: config.policy.clone(),
-        backend: Backend::Sim,
-        skills: config.skills,
-        meshes: config
-            .meshes
-            .iter()
-            .map(|(asset, mesh)| (asset.clone(), mesh.digest()))
-            .collect(),
-        parent: config.parent.clone(),
-    };
-    header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
-    header.build = env!("CARGO_PKG_VERSION").to_owned();
-    header
-}
-
-fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
-    StateDigests {
-        state: simulator.digest(),
-        frame: frame.map(Frame::digests),
-        physics_steps: simulator.take_step_digests(),
-        chain: Digest::default(),
-    }
-}
-
-/// What an auxiliary observation holds: what is in the picture and what was told in words.
-fn seen(visible: &[reel_world::record::VisibleObject], listed: &[InstanceId]) -> Vec<InstanceId> {
-    visible
-        .iter()
-        .map(|object| object.object.clone())
-        .chain(listed.iter().cloned())
-        .collect()
 }
 
 /// Whether a call begins, ends or lists episodes, which is no tool's business.

@@ -148,9 +148,7 @@ fn authorize(
         ));
     };
     let Some(entry) = app.tokens.find(token.trim()) else {
-        return Err(ApiError::unauthorized(
-            "unknown or revoked token",
-        ));
+        return Err(ApiError::unauthorized("unknown or revoked token"));
     };
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {
         return Ok(Some(Caller(entry.name)));

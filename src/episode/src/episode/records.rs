@@ -1,0 +1,102 @@
+//! Records of an episode: header, digests, the chain and the end.
+
+use super::*;
+
+/// Chain digest after the last step; that of the start if there is no step.
+pub(super) fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
+    steps
+        .last()
+        .map_or(start.digests.chain, |step| step.digests.chain)
+}
+
+pub(super) fn end(
+    ended: Option<EndReason>,
+    config: &EpisodeConfig,
+    start: &StartRecord,
+    steps: &[StepRecord],
+    graphs: Graphs,
+) -> EndRecord {
+    EndRecord {
+        reason: ended.unwrap_or(EndReason::Aborted),
+        metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
+        chain: chain_of(start, steps),
+        steps: u32::try_from(steps.len()).expect("an episode has few steps"),
+        graphs,
+    }
+}
+
+/// Those who watch an episode: the rewards and the user, told of its start.
+pub(super) fn observers(
+    config: &EpisodeConfig,
+    start: &StartRecord,
+) -> (Box<dyn Rewarder>, RuleUser) {
+    let mut rewarder = config.preset.rewarder(&config.task, &config.scene);
+    rewarder.start(start);
+    let mut user = RuleUser::new(&config.task, &config.scene);
+    user.observe("", &seen(&start.visible, &[]));
+    (rewarder, user)
+}
+
+/// What the user learns of a step.
+pub(super) fn observe(user: &mut RuleUser, step: &StepRecord) {
+    user.observe(
+        &step.input.call.to_string(),
+        &seen(&step.visible, &step.listed),
+    );
+    user.observe_held(step.held.as_ref());
+}
+
+pub(super) fn header(config: &EpisodeConfig) -> EpisodeHeader {
+    let mut header = EpisodeHeader {
+        episode_id: String::new(),
+        run_id: config.run_id.clone(),
+        group_id: config
+            .rollout
+            .as_ref()
+            .map(|rollout| rollout.group_id.clone()),
+        rollout_index: config.rollout.as_ref().map(|rollout| rollout.index),
+        task_id: config.task.task_id.clone(),
+        family: config.task.family,
+        scene_id: config.scene.scene_id.clone(),
+        task_digest: Digest::of_json(&*config.task),
+        scene_digest: Digest::of_json(&*config.scene),
+        seed: config.seed,
+        sim_version: sim_version(config.profile),
+        build: String::new(),
+        profile: config.profile,
+        reward_preset: config.preset.name().to_owned(),
+        policy: config.policy.clone(),
+        backend: Backend::Sim,
+        skills: config.skills,
+        meshes: config
+            .meshes
+            .iter()
+            .map(|(asset, mesh)| (asset.clone(), mesh.digest()))
+            .collect(),
+        parent: config.parent.clone(),
+    };
+    header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
+    header.build = env!("CARGO_PKG_VERSION").to_owned();
+    header
+}
+
+pub(super) fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
+    StateDigests {
+        state: simulator.digest(),
+        frame: frame.map(Frame::digests),
+        physics_steps: simulator.take_step_digests(),
+        chain: Digest::default(),
+    }
+}
+
+/// What an auxiliary observation holds: what is in the picture and what was told in words.
+pub(super) fn seen(
+    visible: &[reel_world::record::VisibleObject],
+    listed: &[InstanceId],
+) -> Vec<InstanceId> {
+    visible
+        .iter()
+        .map(|object| object.object.clone())
+        .chain(listed.iter().cloned())
+        .collect()
+}
