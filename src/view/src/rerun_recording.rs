@@ -7,20 +7,26 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
+use re_sdk::{
+    AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
+    blueprint::{
+        Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
+        TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical, components::PanelState,
+    },
+};
+use re_sdk_types::{
+    archetypes::{
+        Boxes3D, EncodedImage, Pinhole, Scalars, TextDocument, TextLog, Transform3D,
+        ViewCoordinates,
+    },
+    components::TextLogLevel,
+    datatypes::{Quaternion, Rgba32},
+};
 use reel_replay::frames_at;
 use reel_trace::Trace;
 use reel_world::{
     DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task,
     record::{BodyState, RobotState, StepRecord},
-};
-use rerun::{
-    AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream,
-    RecordingStreamBuilder, RecordingStreamError, Rgba32, Scalars, TextDocument, TextLog,
-    TextLogLevel, Transform3D, ViewCoordinates,
-    blueprint::{
-        Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
-        TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical, components::PanelState,
-    },
 };
 
 use crate::{ViewError, canvas::encode_png, transcript};

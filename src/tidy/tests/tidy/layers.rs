@@ -104,7 +104,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("prost*", &["import", "trace"]),
     ("re_cdr", &["import"]),
     ("re_ros_msg", &["import"]),
-    ("rerun*", &["view"]),
+    ("re_sdk*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("object_store", &["cluster", "tables"]),
     (
