@@ -10,7 +10,8 @@ help: ## list these verbs
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
 
 demo: pages ## build reel; then record, replay, ask, export and draw episodes in demo-out
-	cargo build --locked --workspace --bin reel
+	@echo "building reel: the first time compiles all its dependencies, about 20 minutes on two cores"
+	@start=$$(date +%s); cargo build --locked --workspace --bin reel && echo "built in $$(($$(date +%s) - start)) s"
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
 test: pages ## run every test of the workspace
