@@ -203,7 +203,10 @@ pub enum ExportError {
     },
     /// The columns of the Parquet file cannot be built.
     #[error("columns of the dataset: {0}")]
-    Columns(#[from] polars_core::error::PolarsError),
+    Columns(#[from] ::arrow::error::ArrowError),
+    /// A Parquet file cannot be written, e.g. because the disk is full.
+    #[error("Parquet files of the dataset: {0}; make room and run the same command to go on")]
+    Parquet(#[from] ::parquet::errors::ParquetError),
     /// A task or scene in the tables is none.
     #[error("episode {episode_id}: {reason}; ingest the traces anew into another folder")]
     Document {

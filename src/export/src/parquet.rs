@@ -1,23 +1,24 @@
-//! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): columns by Polars,
-//! pictures inside, and the metadata by which `datasets` decodes them by itself. Owns the
-//! columns; knows no store.
+//! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): the images are inside, and
+//! the metadata by which `datasets` decodes them by itself. Owns the columns; knows no store.
 
 use std::{
     collections::HashMap,
     fs::{self, File},
     io::BufWriter,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use arrow::datatypes::{DataType, Field, Fields, Schema};
-use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
-use polars_arrow::{array::ListArray, offset::Offsets};
-use polars_core::prelude::{
-    ArrayRef, BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, PlSmallStr,
-    Series, StructChunked,
+use ::parquet::{
+    arrow::ArrowWriter,
+    basic::{Compression, ZstdLevel},
+    file::{metadata::KeyValue, properties::WriterProperties},
+    schema::types::ColumnPath,
 };
-use polars_io::parquet::write::{
-    BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter,
+use arrow::{
+    array::{ArrayRef, BinaryArray, Int64Array, ListArray, RecordBatch, StringArray, StructArray},
+    buffer::OffsetBuffer,
+    datatypes::{DataType, Field, Fields, Schema, SchemaRef},
 };
 use reel_dataset::{Example, ImageStore, Shard, Split};
 use serde_json::{Map, Value, json};
@@ -76,7 +77,7 @@ pub(crate) struct Shards {
     root: PathBuf,
     split: Split,
     rows_max: u64,
-    open: Option<(BatchedWriter<BufWriter<File>>, Shard)>,
+    open: Option<(ArrowWriter<BufWriter<File>>, Shard)>,
     /// The row group to come, and how many pictures are in it.
     pending: Vec<Example>,
     pending_pictures: usize,
@@ -140,7 +141,8 @@ impl Shards {
         if let Some((writer, _)) = &mut self.open
             && !self.pending.is_empty()
         {
-            writer.write_batch(&frame(&self.pending, Some(pictures))?)?;
+            writer.write(&batch(schema(), &self.pending, pictures)?)?;
+            writer.flush()?;
             self.pending.clear();
             self.pending_pictures = 0;
         }
@@ -152,9 +154,13 @@ impl Shards {
         let Some((writer, shard)) = self.open.take() else {
             return Ok(());
         };
-        // what is in the buffer goes out with it
-        writer.finish()?;
-        drop(writer);
+        writer
+            .into_inner()?
+            .into_inner()
+            .map_err(|error| ExportError::Io {
+                source: error.into_error(),
+                path: self.root.join(&shard.path),
+            })?;
         let path = self.root.join(&shard.path);
         fs::rename(path.with_added_extension("part"), &path)
             .map_err(|source| ExportError::Io { source, path })?;
@@ -162,7 +168,7 @@ impl Shards {
         Ok(())
     }
 
-    fn start(&self) -> Result<(BatchedWriter<BufWriter<File>>, Shard), ExportError> {
+    fn start(&self) -> Result<(ArrowWriter<BufWriter<File>>, Shard), ExportError> {
         let split = self.split.as_str();
         let shard = Shard {
             path: format!("{split}/{split}-{:05}.parquet", self.done.len()),
@@ -177,105 +183,31 @@ impl Shards {
                 source,
                 path: path.clone(),
             })?;
-        let metadata = KeyValueMetadata::from_static(metadata());
-        let writer = ParquetWriter::new(BufWriter::new(file))
-            .with_compression(ParquetCompression::Zstd(None))
-            .with_key_value_metadata(Some(metadata));
-        // a frame without rows tells the types
-        Ok((writer.batched(frame(&[], None)?.schema())?, shard))
+        let writer = ArrowWriter::try_new(BufWriter::new(file), schema(), Some(properties()?))?;
+        Ok((writer, shard))
     }
 }
 
-fn frame(examples: &[Example], pictures: Option<&ImageStore>) -> Result<DataFrame, ExportError> {
-    let mut columns: Vec<Column> = Vec::new();
-    for (name, value) in TEXT_COLUMNS {
-        columns.push(Column::new(
-            name.into(),
-            examples.iter().map(value).collect::<Vec<&str>>(),
-        ));
-    }
-    for (name, value) in NUMBER_COLUMNS {
-        columns.push(Column::new(
-            name.into(),
-            examples.iter().map(value).collect::<Vec<i64>>(),
-        ));
-    }
-    let digests: Vec<&str> = examples
-        .iter()
-        .map(|example| example.about.prompt_digest.as_str())
-        .collect();
-    columns.push(Column::new(PROMPT_COLUMN.into(), digests));
-    let messages: Vec<_> = examples.iter().map(Example::messages).collect();
-    let (roles, contents): (Vec<&str>, Vec<&str>) = messages
-        .iter()
-        .flatten()
-        .map(|(role, content)| (*role, content.as_ref()))
-        .unzip();
-    let said = [
-        Series::new("role".into(), roles),
-        Series::new("content".into(), contents),
-    ];
-    columns.push(lists("messages", messages.iter().map(Vec::len), &said)?);
-    let (mut bytes, mut paths): (Vec<Vec<u8>>, Vec<String>) = Default::default();
-    for example in examples {
-        for image in example.images() {
-            let Some((pictures, picture)) =
-                pictures.and_then(|pictures| Some((pictures, pictures.get(image)?)))
-            else {
-                return Err(reel_dataset::DatasetError::Image {
-                    example: example.id.clone(),
-                    image: *image,
-                }
-                .into());
-            };
-            bytes.push(pictures.bytes(&picture)?);
-            paths.push(picture.path);
-        }
-    }
-    let bytes = BinaryChunked::from_slice(
-        "bytes".into(),
-        &bytes.iter().map(Vec::as_slice).collect::<Vec<_>>(),
+/// Text is compressed; images are compressed already, and no two are alike.
+fn properties() -> Result<WriterProperties, ExportError> {
+    let features = KeyValue::new(FEATURES_KEY.to_owned(), features().to_string());
+    let images = ColumnPath::from(
+        ["images", "list", "element", "bytes"]
+            .map(String::from)
+            .to_vec(),
     );
-    let shown = [bytes.into_series(), Series::new("path".into(), paths)];
-    columns.push(lists(
-        "images",
-        examples.iter().map(|example| example.images().count()),
-        &shown,
-    )?);
-    Ok(DataFrame::new(examples.len(), columns)?)
+    Ok(WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(3)?))
+        .set_column_compression(images.clone(), Compression::UNCOMPRESSED)
+        .set_column_dictionary_enabled(images, false)
+        .set_key_value_metadata(Some(vec![features]))
+        .build())
 }
 
-/// A column of lists of structs, of the fields of all lists one after the other.
-fn lists(
-    name: &str,
-    lengths: impl Iterator<Item = usize>,
-    fields: &[Series],
-) -> Result<Column, ExportError> {
-    let length = fields.first().map_or(0, |field| field.len());
-    let items = StructChunked::from_series("".into(), length, fields.iter())?
-        .into_series()
-        .rechunk()
-        .chunks()[0]
-        .clone();
-    let kind = ListArray::<i64>::default_datatype(items.dtype().clone());
-    let offsets: Offsets<i64> = Offsets::try_from_lengths(lengths)?;
-    let list: ArrayRef = Box::new(ListArray::try_new(kind, offsets.into(), items, None)?);
-    Ok(Series::try_from((PlSmallStr::from(name), list))?.into())
-}
-
-/// What the file says of itself. Readers through Arrow take the types and the metadata from the
-/// schema that is stored in the file, so it must hold the features too; Polars' own would say
-/// `string_view`, which older readers do not know.
-fn metadata() -> Vec<(String, String)> {
-    let features = features().to_string();
+/// Columns as Arrow types. Its metadata holds the features, because `datasets` reads them from the
+/// Arrow schema that is stored in the file.
+fn schema() -> SchemaRef {
     let text = |name: &str| Field::new(name, DataType::Utf8, true);
-    let list = |name: &str, fields: Vec<Field>| {
-        Field::new_list(
-            name,
-            Field::new("element", DataType::Struct(Fields::from(fields)), true),
-            true,
-        )
-    };
     let mut columns: Vec<Field> = TEXT_COLUMNS.iter().map(|(name, _)| text(name)).collect();
     columns.extend(
         NUMBER_COLUMNS
@@ -283,20 +215,98 @@ fn metadata() -> Vec<(String, String)> {
             .map(|(name, _)| Field::new(*name, DataType::Int64, true)),
     );
     columns.push(text(PROMPT_COLUMN));
-    columns.push(list("messages", vec![text("role"), text("content")]));
+    columns.push(list("messages", [text("role"), text("content")]));
     columns.push(list(
         "images",
-        vec![Field::new("bytes", DataType::Binary, true), text("path")],
+        [Field::new("bytes", DataType::Binary, true), text("path")],
     ));
-    let schema = Schema::new(columns)
-        .with_metadata(HashMap::from([(FEATURES_KEY.to_owned(), features.clone())]));
-    vec![
-        (FEATURES_KEY.to_owned(), features),
-        (
-            ARROW_SCHEMA_META_KEY.to_owned(),
-            encode_arrow_schema(&schema),
-        ),
-    ]
+    let metadata = HashMap::from([(FEATURES_KEY.to_owned(), features().to_string())]);
+    Arc::new(Schema::new(columns).with_metadata(metadata))
+}
+
+fn list(name: &str, fields: [Field; 2]) -> Field {
+    let element = Field::new(
+        "element",
+        DataType::Struct(Fields::from(fields.to_vec())),
+        true,
+    );
+    Field::new_list(name, element, true)
+}
+
+fn batch(
+    schema: SchemaRef,
+    examples: &[Example],
+    pictures: &ImageStore,
+) -> Result<RecordBatch, ExportError> {
+    let text = |value: fn(&Example) -> &str| -> ArrayRef {
+        Arc::new(StringArray::from_iter_values(examples.iter().map(value)))
+    };
+    let mut columns: Vec<ArrayRef> = TEXT_COLUMNS.iter().map(|(_, value)| text(*value)).collect();
+    for (_, value) in NUMBER_COLUMNS {
+        columns.push(Arc::new(Int64Array::from_iter_values(
+            examples.iter().map(value),
+        )));
+    }
+    columns.push(text(|example| &example.about.prompt_digest));
+    let messages: Vec<_> = examples.iter().map(Example::messages).collect();
+    let (roles, contents): (Vec<&str>, Vec<&str>) = messages
+        .iter()
+        .flatten()
+        .map(|(role, content)| (*role, content.as_ref()))
+        .unzip();
+    let fields: Vec<ArrayRef> = vec![
+        Arc::new(StringArray::from(roles)),
+        Arc::new(StringArray::from(contents)),
+    ];
+    columns.push(lists(
+        &schema,
+        "messages",
+        messages.iter().map(Vec::len),
+        fields,
+    )?);
+    let (mut bytes, mut paths): (Vec<Vec<u8>>, Vec<String>) = Default::default();
+    for example in examples {
+        for image in example.images() {
+            let picture = pictures
+                .get(image)
+                .ok_or_else(|| reel_dataset::DatasetError::Image {
+                    example: example.id.clone(),
+                    image: *image,
+                })?;
+            bytes.push(pictures.bytes(&picture)?);
+            paths.push(picture.path);
+        }
+    }
+    let fields: Vec<ArrayRef> = vec![
+        Arc::new(BinaryArray::from_iter_values(bytes)),
+        Arc::new(StringArray::from(paths)),
+    ];
+    let lengths = examples.iter().map(|example| example.images().count());
+    columns.push(lists(&schema, "images", lengths, fields)?);
+    Ok(RecordBatch::try_new(schema, columns)?)
+}
+
+/// A column of lists of structs; `fields` holds the items of all lists one after the other.
+fn lists(
+    schema: &Schema,
+    name: &str,
+    lengths: impl IntoIterator<Item = usize>,
+    fields: Vec<ArrayRef>,
+) -> Result<ArrayRef, ExportError> {
+    let DataType::List(element) = schema.field_with_name(name)?.data_type() else {
+        unreachable!("`schema` makes a list of '{name}'");
+    };
+    let DataType::Struct(types) = element.data_type() else {
+        unreachable!("`schema` makes a list of structs of '{name}'");
+    };
+    let items = StructArray::try_new(types.clone(), fields, None)?;
+    let offsets = OffsetBuffer::from_lengths(lengths);
+    Ok(Arc::new(ListArray::try_new(
+        element.clone(),
+        offsets,
+        Arc::new(items),
+        None,
+    )?))
 }
 
 /// Types of every column for `datasets`; lists in the plain form, which its

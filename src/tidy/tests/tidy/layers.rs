@@ -97,7 +97,6 @@ const ONLY_IN: &[(&str, &[&str])] = &[
         &["dataset", "export", "query", "server", "tables", "taxonomy"],
     ),
     ("parquet", &["dataset", "export", "query", "tables"]),
-    ("polars*", &["export"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
     ("mcap", &["cli", "import", "trace"]),
