@@ -2,6 +2,7 @@
 //! the simulator deterministic. Never builds anything.
 
 mod determinism;
+mod features;
 mod language;
 mod layers;
 mod links;
