@@ -82,7 +82,8 @@ const LAYERS: &[(&str, &[&str])] = &[
 /// `*` is a prefix.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum*", &["mcp", "proxy", "server"]),
-    ("rmcp", &["mcp", "server"]),
+    // tidy: so that programs and tests build it with the same features (features.rs)
+    ("rmcp", &["mcp", "server", "tidy"]),
     ("hyper*", &["server"]),
     ("httparse", &["proxy"]),
     ("tower*", &["server"]),
