@@ -21,7 +21,7 @@ pages: ## build the web pages that `reel serve` shows (needs Node, which it inst
 	dashboards/build.sh
 
 bench: ## measure the lean release build
-	cargo run --locked --release -p reel-cli --no-default-features -- perf
+	cargo run --locked --release -p reel-cli --no-default-features -- dev perf
 
 bench-sql: ## a million synthetic episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
 	tests/bench/sql.sh

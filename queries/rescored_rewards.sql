@@ -1,7 +1,7 @@
 -- rescored_rewards
 --
 -- What another reward preset, or another version of one, makes of the same episodes: rewards as recorded and as
--- recomputed by `reel reward`.
+-- recomputed by `reel store reward`.
 --
 -- Columns:
 --   policy    who decided

@@ -47,11 +47,11 @@ cp -r "$data/tasks" "$work/REAL/benchmark/tasks"
 bench=$work/real-bench
 rebuild() {
   local code=0
-  "$daily" tasks real-bench "$work/REAL" --out "$bench" || code=$?
+  "$daily" task real-bench "$work/REAL" --out "$bench" || code=$?
   ((code == 0 || code == 3))
 }
 timed "tasks real-bench" rebuild
-timed "tasks check" "$daily" tasks check "$bench/tasks"
+timed "task check" "$daily" task check "$bench/tasks"
 
 record() {
   "$daily" run --tasks "$bench/tasks" --policy "$1" --seed "$seed" --out "$out/$1" --jobs "$jobs" | tee "$work/$1.txt"
@@ -79,8 +79,8 @@ done
 
 # Pictures dropped and drawn again, over more than 200 episodes: the same bytes.
 for policy in oracle no-ask; do
-  timed "compact, $policy" "$daily" compact "$out/$policy" --out "$work/lean/$policy" --jobs "$jobs"
-  timed "expand, $policy" "$daily" expand "$work/lean/$policy" --out "$work/expanded/$policy" --jobs "$jobs"
+  timed "compact, $policy" "$daily" trace compact "$out/$policy" --out "$work/lean/$policy" --jobs "$jobs"
+  timed "expand, $policy" "$daily" trace expand "$work/lean/$policy" --out "$work/expanded/$policy" --jobs "$jobs"
   diff -r "$out/$policy" "$work/expanded/$policy"
 done
 

@@ -17,8 +17,8 @@ kinds=(--kinds wrong_attribute,missing_ask,similar_furniture,missing_pick,premat
 if [[ ${KINDS:-six} == all ]]; then kinds=(); fi
 if [[ ${SEEDS:-report} == developing ]]; then task_seed=5 seed=1000; else task_seed=9101 seed=9900000; fi
 
-"$reel" tasks draw --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
-"$reel" faults run --tasks "$work/tasks" --out "$work/faulty" --count "${EPISODES:-900}" --seed "$seed" \
-  --combinations 0.3 --repaired 0.35 --detours 0.5 "${kinds[@]}" >/dev/null
+"$reel" task draw --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
+"$reel" agent faults run --tasks "$work/tasks" --out "$work/faulty" --episodes "${EPISODES:-900}" --seed "$seed" \
+  --double-share 0.3 --repaired-share 0.35 --detour-share 0.5 "${kinds[@]}" >/dev/null
 echo "=== tasks of seed $task_seed, faults from seed $seed"
 "$reel" blame "$work/faulty" --labels --branches "$work/better"

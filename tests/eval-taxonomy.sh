@@ -14,25 +14,25 @@ work="${EVAL_DIR:-$(mktemp -d)}"
 count="${FAILURES:-2000}"
 if [[ ${SEEDS:-report} == tuning ]]; then task_seed=1001 seed=1000000; else task_seed=9001 seed=9000000; fi
 
-"$reel" tasks draw --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
+"$reel" task draw --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
 
 # what out count first-seed further arguments...
 evaluate() {
   local what=$1 out=$2 count=$3 seed=$4
   shift 4
   echo "=== $what: tasks of seed $task_seed, faults from seed $seed"
-  "$reel" faults run --tasks "$work/tasks" --out "$work/$out" --count "$count" --seed "$seed" "$@" >/dev/null
+  "$reel" agent faults run --tasks "$work/tasks" --out "$work/$out" --episodes "$count" --seed "$seed" "$@" >/dev/null
   "$reel" ingest "$work/$out" --store "$work/$out-store" >/dev/null
   "$reel" taxonomy --store "$work/$out-store" --sankey "$work/$out.svg" --sankey "$work/$out.png"
-  "$reel" label import "$work/$out" --store "$work/$out-store"
-  "$reel" taxonomy agreement --store "$work/$out-store" --with injected --baseline --show "${SHOW:-10}"
+  "$reel" store label import "$work/$out" --store "$work/$out-store"
+  "$reel" taxonomy agreement --store "$work/$out-store" --reference injected --baseline --examples "${SHOW:-10}"
   echo "--- the decisive steps measured by reel blame"
   "$reel" blame --store "$work/$out-store" --no-alternatives >/dev/null
   "$reel" taxonomy --store "$work/$out-store" >/dev/null
-  "$reel" taxonomy agreement --store "$work/$out-store" --with injected --show 0 | grep -i "step"
+  "$reel" taxonomy agreement --store "$work/$out-store" --reference injected --examples 0 | grep -i "step"
 }
 
 evaluate "single faults" single "$count" "$seed"
-evaluate "combinations and repaired faults" combined $((count / 2)) $((seed + 500000)) --combinations 0.7 --repaired 0.35 --detours 0.5
+evaluate "combinations and repaired faults" combined $((count / 2)) $((seed + 500000)) --double-share 0.7 --repaired-share 0.35 --detour-share 0.5
 evaluate "the paper's hundred episodes" paper 100 $((seed + 800000)) --paper
 echo "pictures and stores: $work"

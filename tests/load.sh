@@ -69,7 +69,7 @@ drive() {
 figure() { sed -n "s/^$2 //p" "$work/$1.figures"; }
 
 echo "== recording what the oracle does in $tasks tasks" >&2
-"$reel" tasks draw --count "$tasks" --seed 7 --out "$work/tasks" >/dev/null
+"$reel" task draw --count "$tasks" --seed 7 --out "$work/tasks" >/dev/null
 "$reel" run --tasks "$work/tasks" --policy oracle --no-images --out "$work/calls" >/dev/null
 
 echo "== $sessions sessions, $acting acting for $seconds s, reel" >&2

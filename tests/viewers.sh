@@ -20,7 +20,7 @@ if [[ -z $rerun ]]; then
 fi
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$reel" tasks draw --count 4 --seed 7 --out "$work/tasks" >/dev/null
+"$reel" task draw --count 4 --seed 7 --out "$work/tasks" >/dev/null
 for policy in oracle planner gibberish; do
   "$reel" run --tasks "$work/tasks" --policy "$policy" --out "$work/traces" >/dev/null
 done

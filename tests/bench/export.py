@@ -161,7 +161,7 @@ class Bench:
     def export_run(self, images, *more):
         shutil.rmtree(self.out, ignore_errors=True)
         pictures = "png" if images else "none"
-        how = ["--format", "parquet", "--words", "recorded", "--images", pictures, *more]
+        how = ["--format", "parquet", "--annotations", "recorded", "--images", pictures, *more]
         return run([self.reel, "export", "sft", "--store", self.store, "--out", self.out, *how])
 
     def script(self, traces, way, images):

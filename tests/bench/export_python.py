@@ -1,4 +1,4 @@
-"""The work of `reel export sft --words recorded` in Python: MCAP traces into a training set with PyPI mcap, protobuf, datasets
+"""The work of `reel export sft --annotations recorded` in Python: MCAP traces into a training set with PyPI mcap, protobuf, datasets
 and Pillow.
 
 The yardstick that the export is measured against, tuned as its users would tune it: traces are read as `ingest_python.py` reads

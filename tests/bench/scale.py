@@ -42,9 +42,9 @@ def growth(reel, work, sizes, limit):
         if not store.exists():
             part = work / f"store-{size}.part"
             shutil.rmtree(part, ignore_errors=True)
-            steps["made"] = measured([reel, "tables", "synthesize", "--episodes", size, "--store", part])
-            steps["compacted"] = measured([reel, "tables", "compact", "--store", part])
-            measured([reel, "tables", "vacuum", "--store", part, "--retention-hours", 0])
+            steps["made"] = measured([reel, "store", "synthesize", "--episodes", size, "--store", part])
+            steps["compacted"] = measured([reel, "store", "compact", "--store", part])
+            measured([reel, "store", "vacuum", "--store", part, "--retention-hours", 0])
             part.rename(store)
         for question in QUESTIONS:
             steps[question] = measured([reel, "query", "--store", store, "--file", HERE / "sql" / f"{question}.sql", "--format", "csv"])

@@ -28,7 +28,7 @@ def ours(reel, store, question):
     """The answer; CPU seconds of a question asked again, peak bytes, CPU seconds of a process that is asked once."""
     with tempfile.NamedTemporaryFile(suffix=".json") as out:
         command = [reel, "query", "--store", store, "--json", "--out", out.name, "--file", HERE / "sql" / f"{question}.sql"]
-        told = subprocess.run([*command, "--timing", "--again", str(RUNS)], capture_output=True, text=True)
+        told = subprocess.run([*command, "--timing", "--repeat", str(RUNS)], capture_output=True, text=True)
         if told.returncode:
             sys.exit(f"{question}: reel query failed: {told.stderr}")
         rows = [tuple(row.values()) for row in json.load(out)]

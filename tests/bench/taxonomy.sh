@@ -6,7 +6,7 @@ source tests/bench/setup.sh
 for episodes in 10000 100000 1000000; do
   ((episodes <= ${EPISODES_MAX:-1000000})) || break
   store="$BENCH_DIR/taxonomy-$episodes"
-  [[ -d $store/labels ]] || "$REEL" tables synthesize --episodes "$episodes" --store "$store"
+  [[ -d $store/labels ]] || "$REEL" store synthesize --episodes "$episodes" --store "$store"
   echo "== $episodes episodes"
   TIMEFORMAT='%U s user, %S s system, %R s wall'
   time "$REEL" taxonomy --store "$store" | tail -1

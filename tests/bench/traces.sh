@@ -3,7 +3,7 @@
 record() {
   local traces="$BENCH_DIR/traces-$1" tasks="$BENCH_DIR/tasks-$2"
   [[ -d $traces ]] && return
-  "$REEL" tasks draw --count "$2" --out "$tasks"
+  "$REEL" task draw --count "$2" --out "$tasks"
   for policy in oracle planner wrong-object no-ask oscillating; do
     "$REEL" run --tasks "$tasks" --policy "$policy" --out "$traces.part" "${@:3}"
   done

@@ -130,7 +130,7 @@ class Lab:
         if not traces.exists():
             part = self.work / "traces.part"
             shutil.rmtree(part, ignore_errors=True)
-            self.must("tasks", "draw", "--count", math.ceil(count / len(POLICIES)), "--out", self.work / "tasks")
+            self.must("task", "draw", "--count", math.ceil(count / len(POLICIES)), "--out", self.work / "tasks")
             for policy in POLICIES:
                 self.must("run", "--tasks", self.work / "tasks", "--policy", policy, "--out", part, "--no-images")
             part.rename(traces)
@@ -185,9 +185,9 @@ def results(lab, count):
         lab.start_executor(name)
     where = "network namespaces" if lab.machines.apart else "processes of this machine"
     print(f"scheduler and three executors in {where}, {count} episodes in an S3-compatible store")
-    out = lab.must("copy", lab.work / "traces", "s3://reel/traces")
-    print(f"        reel copy: {out.strip()}")
-    out = lab.must("copy", lab.work / "traces", "s3://reel/traces")
+    out = lab.must("trace", "copy", lab.work / "traces", "s3://reel/traces")
+    print(f"        reel trace copy: {out.strip()}")
+    out = lab.must("trace", "copy", lab.work / "traces", "s3://reel/traces")
     lab.check("a second copy sends nothing", out.startswith("0 copied"), out)
 
     begin = time.monotonic()
@@ -204,7 +204,7 @@ def results(lab, count):
 
     # what some of the named queries want to be there
     store = ["--store", "s3://reel/store"]
-    rescored = lab.run("reward", *store, "--preset", "real-repo", "--json", cluster=True)
+    rescored = lab.run("store", "reward", *store, "--preset", "real-repo", "--json", cluster=True)
     local = lab.run("taxonomy", *store, "--json", "--dry-run")
     there = lab.run("taxonomy", *store, "--json", cluster=True)
     lab.check("taxonomy: same classes", sorted(local[1].splitlines()) == sorted(there[1].splitlines()) and local[0] == there[0] == 0 and local[1], there)
@@ -213,9 +213,9 @@ def results(lab, count):
     lab.check("blame: same causes", sorted(local[1].splitlines()) == sorted(there[1].splitlines()) and local[0] == there[0] and local[1], there[2])
 
     for what in [["--check"], ["--diff", "paper", "real-repo", "--json"], ["--diff", "paper", "real-repo"]]:
-        local, there = lab.run("reward", *store, *what), lab.run("reward", *store, *what, cluster=True)
+        local, there = lab.run("store", "reward", *store, *what), lab.run("store", "reward", *store, *what, cluster=True)
         lab.check(f"reward {' '.join(what)}: same", local[:2] == there[:2] and local[1], there)
-    local = lab.run("reward", "--store", "s3://reel/alone", "--preset", "real-repo", "--json")
+    local = lab.run("store", "reward", "--store", "s3://reel/alone", "--preset", "real-repo", "--json")
     lab.check("reward --preset: same figures", figures_of(local) == figures_of(rescored) is not None, (local, rescored))
 
     named = [line.split()[0] for line in lab.must("query", "--list").splitlines()]
@@ -281,7 +281,7 @@ def faults(lab, count):
     """Acceptance: dying machines and a bad store."""
     traces = lab.record(count)
     expected = lab.run("replay", traces, "--json")
-    lab.must("copy", traces, "s3://reel/traces")
+    lab.must("trace", "copy", traces, "s3://reel/traces")
 
     def trouble(what, seconds, trouble):
         """Replays while something happens after some seconds, and compares."""
@@ -350,7 +350,7 @@ def faults(lab, count):
 def bad_store(lab, count):
     """Acceptance: a store that is slow and fails now and then, for everybody."""
     traces = lab.record(count)
-    lab.must("copy", traces, "s3://reel/traces")
+    lab.must("trace", "copy", traces, "s3://reel/traces")
     sql = "SELECT count(*) AS n, sum(CASE WHEN replay(trace).verdict = 'exact' THEN 1 ELSE 0 END) AS exact FROM episodes"
     lab.start_scheduler()
     for name in EXECUTORS[:3]:

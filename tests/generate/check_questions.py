@@ -2,7 +2,7 @@
 
     python3 check_questions.py REEL LIBRARY.json SCENE.json FOLDER TRACES
 
-FOLDER has the task files that `reel tasks annotate` wrote, TRACES the episodes of the oracle. The episode has to ask what the plan
+FOLDER has the task files that `reel task annotate` wrote, TRACES the episodes of the oracle. The episode has to ask what the plan
 says, as often and in that order. What was said before a question (the instruction and earlier replies) has to leave at least two
 things possible for what it asks about, among them the right one, and with the reply exactly that one; in the end everything is told.
 No identifier may be spoken. Knows nothing of how Reel words or checks questions: an object is meant when every word of the

@@ -18,10 +18,10 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 echo "== $count tasks"
-time "$REEL" tasks generate "${scenes[@]}" --count "$count" --seed "$seed" --out "$work/made"
+time "$REEL" task generate "${scenes[@]}" --count "$count" --seed "$seed" --out "$work/made"
 
 echo "== in the published schema"
-"$REEL" tasks generate "${scenes[@]}" --count "$((count / 10))" --seed "$seed" --format real --out "$work/real"
+"$REEL" task generate "${scenes[@]}" --count "$((count / 10))" --seed "$seed" --format real --out "$work/real"
 if [[ -d $bench/tasks ]]; then
   "$python" tests/generate/real_schema.py "$bench/s7_scene.json" "$bench/tasks"
 else
@@ -43,8 +43,8 @@ for set in real made; do
 done
 
 echo "== with questions"
-"$REEL" tasks generate "${scenes[@]}" --count "${SOCIAL_COUNT:-270}" --seed "$seed" --out "$work/told"
-"$REEL" tasks annotate "$work/told" --seed "$seed" --out "$work/social"
+"$REEL" task generate "${scenes[@]}" --count "${SOCIAL_COUNT:-270}" --seed "$seed" --out "$work/told"
+"$REEL" task annotate "$work/told" --seed "$seed" --out "$work/social"
 for scene in "$work/social"/*.json; do
   folder="${scene%.json}" traces="$work/traces/social/$(basename "${scene%.json}")"
   "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$traces" --json >>"$work/social.jsonl" || true
@@ -55,7 +55,7 @@ done
 
 echo "== beside REAL-Bench"
 if [[ -d $bench/tasks ]]; then
-  "$REEL" tasks report "$work/made" --against "$bench/tasks"
+  "$REEL" task report "$work/made" --compare "$bench/tasks"
 else
-  "$REEL" tasks report "$work/made"
+  "$REEL" task report "$work/made"
 fi

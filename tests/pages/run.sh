@@ -57,11 +57,11 @@ trap 'exit 143' TERM
 if [[ ! -d $data/store ]]; then
   echo "recording episodes" >&2
   mkdir -p "$data"
-  "$reel" tasks draw --count 8 --seed 7 --out "$work/tasks" >/dev/null
+  "$reel" task draw --count 8 --seed 7 --out "$work/tasks" >/dev/null
   for policy in oracle planner; do
     "$reel" run --tasks "$work/tasks" --policy "$policy" --out "$data/traces" >/dev/null
   done
-  "$reel" faults run --tasks "$work/tasks" --out "$work/faulty" --count 12 --seed 4200 >/dev/null
+  "$reel" agent faults run --tasks "$work/tasks" --out "$work/faulty" --episodes 12 --seed 4200 >/dev/null
   find "$work/faulty" -name '*.mcap' -exec mv {} "$data/traces/" \;
   # Everything lies flat in the archive.
   find "$data/traces" -mindepth 2 -name '*.mcap' -exec mv {} "$data/traces/" \;
@@ -83,7 +83,7 @@ export PACKAGES=$folder
 if [[ ${1:-} == --large ]]; then
   store="${BENCH_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-bench}/synthetic-100000"
   if [[ ! -d $store/classes ]]; then
-    "$reel" tables synthesize --episodes 100000 --store "$store" >/dev/null
+    "$reel" store synthesize --episodes 100000 --store "$store" >/dev/null
     "$reel" taxonomy --store "$store" >/dev/null
   fi
   over large "$data" --store "$store"

@@ -305,7 +305,7 @@ def play(agent, decisions=None):
 
 def tasks(folder, count=6):
     """Tasks that Reel makes, the same every time."""
-    code, out, error = reel("tasks", "generate", "--count", count, "--seed", 3, "--out", folder)
+    code, out, error = reel("task", "generate", "--count", count, "--seed", 3, "--out", folder)
     assert code == 0, out + error
     return folder
 

@@ -250,7 +250,7 @@ def test_kill_loses_no_forwarded_call():
         recorder.stop(signal.SIGKILL)
         slow.set()
         [thread.join(30) for thread in threads]
-        code, out, error = reel("recover", recorder.out)
+        code, out, error = reel("trace", "recover", recorder.out)
         assert code == 0, out + error
         recorded = {}
         for trace in recorder.traces():
@@ -452,7 +452,7 @@ def test_pictures_of_any_size():
             assert until(lambda: recorder.traces())
             (trace,), left_out = recorder.traces(), kind == "image/gif"
             out = recorder.out / "pictures"
-            code, said, error = reel("frames", trace, "--out", out)
+            code, said, error = reel("trace", "frames", trace, "--out", out)
             assert ("1 pictures left out" in recorder.stop()) == left_out and ("image/gif" in recorder.log.read_text()) == left_out
             if left_out:
                 continue
@@ -499,9 +499,9 @@ def test_tables_beside_the_servers_own():
             for name, traces in (("own", own), ("recorded", recorded)):
                 store = folder / name
                 tables("ingest", *traces, "--store", store)
-                print(f"  {name}:", tables("reward", "--store", store, "--check").strip())
+                print(f"  {name}:", tables("store", "reward", "--store", store, "--check").strip())
                 for preset in ("paper", "real-repo"):
-                    tables("reward", "--store", store, "--preset", preset)
+                    tables("store", "reward", "--store", store, "--preset", preset)
                 print(f"  {name}:", tables("taxonomy", "--store", store).strip().splitlines()[-1])
                 asked = lambda sql: json.loads(tables("query", "--store", store, "--json", sql))
                 terms = """select e.task_id, r.preset, r.version, r.step, r.component, r.value, r.reason from rewards r

@@ -104,7 +104,7 @@ def store_of(traces, folder, report):
     live.reel("ingest", traces, "--store", folder)
     for preset in PRESETS:
         try:
-            live.reel("reward", "--store", folder, "--preset", preset)
+            live.reel("store", "reward", "--store", folder, "--preset", preset)
         except RuntimeError as error:
             report.check(f"{folder.name} under {preset}", False, str(error))
     return episodes_of(folder)

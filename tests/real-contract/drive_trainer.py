@@ -185,7 +185,7 @@ def compare_rewards(traces, folder, records, report, label):
     """Compares what our client was paid with what Reel pays under its preset, step by step."""
     store = folder / "store"
     live.reel("ingest", traces, "--store", store)
-    live.reel("reward", "--store", store, "--preset", PRESET)
+    live.reel("store", "reward", "--store", store, "--preset", PRESET)
     sql = (
         "SELECT e.episode_id AS episode, e.task_id AS task, r.step AS step, sum(r.value) AS reward FROM episodes e "
         f"JOIN rewards r ON r.episode_id = e.episode_id AND r.preset = '{PRESET}' GROUP BY 1, 2, 3 ORDER BY 1, 3"

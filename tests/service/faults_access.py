@@ -123,7 +123,7 @@ def fault_worlds_apart():
 
 def token(server_data, name, *roles):
     """A new token."""
-    code, out, err = reel("token", "create", name, "--data", server_data, *(f"--role={role}" for role in roles))
+    code, out, err = reel("server", "token", "create", name, "--data", server_data, *(f"--role={role}" for role in roles))
     assert code == 0, err
     return re.search(r"reel_[0-9a-f]{64}", out)[0]
 
@@ -212,7 +212,7 @@ def fault_tokens():
             # Revoked: within two seconds, and for those who are already in.
             agent = Agent(server, headers={"authorization": f"Bearer {gone}"})
             agent.call("finish")
-            assert reel("token", "revoke", "gone", "--data", data)[0] == 0
+            assert reel("server", "token", "revoke", "gone", "--data", data)[0] == 0
             begun = time.monotonic()
             while head_of(server, "GET", "/api/traces", {"authorization": f"Bearer {gone}"}) != 401:
                 assert time.monotonic() - begun < 2 + LATE_S, "a revoked token still works"
@@ -252,7 +252,7 @@ def fault_last_token():
         token(data, "only", "admin")
         with serving(folder=folder) as server:
             assert server.request("GET", "/api/traces")[0] == 401
-            assert reel("token", "revoke", "only", "--data", data)[0] == 0
+            assert reel("server", "token", "revoke", "only", "--data", data)[0] == 0
             time.sleep(2)
             status = server.request("GET", "/api/traces")[0]
             assert status == 401, "the last token was revoked, and now everybody may everything"

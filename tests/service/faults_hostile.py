@@ -155,7 +155,7 @@ def fault_hostile_calls():
         kept = [step["input"]["call"] for path in sorted(whole.values()) for step in steps(path)]
         kept = [(call["name"], call["arguments"]) for call in kept if call["name"] != "finish"]
         assert kept == sent, "the tape holds other calls"
-        code, out, err = reel("doctor", *whole.values())
+        code, out, err = reel("trace", "doctor", *whole.values())
         assert code == 0, out[-2000:]
         exact(*whole.values())
 
@@ -281,7 +281,7 @@ def fault_hostile_requests():
             agent.call("ask", question="q")
             agent.call("finish")
         assert not wrong, f"{len(wrong)} of {len(requests)}: {wrong}"
-        code, out, _ = reel("doctor", *server.traces())
+        code, out, _ = reel("trace", "doctor", *server.traces())
         assert code == 0, out[-1500:]
 
 

@@ -20,7 +20,7 @@ from harness import Agent, Skipped, reel, until
 
 
 def fault_kill_under_load():
-    """SIGKILL in the middle of sixteen agents, again and again: `reel recover`, and by turns the next server, restores every call
+    """SIGKILL in the middle of sixteen agents, again and again: `reel trace recover`, and by turns the next server, restores every call
     that was answered; doctor rejects no trace, and every one replays bit for bit."""
     with tempfile.TemporaryDirectory(prefix="reel-faults-") as folder:
         traces = pathlib.Path(folder) / "data" / "traces"
@@ -34,7 +34,7 @@ def fault_kill_under_load():
                 for player in found:
                     player.join(70)
                     assert player.error, "an agent did not notice that its server is gone"
-            torn = [json.loads(line) for line in reel("doctor", "--json", traces)[1].splitlines()]
+            torn = [json.loads(line) for line in reel("trace", "doctor", "--json", traces)[1].splitlines()]
             for trace in torn:
                 words = " ".join(finding["what"] for finding in trace["findings"])
                 if words == "the state after settling":
@@ -51,7 +51,7 @@ def fault_kill_under_load():
                     for player in found:
                         player.compare(run, names, lambda name: server.json("GET", f"/api/traces/{name}/steps")[1])
             else:
-                code, out, err = reel("recover", "--json", traces)
+                code, out, err = reel("trace", "recover", "--json", traces)
                 assert code in (0, 3), f"recover: {code} {err}"
                 lost = [text for line in out.splitlines() for text in json.loads(line)["lost"]]
                 assert all("was under way" in text for text in lost), f"more is lost than what was under way: {lost}"
@@ -60,7 +60,7 @@ def fault_kill_under_load():
                     list(pool.map(lambda player: player.compare(run, names, lambda name: steps(traces / f"{name}.mcap")), found))
             whole = sorted(traces.glob(f"{run}--*.mcap"))
             assert len(whole) >= 16, whole
-            code, out, err = reel("doctor", *whole)
+            code, out, err = reel("trace", "doctor", *whole)
             assert code == 0, f"doctor: {out[-2000:]}{err}"
             exact(*whole)
 
@@ -229,13 +229,13 @@ def fault_disk_full():
                 assert not agent.call("ask", question="with room")["isError"]
                 status, answer = server.json("PUT", "/api/traces/uploaded", sample.read_bytes())
                 assert status == 201, (status, answer)
-            code, out, err = reel("recover", disk)
+            code, out, err = reel("trace", "recover", disk)
             assert code in (0, 3), f"{code} {out}{err}"
             (restored,) = disk.glob("full--w-a--0000--*.mcap")
             kept = [step["input"]["call"]["arguments"]["question"] for step in steps(restored)]
             assert kept == asked, f"answered were {asked}, restored is {kept}"
             whole = list(disk.glob("*.mcap"))
-            code, out, err = reel("doctor", *whole)
+            code, out, err = reel("trace", "doctor", *whole)
             assert code == 0, out
             exact(*whole)
 
@@ -317,7 +317,7 @@ def fault_file_too_large():
         (restored,) = [path for path in server.traces() if "--0000--" in path.name]
         kept = steps(restored)
         assert len(kept) == answered, f"{answered} calls were answered, {len(kept)} are restored"
-        assert reel("doctor", *server.traces())[0] == 0
+        assert reel("trace", "doctor", *server.traces())[0] == 0
 
 
 def fault_upload_breaks_off():

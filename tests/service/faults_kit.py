@@ -90,8 +90,8 @@ def steps(trace):
 
 
 def healthy(folder):
-    """Nothing of a folder is rejected by `reel doctor`."""
-    code, out, err = reel("doctor", folder)
+    """Nothing of a folder is rejected by `reel trace doctor`."""
+    code, out, err = reel("trace", "doctor", folder)
     assert code == 0, f"doctor: {code} {out[-2000:]}{err[-500:]}"
 
 

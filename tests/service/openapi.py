@@ -154,7 +154,7 @@ def record(folder):
         return out
 
     tasks, traces = folder / "tasks", folder / "data" / "traces"
-    made("tasks", "generate", "--count", 4, "--seed", 3, "--out", tasks)
+    made("task", "generate", "--count", 4, "--seed", 3, "--out", tasks)
     episodes = []
     for policy, images in (("oracle", []), ("wrong-object", ["--no-images"])):
         lines = made("run", "--tasks", tasks, "--policy", policy, *images, "--out", traces, "--json").splitlines()
@@ -410,7 +410,7 @@ def tokens(data):
     """Tokens by name: who may do everything, who may only play or read, who is in a hurry."""
     made = {}
     for name, role in (("admin", "admin"), ("actor", "act"), ("reader", "read"), ("hasty", "admin")):
-        code, out, err = reel("token", "create", name, "--role", role, "--data", data, "--json")
+        code, out, err = reel("server", "token", "create", name, "--role", role, "--data", data, "--json")
         if code != 0:
             raise RuntimeError(f"no token: {err}")
         made[name] = json.loads(out)["token"]

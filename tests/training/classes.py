@@ -122,7 +122,7 @@ def meant(phrase, places):
 
 
 def wordings():
-    """How `reel tasks draw` words instructions, out of its source."""
+    """How `reel task draw` words instructions, out of its source."""
     source = (pathlib.Path(__file__).parents[2] / "src/tasks/src/wording.rs").read_text(encoding="utf-8")
     templates = re.search(r"const TEMPLATES: .*?= &\[\n(.*?)\n\];", source, flags=re.DOTALL).group(1)
     return re.findall(r'"([^"]+)"', templates)

@@ -38,7 +38,7 @@ play() {
   [[ -d $traces ]] && return
   rm -rf "$traces.part" "$tasks"
   "$PYTHON" $here/scenes.py src/tasks/src/data/home.json "$data/scenes" "$1"
-  "$REEL" tasks draw --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
+  "$REEL" task draw --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
   "$REEL" run --scene "$scene" --tasks "$tasks" --policy oracle --no-images --out "$traces.part" >/dev/null
   mv "$traces.part" "$traces"
   rm -rf "$data/store" "$data/set" "$data/training.pickle"
@@ -53,7 +53,7 @@ if [[ ! -d $data/set ]]; then
   for seed in $train $report; do homes+=("$data/traces/home_$seed"); done
   "$REEL" ingest "${homes[@]}" --store "$data/store" >/dev/null
   # They were recorded a moment ago by this binary; that traces replay is proved elsewhere (`make determinism`).
-  "$REEL" export sft --store "$data/store" --format trl --style multi-turn --words rules --images none \
+  "$REEL" export sft --store "$data/store" --format trl --style multi-turn --annotations rules --image-format none \
     --no-replay --allow-unverified --out "$data/set.part" >/dev/null
   mv "$data/set.part" "$data/set"
 fi

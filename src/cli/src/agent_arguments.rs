@@ -21,10 +21,10 @@ pub struct AgentArguments {
     #[arg(long, value_name = "URL")]
     endpoint: Option<String>,
     /// The agent's model at the endpoint
-    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    #[arg(long, value_name = "NAME")]
     model: Option<String>,
     /// Environment variable that holds the endpoint's key, where one is needed
-    #[arg(long, value_name = "VARIABLE", requires = "endpoint")]
+    #[arg(long = "api-key-env", alias = "key-from", value_name = "VARIABLE")]
     key_from: Option<String>,
     #[command(flatten)]
     prompt: PromptArguments,
@@ -36,10 +36,10 @@ pub struct AgentArguments {
     max_tokens: u32,
     /// Record the log-probabilities of the tokens that the agent writes, where
     /// the endpoint gives them
-    #[arg(long, requires = "endpoint")]
+    #[arg(long)]
     pub logprobs: bool,
     /// Further fields of every request, as a JSON object; null takes a field away
-    #[arg(long, value_name = "JSON")]
+    #[arg(long = "extra-body", alias = "request", value_name = "JSON")]
     request: Option<String>,
     /// How long the endpoint may take for one answer, in seconds
     #[arg(long, value_name = "S", default_value_t = 120.0)]
@@ -49,14 +49,14 @@ pub struct AgentArguments {
     #[arg(long, value_name = "N", default_value_t = 4)]
     retries: u32,
     /// The user who answers `ask` is this model at the endpoint; without it the rules answer
-    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    #[arg(long, value_name = "NAME")]
     user_model: Option<String>,
     /// What `show_object_by_category` means is looked up by this embedding model at the endpoint;
     /// without it the vocabulary says
-    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    #[arg(long = "embedding-model", alias = "match-model", value_name = "NAME")]
     match_model: Option<String>,
     /// Cosine similarity from which a category is meant
-    #[arg(long, value_name = "S", default_value_t = SIMILARITY_DEFAULT, requires = "match_model")]
+    #[arg(long = "min-similarity", alias = "match-similarity", value_name = "S", default_value_t = SIMILARITY_DEFAULT, requires = "match_model")]
     match_similarity: f32,
 }
 
@@ -116,6 +116,7 @@ impl AgentArguments {
                     .with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
                 Some((style, client(model, self.max_tokens, self.logprobs)?))
             }
+            None if self.logprobs => bail!("--logprobs needs an agent that a model drives"),
             None => None,
         };
         let user = self
@@ -142,7 +143,8 @@ impl AgentArguments {
         let Some(text) = &self.request else {
             return Ok(Map::new());
         };
-        serde_json::from_str(text).context("--request must be a JSON object, like '{\"top_p\": 1}'")
+        serde_json::from_str(text)
+            .context("--extra-body must be a JSON object, like '{\"top_p\": 1}'")
     }
 }
 

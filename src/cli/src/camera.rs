@@ -3,7 +3,7 @@
 use reel_replay::Viewpoint;
 use reel_world::Task;
 
-/// Where pictures are taken from.
+/// Where images are taken from.
 #[derive(clap::Args)]
 pub struct Camera {
     /// head (what the agent saw), top-down (all of the home), follow:OBJECT (near an object,
@@ -20,7 +20,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Whether pictures are those that the agent saw.
+    /// Whether images are those that the agent saw.
     pub fn is_head(&self) -> bool {
         self.camera == "head"
     }

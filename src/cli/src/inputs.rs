@@ -81,10 +81,50 @@ impl Tasks {
     }
 }
 
-/// The tasks of a file or folder, in the scene given, or each in the scene of its `scene_id`: one
-/// beside the tasks, or one that comes with Reel. Files that fail to load are named and left out.
-pub fn tasks(path: &Path, scene: Option<&Path>, listed: ObjectOrder) -> anyhow::Result<Tasks> {
-    let loaded = reel_tasks::load_with(path, &scene_source(scene)?, listed);
+/// Which scene tasks play in.
+#[derive(clap::Args, Clone, Default)]
+pub struct SceneArguments {
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
+    /// one that each task names, found beside the tasks, in the folders of --scene-dir, or among
+    /// those that come with Reel
+    #[arg(long, value_name = "SCENE")]
+    pub scene: Option<PathBuf>,
+    /// Folders with scene files for tasks that have none beside them [env: REEL_SCENES]
+    #[arg(long, value_name = "DIR", value_delimiter = ',')]
+    pub scene_dir: Vec<PathBuf>,
+}
+
+impl SceneArguments {
+    /// The scene of `--scene`, if one is named.
+    pub fn fixed(&self) -> anyhow::Result<Option<Arc<Scene>>> {
+        let named = self.scene.as_deref();
+        named.map(|path| scene(Some(path))).transpose()
+    }
+
+    /// Where the scenes of tasks come from.
+    pub fn source(&self) -> anyhow::Result<SceneSource> {
+        Ok(match self.fixed()? {
+            Some(scene) => SceneSource::Fixed(scene),
+            None => SceneSource::ById {
+                built_in: reel_tasks::generate::scene::by_id,
+                folders: self.scene_dir.clone(),
+            },
+        })
+    }
+
+    /// The flags that these stand for, for a command line to print or run.
+    pub fn flags(&self) -> Vec<String> {
+        let dirs = self.scene_dir.iter().map(|folder| ("--scene-dir", folder));
+        let flags = self.scene.iter().map(|path| ("--scene", path)).chain(dirs);
+        flags
+            .flat_map(|(flag, path)| [flag.to_owned(), path.display().to_string()])
+            .collect()
+    }
+}
+
+/// The tasks of a file or folder with their scenes. Files that fail to load are named and left out.
+pub fn tasks(path: &Path, scene: &SceneArguments, listed: ObjectOrder) -> anyhow::Result<Tasks> {
+    let loaded = reel_tasks::load_with(path, &scene.source()?, listed);
     for warning in &loaded.warnings {
         eprintln!("reel: {warning}");
     }
@@ -95,13 +135,13 @@ pub fn tasks(path: &Path, scene: Option<&Path>, listed: ObjectOrder) -> anyhow::
     if report.broken.len() > BROKEN_SHOWN {
         let more = report.broken.len() - BROKEN_SHOWN;
         eprintln!(
-            "reel: {more} more files failed to load; `reel tasks check {}` names them",
+            "reel: {more} more files failed to load; `reel task check {}` names them",
             path.display()
         );
     }
     if report.tasks.is_empty() {
         bail!(
-            "no task could be loaded from {}; `reel tasks check {0}` says more",
+            "no task could be loaded from {}; `reel task check {0}` says more",
             path.display()
         );
     }
@@ -111,15 +151,6 @@ pub fn tasks(path: &Path, scene: Option<&Path>, listed: ObjectOrder) -> anyhow::
         scenes: loaded.scenes,
         broken: report.broken.len(),
     })
-}
-
-/// Where the scenes of tasks come from: the scene of `--scene`, or what their files name.
-pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
-    let given = scene.map(|path| self::scene(Some(path))).transpose()?;
-    Ok(given.map_or(
-        SceneSource::ById(reel_tasks::generate::scene::by_id),
-        SceneSource::Fixed,
-    ))
 }
 
 /// The trace files among the paths: files as given, folders, also those in buckets,

@@ -12,13 +12,15 @@ mod cost;
 mod inputs;
 #[cfg(feature = "service")]
 mod model;
+mod names;
 mod progress;
 #[cfg(feature = "service")]
 mod prompt;
+mod settings;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 /// Analytics and the service allocate much and from several threads. The second version of mimalloc
 /// gives memory back soon.
@@ -26,13 +28,14 @@ use clap::{Parser, Subcommand};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Record, replay and ask about the episodes of embodied agents.
+/// Record what embodied agents do, replay it bit for bit, and ask why it failed.
 ///
-/// A first round, on tasks that Reel makes itself:
-///   reel tasks generate --count 8 --out tasks
-///   reel run --tasks tasks --policy oracle --out traces
+/// A first round, on tasks that Reel generates:
+///   reel task generate --count 8 --out tasks
+///   reel run --tasks tasks --policy planner --out traces
 ///   reel replay traces
-///   reel show traces/<episode>.mcap
+///   reel ingest traces --store store
+///   reel query --store store --named benchmark
 #[derive(Parser)]
 #[command(
     name = "reel",
@@ -47,201 +50,110 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    #[command(about = "Play tasks with a policy and record every episode as a trace")]
+    #[command(about = "Play tasks in the simulator with a policy, and record every episode")]
     Run(commands::run::Arguments),
-    #[command(about = "Benchmark an agent, built in or driven by a model, or compare two")]
+    #[command(
+        about = "Benchmark an agent's success on tasks, or compare two; `reel dev perf` measures Reel's speed"
+    )]
     #[cfg(feature = "service")]
     Bench(commands::bench::Arguments),
-    #[command(
-        about = "Play tasks with a policy that makes mistakes on purpose, and label what went wrong"
-    )]
-    Faults(commands::faults::Arguments),
-    #[command(about = "Re-execute traces and compare every digest, picture and text")]
-    Replay(commands::replay::Arguments),
-    #[command(
-        about = "Replay a corpus with this build and another, and list which outcomes change"
-    )]
-    Gate(commands::gate::Arguments),
-    #[command(about = "Write golden traces anew, for a reason")]
-    Mint(commands::mint::Arguments),
-    #[command(about = "Print a trace as a readable transcript")]
-    Show(commands::show::Arguments),
-    #[command(about = "Play another future of a recorded episode, from any call")]
-    Branch(commands::branch::Arguments),
-    #[command(
-        about = "Measure why episodes failed: the step that decided, and what would have been better"
-    )]
-    Blame(commands::blame::Arguments),
-    #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
-    Repair(commands::repair::Arguments),
-    #[command(about = "Show two traces of one task side by side, from the first difference on")]
-    Diff(commands::diff::Arguments),
-    #[command(about = "Restore what unfinished, torn or damaged recordings hold")]
-    Recover(commands::recover::Arguments),
-    #[command(about = "Check traces: checksums, index, schemas, order, hash chain, pictures")]
-    Doctor(commands::doctor::Arguments),
-    #[command(about = "Write the pictures of a trace as PNG files, and a contact sheet")]
-    Frames(commands::frames::Arguments),
-    #[command(about = "Write an episode as moving pictures, with the calls as captions")]
-    Video(commands::video::Arguments),
-    #[command(about = "Open an episode in Rerun, or in its web viewer")]
-    #[cfg(feature = "rerun")]
-    View(commands::view::Arguments),
-    #[command(about = "Turn what other frameworks recorded into traces")]
-    Import(commands::import::Arguments),
-    #[command(about = "Read traces into a store of tables")]
+    #[command(about = "Record, replay, query and explain 210 episodes, on embedded defaults")]
     #[cfg(feature = "analytics")]
-    Ingest(commands::ingest::Arguments),
-    #[command(about = "Ask a store in SQL, by text or by a named query")]
-    #[cfg(feature = "analytics")]
-    Query(commands::query::Arguments),
-    #[command(about = "Copy traces to buckets, and back")]
-    #[cfg(feature = "analytics")]
-    Copy(commands::copy::Arguments),
-    #[command(about = "Answer questions with many machines")]
-    #[cfg(feature = "cluster")]
-    Cluster(commands::cluster::Arguments),
-    #[command(about = "Score the episodes of a store again, under any reward preset")]
-    #[cfg(feature = "analytics")]
-    Reward(commands::reward::Arguments),
-    #[command(about = "Compute the GSPO objective of two recorded policies over the same tokens")]
-    #[cfg(feature = "analytics")]
-    Gspo(Box<commands::gspo::Arguments>),
-    #[command(
-        about = "List the log-probabilities of recorded tokens, and add those of other policies"
-    )]
-    Logprobs(commands::logprobs::Arguments),
-    #[command(about = "Write reasoning and History for traces that came without words")]
-    #[cfg(feature = "analytics")]
-    Annotate(commands::annotate::Arguments),
-    #[command(
-        about = "Look into training sets, ours and others': what is wrong, what an example looks like"
-    )]
-    #[cfg(feature = "analytics")]
-    Dataset(commands::dataset::Arguments),
-    #[command(about = "Say why episodes failed, and how often that is right")]
-    #[cfg(feature = "analytics")]
-    Taxonomy(commands::taxonomy::Arguments),
-    #[command(about = "Keep what people say about failed episodes")]
-    #[cfg(feature = "analytics")]
-    Label(commands::label::Arguments),
-    #[command(about = "Write a store as one HTML file: rates, reasons, examples with pictures")]
-    #[cfg(feature = "analytics")]
-    Report(commands::report::Arguments),
-    #[command(about = "Look after a store: versions, quarantine, compaction, vacuum")]
-    #[cfg(feature = "analytics")]
-    Tables(commands::tables::Arguments),
-    #[command(about = "Drop the pictures of traces; digests stay")]
-    Compact(commands::repack::Compact),
-    #[command(about = "Draw the pictures of lean traces again")]
-    Expand(commands::repack::Expand),
-    #[command(about = "Write training sets and recordings for other tools")]
-    Export(commands::export::Arguments),
-    #[command(about = "Check or make task files")]
-    Tasks(commands::tasks::Arguments),
-    #[command(about = "Check a folder of meshes of objects")]
-    Assets(commands::assets::Arguments),
-    #[command(about = "List, make, check and draw scenes")]
-    Scene(commands::scene::Arguments),
-    #[command(about = "Serve live worlds to agents (MCP), and episodes to people (REST)")]
+    Demo(commands::demo::Arguments),
+    #[command(about = "Serve worlds to agents (MCP), and episodes to people (web pages, REST)")]
     #[cfg(feature = "service")]
     Serve(commands::serve::Arguments),
     #[command(about = "Serve one agent over standard input and output (MCP)")]
     #[cfg(feature = "service")]
     Mcp(commands::serve::Mcp),
-    #[command(
-        about = "Stand in for a model: recorded decisions on the OpenAI protocol, with trouble on request"
-    )]
-    #[cfg(feature = "service")]
-    MockLlm(commands::mock_llm::Arguments),
-    #[command(about = "Stand between an agent and any tool server (MCP), and record what goes by")]
+    #[command(about = "Record any MCP server: a proxy between an agent and its tool server")]
     #[cfg(feature = "service")]
     Record(commands::record::Arguments),
-    #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
-    #[cfg(feature = "service")]
-    Token(commands::token::Arguments),
-    #[command(about = "Check a configuration of `reel serve`, or print the default")]
-    #[cfg(feature = "service")]
-    Config(commands::config::Arguments),
-    #[command(about = "The whole loop on embedded defaults: run, replay, ingest, query, picture")]
+    #[command(about = "Print a trace as a readable transcript")]
+    Show(commands::show::Arguments),
+    #[command(about = "Open an episode in Rerun, or in its web viewer")]
+    #[cfg(feature = "rerun")]
+    View(commands::view::Arguments),
+    #[command(about = "Execute traces again and compare every digest, frame and text")]
+    Replay(commands::replay::Arguments),
+    #[command(about = "Play another future of a recorded episode, from any call")]
+    Branch(commands::branch::Arguments),
+    #[command(about = "Show two traces of one task side by side, from the first difference on")]
+    Diff(commands::diff::Arguments),
+    #[command(
+        about = "Measure which call decided a failed episode, and what would have been better"
+    )]
+    Blame(commands::blame::Arguments),
+    #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
+    Repair(commands::repair::Arguments),
+    #[command(
+        about = "Classify the failed episodes of a store, and measure how often that is right"
+    )]
     #[cfg(feature = "analytics")]
-    Demo(commands::demo::Arguments),
-    #[command(about = "Measure: physics, pictures, episodes, replay, trace bytes")]
-    Perf(commands::perf::Arguments),
+    Taxonomy(commands::taxonomy::Arguments),
+    #[command(about = "Write a store as one HTML file: rates, reasons, examples with frames")]
+    #[cfg(feature = "analytics")]
+    Report(commands::report::Arguments),
+    #[command(about = "Convert what other frameworks and robots recorded into traces")]
+    Import(commands::import::Arguments),
+    #[command(about = "Read traces into a store of tables")]
+    #[cfg(feature = "analytics")]
+    Ingest(commands::ingest::Arguments),
+    #[command(about = "Query a store in SQL, by text or by the name of a query")]
+    #[cfg(feature = "analytics")]
+    Query(commands::query::Arguments),
+    #[command(about = "Write training sets, and recordings for other tools")]
+    Export(commands::export::Arguments),
+    #[command(
+        about = "Trace files: doctor, recover, compact, expand, copy, frames, video, logprobs"
+    )]
+    Trace(commands::trace::Arguments),
+    #[command(about = "Stores: list, history, quarantine, compact, vacuum, reward, label")]
+    #[cfg(feature = "analytics")]
+    Store(commands::store::Arguments),
+    #[command(about = "Training sets: lint, show, annotate, gspo")]
+    #[cfg(feature = "analytics")]
+    Dataset(commands::dataset::Arguments),
+    #[command(about = "Task files: check, generate, draw, annotate, report, real-bench")]
+    Task(commands::task::Arguments),
+    #[command(
+        about = "Scenes and meshes: list, show, generate, check, objects, plan, check-assets"
+    )]
+    Scene(commands::scene::Arguments),
+    #[command(about = "Agents to test with: faults, mock-llm")]
+    Agent(commands::agent::Arguments),
+    #[command(about = "Set up `reel serve`: token, config")]
+    #[cfg(feature = "service")]
+    Server(commands::server::Arguments),
+    #[command(about = "Share work between machines: scheduler, executor")]
+    #[cfg(feature = "cluster")]
+    Cluster(commands::cluster::Arguments),
+    #[command(about = "Work on Reel itself: gate, mint, perf")]
+    Dev(commands::dev::Arguments),
+    #[command(
+        about = "Show the values of reel.toml and the environment, and where each comes from"
+    )]
+    Config(commands::config::Arguments),
+    #[command(about = "Print completions for bash, zsh, fish, elvish or PowerShell")]
+    Completions(commands::setup::Completions),
+    #[command(about = "Write a man page for every command")]
+    Man(commands::setup::Man),
 }
 
 fn main() -> ExitCode {
     end_with_the_reader();
     #[cfg(feature = "analytics")]
     reel_trace::install_remote_fs(Box::new(inputs::buckets()));
-    let result = match Arguments::parse().command {
-        Command::Run(arguments) => commands::run::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Bench(arguments) => commands::bench::run(&arguments),
-        Command::Faults(arguments) => commands::faults::run(&arguments),
-        Command::Replay(arguments) => commands::replay::run(&arguments),
-        Command::Gate(arguments) => commands::gate::run(&arguments),
-        Command::Mint(arguments) => commands::mint::run(&arguments),
-        Command::Show(arguments) => commands::show::run(&arguments),
-        Command::Branch(arguments) => commands::branch::run(&arguments),
-        Command::Blame(arguments) => commands::blame::run(&arguments),
-        Command::Repair(arguments) => commands::repair::run(&arguments),
-        Command::Diff(arguments) => commands::diff::run(&arguments),
-        Command::Recover(arguments) => commands::recover::run(&arguments),
-        Command::Doctor(arguments) => commands::doctor::run(&arguments),
-        Command::Frames(arguments) => commands::frames::run(&arguments),
-        Command::Video(arguments) => commands::video::run(&arguments),
-        #[cfg(feature = "rerun")]
-        Command::View(arguments) => commands::view::run(&arguments),
-        Command::Import(arguments) => commands::import::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Ingest(arguments) => commands::ingest::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Query(arguments) => commands::query::run(&arguments),
-        #[cfg(feature = "cluster")]
-        Command::Cluster(arguments) => commands::cluster::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Reward(arguments) => commands::reward::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Gspo(arguments) => commands::gspo::run(&arguments),
-        Command::Logprobs(arguments) => commands::logprobs::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Annotate(arguments) => commands::annotate::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Dataset(arguments) => commands::dataset::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Label(arguments) => commands::label::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Report(arguments) => commands::report::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Tables(arguments) => commands::tables::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Copy(arguments) => commands::copy::run(&arguments),
-        Command::Compact(arguments) => commands::repack::compact(&arguments),
-        Command::Expand(arguments) => commands::repack::expand(&arguments),
-        Command::Export(arguments) => commands::export::run(&arguments),
-        Command::Tasks(arguments) => commands::tasks::run(&arguments),
-        Command::Assets(arguments) => commands::assets::run(&arguments),
-        Command::Scene(arguments) => commands::scene::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Serve(arguments) => commands::serve::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Mcp(arguments) => commands::serve::mcp(&arguments),
-        #[cfg(feature = "service")]
-        Command::MockLlm(arguments) => commands::mock_llm::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Record(arguments) => commands::record::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Token(arguments) => commands::token::run(&arguments),
-        #[cfg(feature = "service")]
-        Command::Config(arguments) => commands::config::run(&arguments),
-        #[cfg(feature = "analytics")]
-        Command::Demo(arguments) => commands::demo::run(&arguments),
-        Command::Perf(arguments) => commands::perf::run(&arguments),
-    };
-    match result {
+    let settings = settings::Settings::load();
+    let mut command_line = names::command_line();
+    if let Ok(settings) = &settings {
+        command_line = settings.apply(command_line);
+    }
+    let parsed = command_line
+        .try_get_matches_from(names::current(std::env::args_os()))
+        .and_then(|matches| Arguments::from_arg_matches(&matches));
+    let command = parsed.unwrap_or_else(|error| error.exit()).command;
+    match settings.and_then(|settings| run(command, &settings)) {
         Ok(answer) => answer.into(),
         #[cfg(feature = "cluster")]
         Err(error)
@@ -258,6 +170,59 @@ fn main() -> ExitCode {
             eprintln!("reel: {error:#}");
             ExitStatus::BadInput.into()
         }
+    }
+}
+
+fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitStatus> {
+    match command {
+        Command::Run(arguments) => commands::run::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Bench(arguments) => commands::bench::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Demo(arguments) => commands::demo::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Serve(arguments) => commands::serve::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Mcp(arguments) => commands::serve::mcp(&arguments),
+        #[cfg(feature = "service")]
+        Command::Record(arguments) => commands::record::run(&arguments),
+        Command::Show(arguments) => commands::show::run(&arguments),
+        #[cfg(feature = "rerun")]
+        Command::View(arguments) => commands::view::run(&arguments),
+        Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Branch(arguments) => commands::branch::run(&arguments),
+        Command::Diff(arguments) => commands::diff::run(&arguments),
+        Command::Blame(arguments) => commands::blame::run(&arguments),
+        Command::Repair(arguments) => commands::repair::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Report(arguments) => commands::report::run(&arguments),
+        Command::Import(arguments) => commands::import::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Ingest(arguments) => commands::ingest::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Query(arguments) => commands::query::run(&arguments),
+        Command::Export(arguments) => commands::export::run(&arguments),
+        Command::Trace(arguments) => commands::trace::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Store(arguments) => commands::store::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Dataset(arguments) => commands::dataset::run(&arguments),
+        Command::Task(arguments) => commands::task::run(&arguments),
+        Command::Scene(arguments) => commands::scene::run(&arguments),
+        Command::Agent(arguments) => commands::agent::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Server(arguments) => commands::server::run(&arguments),
+        #[cfg(feature = "cluster")]
+        Command::Cluster(arguments) => commands::cluster::run(&arguments),
+        Command::Dev(arguments) => commands::dev::run(&arguments),
+        Command::Completions(arguments) => Ok(commands::setup::completions(
+            &arguments,
+            Arguments::command(),
+        )),
+        Command::Man(arguments) => commands::setup::man(&arguments, Arguments::command()),
+        Command::Config(arguments) => Ok(commands::config::run(&arguments, settings)),
     }
 }
 

@@ -6,19 +6,20 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
+use anyhow::Context;
 use reel_llm::client::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
 
 /// The model to ask, behind an OpenAI-compatible endpoint.
 #[derive(clap::Args)]
 pub struct Model {
-    /// Address up to `/v1`
+    /// OpenAI-compatible endpoint of the model, up to /v1
     #[arg(long, value_name = "URL", requires = "model")]
     endpoint: Option<String>,
-    /// The model's name there
-    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    /// The model's name at the endpoint; without it no model is asked
+    #[arg(long, value_name = "NAME")]
     model: Option<String>,
-    /// Environment variable that holds the key, where one is needed
-    #[arg(long, value_name = "VARIABLE", requires = "endpoint")]
+    /// Environment variable that holds the endpoint's key, where one is needed
+    #[arg(long = "api-key-env", alias = "key-from", value_name = "VARIABLE")]
     key_from: Option<String>,
 }
 
@@ -26,9 +27,13 @@ impl Model {
     /// A client that keeps replies in a folder and adds every call to a file; none where
     /// no model was named.
     pub fn client(&self, cache: &Path, log: &Path) -> anyhow::Result<Option<Client>> {
-        let (Some(endpoint), Some(model)) = (&self.endpoint, &self.model) else {
+        let Some(model) = &self.model else {
             return Ok(None);
         };
+        let endpoint = self
+            .endpoint
+            .as_ref()
+            .context("--endpoint is missing: where the model is")?;
         let mut endpoint = Endpoint::new(endpoint, model);
         endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
         let client = Client::new(endpoint, Arc::new(RealClock))?;

@@ -320,7 +320,7 @@ fn tokens(
             episode_id: episode_id.to_owned(),
             step: Some(recorded[missing].step),
             reason: format!(
-                "policy '{policy}' scored other decisions of the episode, but not this one; add it with `reel logprobs add` and ingest the trace again"
+                "policy '{policy}' scored other decisions of the episode, but not this one; add it with `reel trace logprobs add` and ingest the trace again"
             ),
         });
     }

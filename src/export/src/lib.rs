@@ -47,7 +47,7 @@ pub enum AnnotationSource {
     Rules,
     /// Text as recorded; History sentences that the record contradicts are mended or dropped.
     Recorded,
-    /// Of the file beside each trace that `reel annotate` wrote.
+    /// Of the file beside each trace that `reel dataset annotate` wrote.
     Notes,
 }
 
@@ -195,7 +195,7 @@ pub enum ExportError {
     },
     /// No sequence of which an objective could be computed.
     #[error(
-        "no episode in a group has log-probabilities of {policies}; record them with `reel bench --logprobs`, add those of other policies with `reel logprobs add`, and ingest the traces again"
+        "no episode in a group has log-probabilities of {policies}; record them with `reel bench --logprobs`, add those of other policies with `reel trace logprobs add`, and ingest the traces again"
     )]
     NoSequences {
         /// The policies, as they are named.

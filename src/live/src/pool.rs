@@ -283,7 +283,7 @@ impl SessionPool {
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
                     ?left,
-                    "an episode could not be ended; `reel recover` restores it"
+                    "an episode could not be ended; `reel trace recover` restores it"
                 );
             }
         }

@@ -226,7 +226,7 @@ fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
     }
     let reason = format!(
         "its objects are meshes, which a trace does not hold: {}; name the folder they were recorded from by --assets DIR or \
-         REEL_ASSETS, and `reel assets check DIR` tells the digests in it",
+         REEL_ASSETS, and `reel scene check-assets DIR` tells the digests in it",
         wrong.join("; ")
     );
     Err(Verdict::Refused { reason })

@@ -78,7 +78,7 @@ impl Preset {
         json!({
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": "Reel reward preset",
-            "description": "A TOML file for `reel reward`: a base and what differs from it.",
+            "description": "A TOML file for `reel store reward`: a base and what differs from it.",
             "oneOf": bases,
         })
     }

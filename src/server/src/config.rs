@@ -414,10 +414,11 @@ impl Config {
         };
         let (mut tasks, scenes) = match &play.tasks {
             Some(path) => {
-                let source = given.map_or(
-                    SceneSource::ById(reel_tasks::generate::scene::by_id),
-                    SceneSource::Fixed,
-                );
+                let by_id = SceneSource::ById {
+                    built_in: reel_tasks::generate::scene::by_id,
+                    folders: Vec::new(),
+                };
+                let source = given.map_or(by_id, SceneSource::Fixed);
                 let loaded = reel_tasks::load_with(path, &source, ObjectOrder::AsWritten);
                 loaded
                     .warnings

@@ -144,7 +144,7 @@ fn authorize(
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
     let Some((_, token)) = token else {
         return Err(ApiError::unauthorized(
-            "a token is needed: Authorization: Bearer <token>; `reel token create` makes one",
+            "a token is needed: Authorization: Bearer <token>; `reel server token create` makes one",
         ));
     };
     let Some(entry) = app.tokens.find(token.trim()) else {

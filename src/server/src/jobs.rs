@@ -85,7 +85,7 @@ pub(crate) enum Set {
 }
 
 /// Options of exports that may come from outside: none names a file.
-const EXPORT_OPTIONS: [&str; 25] = [
+const EXPORT_OPTIONS: [&str; 31] = [
     "format",
     "style",
     "failed",
@@ -111,6 +111,12 @@ const EXPORT_OPTIONS: [&str; 25] = [
     "virtual-max",
     "no-images",
     "version",
+    "annotations",
+    "context-length",
+    "image-format",
+    "license",
+    "max-pixels",
+    "store-version",
 ];
 
 /// Where a job stands.
@@ -345,6 +351,7 @@ impl Paths {
                     return Err(ApiError::unprocessable("unknown_preset", text));
                 }
                 say(&[
+                    "store",
                     "reward",
                     "--json",
                     "--store",

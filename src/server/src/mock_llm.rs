@@ -1,4 +1,4 @@
-//! `reel mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on the
+//! `reel agent mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on the
 //! way where it is asked for.
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};

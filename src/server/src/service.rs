@@ -83,7 +83,7 @@ pub enum ServeError {
     Tokens(#[from] TokenError),
     /// The world could reach it, and there are no tokens.
     #[error(
-        "{0} is not a loopback address, and there are no tokens: whoever reaches it could do everything. Make one with `reel token create NAME --role act`, or listen on 127.0.0.1"
+        "{0} is not a loopback address, and there are no tokens: whoever reaches it could do everything. Make one with `reel server token create NAME --role act`, or listen on 127.0.0.1"
     )]
     Open(SocketAddr),
     /// The address cannot be taken.

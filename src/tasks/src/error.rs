@@ -76,8 +76,10 @@ pub enum TaskError {
     },
     /// The scene of a task was not found.
     #[error(
-        "{file}:{line}: its scene {scene_id} lies neither beside it nor in a folder above, and does not come with Reel; name its file \
-         with --scene, or let `reel tasks real-bench CHECKOUT --out DIR` rebuild a published one"
+        "{file}:{line}: its scene {scene_id} does not come with Reel, and no scene file (*.json) has this id in {} or their folders \
+         `scenes`; name its file with --scene, its folder as `scenes` in reel.toml, or let `reel task real-bench CHECKOUT --out DIR` \
+         rebuild a published one",
+        searched.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
     NoScene {
         /// The task file whose scene is missing.
@@ -86,6 +88,8 @@ pub enum TaskError {
         line: usize,
         /// The id of the scene that no file and no built-in scene has.
         scene_id: String,
+        /// The folders that were searched.
+        searched: Vec<std::path::PathBuf>,
     },
     /// Two files hold a task of the same name.
     #[error("{file}: task {task_id} stands in {first} already")]

@@ -1,6 +1,6 @@
-//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task
-//! or in a folder above, else among those that come with Reel. The one place that knows
-//! where scene files lie.
+//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task or in
+//! a folder above, else in a folder that the caller names, else among those that come with Reel.
+//! The one place that knows where scene files lie.
 
 use std::{
     collections::BTreeMap,
@@ -27,9 +27,14 @@ const FILES_MAX: usize = 4096;
 pub enum SceneSource {
     /// This scene, for all tasks.
     Fixed(Arc<Scene>),
-    /// The scene file beside the tasks that has the task's `scene_id`, else what the function
-    /// gives for the id.
-    ById(fn(&str) -> Option<Scene>),
+    /// The scene file that has the task's `scene_id`: beside the tasks or above, else in one of
+    /// the folders, else what the function gives for the id.
+    ById {
+        /// The scene that comes with Reel under an id.
+        built_in: fn(&str) -> Option<Scene>,
+        /// Further folders of scene files, in the order of the search.
+        folders: Vec<PathBuf>,
+    },
 }
 
 /// Finds the scenes of tasks, and keeps them.
@@ -90,7 +95,7 @@ impl SceneFinder {
         let in_file = |problem: Problem| problem.in_file(&name);
         let built_in = match &self.source {
             SceneSource::Fixed(scene) => return Ok(scene.clone()),
-            SceneSource::ById(built_in) => *built_in,
+            SceneSource::ById { built_in, .. } => *built_in,
         };
         let field = root.get("scene_id").map_err(in_file)?;
         let scene_id = field.text().map_err(in_file)?;
@@ -102,6 +107,7 @@ impl SceneFinder {
                 file: name.clone(),
                 line: field.line(),
                 scene_id: scene_id.to_owned(),
+                searched: self.searched(file),
             };
             let scene = Arc::new(built_in(scene_id).ok_or_else(missing)?);
             return self
@@ -132,7 +138,7 @@ impl SceneFinder {
         let mut scenes = Scenes::default();
         match &self.source {
             SceneSource::Fixed(scene) => scenes.insert(scene.clone()),
-            SceneSource::ById(_) => self
+            SceneSource::ById { .. } => self
                 .found
                 .values()
                 .for_each(|(scene, _)| scenes.insert(scene.clone())),
@@ -167,20 +173,24 @@ impl SceneFinder {
         ))
     }
 
-    /// The scene file of an id in the folder of a task file, or in the nearest folder
-    /// above that has one.
-    fn nearest(&mut self, scene_id: &str, file: &Path) -> Option<PathBuf> {
+    /// The folders in which the scene of a task file is searched, in their order.
+    fn searched(&self, file: &Path) -> Vec<PathBuf> {
         let file = absolute(file);
-        let top = self.top;
-        for folder in file
-            .ancestors()
-            .skip(1)
-            .take_while(|folder| folder.components().count() >= top)
-        {
+        let above = file.ancestors().skip(1).map(Path::to_owned);
+        let above = above.take_while(|folder| folder.components().count() >= self.top);
+        match &self.source {
+            SceneSource::Fixed(_) => Vec::new(),
+            SceneSource::ById { folders, .. } => above.chain(folders.iter().cloned()).collect(),
+        }
+    }
+
+    /// The scene file of an id in the first of these folders that has one.
+    fn nearest(&mut self, scene_id: &str, file: &Path) -> Option<PathBuf> {
+        for folder in self.searched(file) {
             let files = self
                 .folders
-                .entry(folder.to_owned())
-                .or_insert_with(|| scene_files(folder));
+                .entry(folder)
+                .or_insert_with_key(|folder| scene_files(folder));
             let named = |file: &&SceneFile| match &file.scene_id {
                 Some(id) => id == scene_id,
                 None => file.path.file_stem().is_some_and(|stem| stem == scene_id),

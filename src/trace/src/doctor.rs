@@ -517,7 +517,7 @@ impl Chunk {
 
 /// The data is there in full; only finding it is not.
 const INDEX_ADVICE: &str =
-    "the content is whole: write the trace again with `reel compact` or `reel expand`";
+    "the content is whole: write the trace again with `reel trace compact` or `reel trace expand`";
 
 fn widen(span: &mut Option<(u64, u64)>, time: u64) {
     let (first, last) = span.unwrap_or((time, time));
@@ -531,10 +531,9 @@ fn first_difference<A, B>(a: &[A], b: &[B], equal: impl Fn(&A, &B) -> bool) -> O
 
 /// An error of the reader as a finding.
 fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
-    const RECOVER: &str = "`reel recover` restores the whole steps";
-    const COPY: &str = "take another copy; `reel recover` restores the whole steps before it";
-    const CHANGED: &str =
-        "it was changed or written by another program; `reel recover` restores the steps before it";
+    const RECOVER: &str = "`reel trace recover` restores the whole steps";
+    const COPY: &str = "take another copy; `reel trace recover` restores the whole steps before it";
+    const CHANGED: &str = "it was changed or written by another program; `reel trace recover` restores the steps before it";
     let offset = error.offset();
     let at = |offset: Option<u64>| {
         offset
@@ -587,7 +586,7 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
             ..
         } => {
             step = *of;
-            let advice = "take another copy, or drop the pictures with `reel compact` and draw them again with `reel expand`";
+            let advice = "take another copy, or drop the pictures with `reel trace compact` and draw them again with `reel trace expand`";
             ("picture".to_owned(), format!("it {what}"), advice)
         }
         other => ("trace".to_owned(), other.to_string(), COPY),

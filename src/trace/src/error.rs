@@ -21,7 +21,7 @@ pub enum TraceError {
     },
     /// A recording could not be continued.
     #[error(
-        "cannot write to the recording: {source}; what was acknowledged before ({}) is in it: make room, then `reel recover` it: {part}",
+        "cannot write to the recording: {source}; what was acknowledged before ({}) is in it: make room, then `reel trace recover` it: {part}",
         acknowledged(*.steps)
     )]
     Write {
@@ -196,7 +196,7 @@ pub enum TraceError {
     },
     /// A line that holds no log-probabilities of a decision.
     #[error(
-        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel logprobs list` shows the form: {path}"
+        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel trace logprobs list` shows the form: {path}"
     )]
     ScoredLine {
         /// Path of the file of log-probabilities.

@@ -38,15 +38,15 @@ const SEED: u64 = 7;
 /// Episodes at a time where models are asked: they wait for the endpoint most of the time.
 const JOBS_WITH_MODELS: usize = 8;
 
-/// Benchmark an agent on tasks, in the form of the paper's main table: success (with Wilson's 95 %
-/// interval), completion, SPL, steps, questions, reward, latency and tokens by family. Every
-/// episode is recorded, and every answer from outside is in its trace, so that replay asks nobody.
-/// Run the same command again after it was stopped: what was played stays.
+/// Benchmark an agent on tasks: success (with Wilson's 95 % interval), completion, SPL, steps,
+/// questions, reward, latency and tokens by family, as in the paper's main table. Every episode is
+/// recorded with the answers of its models, so that replay needs none. The same command resumes
+/// after an interruption. The speed of Reel itself is measured by `reel dev perf`.
 ///
 /// Examples:
 ///   reel bench --tasks tasks --agent planner --out bench/planner
 ///   reel bench --tasks tasks --agent real-agent --endpoint http://localhost:8000/v1 --model qwen3-vl --repeat 3 --out bench/qwen
-///   reel bench --tasks tasks --agent function-calling --endpoint https://api.example/v1 --model m --key-from API_KEY
+///   reel bench --tasks tasks --agent function-calling --endpoint https://api.example/v1 --model m --api-key-env API_KEY
 ///     --user-model m --prices 0.5,1.5 --max-cost 20 --out bench/m
 ///   reel bench --tasks tasks --agent real-agent --endpoint http://localhost:8000/v1 --model student --logprobs --out bench/old
 ///   reel bench --compare bench/planner bench/qwen     # the same tasks and seeds, paired
@@ -56,13 +56,11 @@ pub struct Arguments {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH", required_unless_present = "compare")]
     tasks: Option<PathBuf>,
-    /// Compare what two folders hold instead of playing
+    /// Compare the episodes of two folders instead of playing
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "tasks")]
     compare: Option<Vec<PathBuf>>,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
-    /// one that each task names, found beside the tasks or among those that come with Reel
-    #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    #[command(flatten)]
+    scene: inputs::SceneArguments,
     #[command(flatten)]
     players: AgentArguments,
     /// Episodes of every task, each with a seed of its own
@@ -84,20 +82,20 @@ pub struct Arguments {
     /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot
     #[arg(long, value_name = "NAME", default_value = "perfect", value_parser = inputs::skills)]
     skills: Skills,
-    /// Leave the pictures out; replay renders them again
+    /// Record no images; replay renders them again
     #[arg(long)]
     no_images: bool,
-    /// Begin no more episodes after so many tokens, read and written
+    /// Start no further episode after this many input and output tokens
     #[arg(long, value_name = "N")]
     max_total_tokens: Option<u64>,
-    /// Begin no more episodes after such a cost; needs --prices
+    /// Start no further episode above this cost; needs --prices
     #[arg(long, value_name = "COST", requires = "prices")]
     max_cost: Option<f64>,
-    /// Begin no more episodes after so many minutes
+    /// Start no further episode after this many minutes
     #[arg(long, value_name = "MINUTES")]
     max_minutes: Option<f64>,
-    /// Prices of a million tokens read and written, in any currency
-    #[arg(long, value_name = "READ,WRITTEN", value_delimiter = ',', num_args = 1)]
+    /// Prices of a million input and output tokens, in any currency
+    #[arg(long, value_name = "INPUT,OUTPUT", value_delimiter = ',', num_args = 1)]
     prices: Option<Vec<f64>>,
     /// Print the result table as one JSON object
     #[arg(long)]
@@ -134,7 +132,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         tasks,
         scenes,
         broken,
-    } = inputs::tasks(tasks, arguments.scene.as_deref(), ObjectOrder::AsWritten)?;
+    } = inputs::tasks(tasks, &arguments.scene, ObjectOrder::AsWritten)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let cast = arguments

@@ -29,16 +29,16 @@ use crate::{ExitStatus, commands::run::remove_abandoned, inputs};
 ///   reel branch trace.mcap --check branch.mcap                # the same up to there, and exact?
 ///   reel diff trace.mcap branch.mcap
 ///
-/// Without --policy and --then the episode is broken off after the calls. Exit code 1: the parent
-/// does not replay up to there, or a branch that is checked is none of it or not exact.
+/// Without --policy and --then the branch ends after the calls. Exit code 1: the parent
+/// does not replay up to there, or a checked trace is no branch of it or not exact.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// The trace to branch from
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
-    /// Call (from 0) before which it branches; so many calls are taken over. The number of all
-    /// calls goes on with an episode that was broken off
+    /// Call (from 0) before which it branches: this many calls are kept. The number of all calls
+    /// continues an episode that was aborted
     #[arg(long, value_name = "K", required_unless_present = "check")]
     at: Option<usize>,
     /// A call to make there, as JSON: {"name": .., "arguments": {..}}; several in their order
@@ -60,7 +60,7 @@ pub struct Arguments {
     /// The trace to write; without it TRACE--at-K--<digest>.mcap in this folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Whether the branch holds pictures, full or none; without it as the parent does
+    /// Whether the branch holds images, full or none; without it as the parent does
     #[arg(long, value_name = "WHICH")]
     images: Option<String>,
     /// Check that this trace is a branch of TRACE: what they have in common is the same,

@@ -10,19 +10,19 @@ use reel_cluster::{Address, ExecutorOptions, SchedulerOptions, run_executor, run
 
 use crate::{
     ExitStatus, cluster_arguments,
-    commands::{blame, ingest, replay, reward},
+    commands::{blame, ingest, replay, store::reward},
     inputs,
 };
 
-/// Work with many machines: one runs the scheduler, each of the others an executor, and
-/// `--cluster` of `reel query`, `replay`, `blame`, `taxonomy`, `reward` and `ingest` lets them do
-/// the work, with the same results and exit codes as here.
+/// Share work between machines: one runs the scheduler, each of the others an executor, and
+/// `--cluster` of `reel query`, `replay`, `blame`, `taxonomy`, `store reward` and `ingest` lets
+/// them do the work, with the same results and exit codes as here.
 ///
 /// All machines have to see a store's files and traces under the same name: in a bucket (s3://, as
 /// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of
-/// them) or in a shared folder. All have to be the same build of reel. There are no passwords:
-/// whoever reaches the scheduler may ask anything of these files, so keep the ports within a
-/// network of your own. What goes wrong is said on standard error; RUST_LOG=info says more.
+/// them) or in a shared folder. All have to be the same build of reel. There is no
+/// authentication: whoever reaches the scheduler may read these files, so keep the ports within a
+/// private network. Errors go to standard error; RUST_LOG=info logs more.
 ///
 /// Examples:
 ///   reel cluster scheduler --listen 10.0.0.1:50050
@@ -37,7 +37,7 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Plan questions and hand out their parts
+    /// Plan queries and jobs, and distribute their tasks
     Scheduler {
         /// Address and port that the scheduler listens on
         #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50050")]
@@ -45,32 +45,30 @@ enum Command {
         /// Name or address by which executors reach it; without it the one it listens at
         #[arg(long, value_name = "HOST")]
         advertise: Option<String>,
-        /// An executor that was not heard of for so many seconds is dead: its parts are
-        /// done again by others
-        #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
+        /// Seconds without a heartbeat after which an executor is dead and others do its tasks
+        #[arg(long = "executor-timeout", alias = "patience", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
         patience: u64,
     },
-    /// Work off parts of questions
+    /// Execute tasks of the scheduler
     Executor {
         /// Where the scheduler listens
         #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050")]
         scheduler: String,
-        /// Where answers are fetched from
+        /// Address that serves results to other machines
         #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051")]
         listen: SocketAddr,
-        /// Name or address by which others fetch them; without it the one it listens at
+        /// Name or address by which others fetch results; without it the one it listens at
         #[arg(long, value_name = "HOST")]
         advertise: Option<String>,
-        /// Parts at a time; without it one for each core
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+        /// Tasks at a time; without it one for each core
+        #[arg(long = "jobs", alias = "threads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
         threads: Option<u32>,
         /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70%
-        /// of what there is
+        /// of the machine's
         #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..))]
         memory: Option<u64>,
-        /// Folder for parts of answers until they are fetched; without it one that
-        /// goes with the process
-        #[arg(long, value_name = "DIR")]
+        /// Folder for partial results until they are fetched; without it a temporary one
+        #[arg(long = "work-dir", alias = "work", value_name = "DIR")]
         work: Option<PathBuf>,
         /// Folders, also s3://bucket/folder, whose traces may be opened: by replay, blame and
         /// ingest, and by the functions of SQL that do; without it, none

@@ -1,63 +1,46 @@
-//! `reel config`: the configuration of `reel serve`.
+//! `reel config`: what `reel.toml` and the environment say.
 
-use std::path::PathBuf;
+use serde_json::json;
 
-use reel_server::Config;
+use crate::{
+    ExitStatus,
+    settings::{KEYS, Settings},
+};
 
-use crate::ExitStatus;
-
-/// Check a configuration of `reel serve`, or print the default.
+/// Show the values that stand where no flag is given, and where each comes from: the environment,
+/// or the nearest `reel.toml` in the working folder or above (docs/config.md). `reel serve` has a
+/// configuration of its own, see `reel server config`.
 ///
-/// Examples:
-///   reel config default > reel.toml
-///   reel config check reel.toml
+/// Example:
+///   reel config
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    #[command(subcommand)]
-    what: Command,
+    /// Print one JSON object per key
+    #[arg(long)]
+    json: bool,
 }
 
-#[derive(clap::Subcommand)]
-enum Command {
-    /// Check a file, load its tasks, and print what it comes to
-    Check {
-        /// Configuration file (TOML) to check
-        #[arg(value_name = "FILE")]
-        file: PathBuf,
-    },
-    /// Print the file that changes nothing
-    Default,
-}
-
-/// Checks a configuration file and prints the effective values, or prints the default.
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    match &arguments.what {
-        Command::Default => print!("{}", Config::default().to_toml()),
-        Command::Check { file } => {
-            let config = Config::read(file)?;
-            let mut broken = 0;
-            let setup = config.setup("check".to_owned(), |complaint| {
-                eprintln!("reel: {complaint}");
-                broken += 1;
-            })?;
-            print!("{}", config.to_toml());
-            let scenes: Vec<&str> = setup
-                .scenes
-                .iter()
-                .map(|scene| scene.scene_id.as_str())
-                .collect();
-            println!(
-                "# fine: {} tasks in scene {}",
-                setup.tasks.len(),
-                scenes.join(", ")
-            );
-            return Ok(if broken > 0 {
-                ExitStatus::Partial
-            } else {
-                ExitStatus::Success
-            });
+/// Prints every key with its value and origin.
+pub fn run(arguments: &Arguments, settings: &Settings) -> ExitStatus {
+    if !arguments.json {
+        match &settings.file {
+            Some(file) => println!("{}", file.display()),
+            None => println!("no reel.toml in this folder or above"),
         }
     }
-    Ok(ExitStatus::Success)
+    for key in &KEYS {
+        let found = settings.get(key.name);
+        if arguments.json {
+            let (values, origin) = found.unzip();
+            println!(
+                "{}",
+                json!({ "key": key.name, "values": values, "from": origin })
+            );
+        } else {
+            let (values, origin) = found.unwrap_or((&[], "not set"));
+            println!("{:9} {:40} {origin}", key.name, values.join(", "));
+        }
+    }
+    ExitStatus::Success
 }

@@ -30,9 +30,9 @@ const POLICIES: [&str; 7] = [
     "forgets-door",
 ];
 
-/// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies
-/// that make mistakes, replay every episode bit for bit, read them into tables, ask for the
-/// benchmark, say which call lost the others and why, draw one episode.
+/// Run the whole loop on embedded defaults: generate tasks, play them with the oracle and with
+/// policies that make mistakes, replay every episode bit for bit, read all into tables, query the
+/// success rates, measure which call decided each failure, and draw one episode.
 ///
 /// Example:
 ///   reel demo --out demo-out
@@ -42,7 +42,7 @@ pub struct Arguments {
     /// Folder for everything; what an earlier demo left there is replaced
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     out: PathBuf,
-    /// How many tasks; each is played by seven policies
+    /// Number of tasks; seven policies play each
     #[arg(long, value_name = "N", default_value_t = 30)]
     count: usize,
     /// Episodes at a time; without it one for each core

@@ -7,9 +7,9 @@ use reel_trace::Trace;
 
 use crate::ExitStatus;
 
-/// Show two traces of one task side by side, from the first difference on: calls, what came of
-/// them, changes of the world graph, reward. Between the columns stands | where the calls differ, ~
-/// where the same call came to something else, = where all is the same.
+/// Show two traces of one task side by side, from the first difference on: calls, results,
+/// changes of the world graph, reward. Between the columns stands | where the calls differ, ~ where
+/// the same call has another result, = where all is the same.
 ///
 /// Examples:
 ///   reel diff trace.mcap branch.mcap

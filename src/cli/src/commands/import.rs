@@ -17,7 +17,7 @@ use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
 
-/// Turn what other frameworks recorded into traces.
+/// Convert recordings of other frameworks and of robots into traces.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -29,23 +29,23 @@ enum Command {
     /// Episodes that agents of the published REAL framework played: its `eval_output` folder
     #[command(verbatim_doc_comment)]
     ///
-    /// Every folder <scene>/<task>/<model> becomes one trace: calls, outcomes, pictures, world
-    /// graphs, markers, the held object, answers of the user, what the model said and how long it
-    /// took; rewards and metrics by Reel's rules. The traces can be shown, scored and asked in SQL
-    /// like any other, but there is nothing to re-execute, and `reel replay` says so. The files
+    /// Every folder <scene>/<task>/<model> becomes one trace: calls, outcomes, images, world
+    /// graphs, markers, the held object, answers of the user, the model's text and
+    /// latency; rewards and metrics by Reel's rules. The traces can be shown, scored and queried
+    /// like any other, but not executed again, and `reel replay` says so. The files
     /// hold no sizes and captions; with --tasks the benchmark's own files give them, and the
     /// reward for asking becomes exact.
     ///
-    /// A torn file is named and the steps before it are imported. Importing again
-    /// gives the same bytes.
+    /// A truncated file is named and the steps before it are imported. A second import gives the
+    /// same bytes.
     ///
     /// Examples:
     ///   reel import real-eval eval_output --out traces
     ///   reel import real-eval eval_output --out traces --tasks real-bench/tasks
     ///   reel show traces/FDO_verify_task_9--gpt-4o--0123456789abcdef.mcap
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was
-    /// lost or left out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or
+    /// left out.
     RealEval {
         /// The `eval_output` folder, or any folder in it
         #[arg(value_name = "DIR")]
@@ -61,29 +61,29 @@ enum Command {
     ///
     /// A mapping file (TOML) says what each topic is: calls, results, primitives, odometry,
     /// latencies of the low-level model, alignment, cameras, world graphs, what is held, markers,
-    /// answers of the user, words of the policy, beginning and end of episodes. Messages may be in
+    /// answers of the user, text of the policy, beginning and end of episodes. Messages may be in
     /// JSON, in protobuf or in CDR (ROS 2). schemas/robot_mapping.example.toml is one to begin
     /// with; docs/robots.md explains it. A recording without calls is one of trials: every
     /// primitive in it becomes a step.
     ///
-    /// The traces can be shown, put into tables and asked like any other; there is nothing to
-    /// re-execute, and `reel replay` says so. What a recording does not say is absent.
+    /// The traces can be shown, put into tables and queried like any other, but not executed again,
+    /// and `reel replay` says so. What a recording does not hold is absent.
     ///
-    /// A torn file is read up to the tear; a damaged chunk or message is named and left out.
-    /// Importing again gives the same bytes.
+    /// A truncated file is read to its end; a damaged chunk or message is named and left out. A
+    /// second import gives the same bytes.
     ///
     /// Examples:
     ///   reel import robot monday.mcap --mapping robot.toml --out traces
     ///   reel import robot bags --mapping robot.toml --out traces --tasks tasks --scene scene.json
     ///   reel ingest traces --store store && reel query --store store --named primitives
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was
-    /// lost or left out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or
+    /// left out.
     Robot {
         /// An MCAP file, a folder that rosbag2 wrote, or a folder of such
         #[arg(value_name = "FILE|DIR")]
         recordings: PathBuf,
-        /// What the topics are
+        /// Mapping file (TOML) of the topics
         #[arg(long, value_name = "FILE")]
         mapping: PathBuf,
         /// Name of the run that the traces belong to
@@ -103,14 +103,12 @@ struct Importing {
     /// The benchmark's task files: file or folder
     #[arg(long, value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene, for all of them; without it the one that each task names, found beside the
-    /// tasks or among those that come with Reel
-    #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    #[command(flatten)]
+    scene: inputs::SceneArguments,
     /// Episodes or recordings at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Print one JSON object an episode
+    /// Print one JSON object per episode
     #[arg(long)]
     json: bool,
 }
@@ -223,18 +221,10 @@ impl Importing {
                     tasks,
                     scenes,
                     broken,
-                } = inputs::tasks(path, scene.as_deref(), ObjectOrder::AsWritten)?;
+                } = inputs::tasks(path, scene, ObjectOrder::AsWritten)?;
                 (tasks, Some(scenes), broken)
             }
-            None => (
-                Vec::new(),
-                scene
-                    .as_deref()
-                    .map(|path| inputs::scene(Some(path)))
-                    .transpose()?
-                    .map(Scenes::from),
-                0,
-            ),
+            None => (Vec::new(), scene.fixed()?.map(Scenes::from), 0),
         };
         fs::create_dir_all(out)
             .with_context(|| format!("cannot make the folder {}", out.display()))?;

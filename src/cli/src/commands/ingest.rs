@@ -9,8 +9,8 @@ use serde_json::json;
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
 
-/// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces
-/// what it was; a bad file is put in quarantine with its reason, and the rest goes on.
+/// Read traces into a store of tables. Known traces stay as they are; a changed trace replaces
+/// its former rows; a bad file goes into quarantine with its reason, and the others are read.
 ///
 /// Examples:
 ///   reel ingest traces-out --store store

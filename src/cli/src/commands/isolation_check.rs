@@ -1,4 +1,4 @@
-//! `reel run --paranoid`: finds state that depends on what it must not depend on.
+//! `reel run --check-isolation`: finds state that depends on what it must not depend on.
 
 use std::{fs, path::Path, process::Command};
 
@@ -56,9 +56,7 @@ fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
         .arg("--out")
         .arg(folder)
         .args(["--jobs", &(workers + 1).to_string()]);
-    if let Some(scene) = &arguments.scene {
-        again.arg("--scene").arg(scene);
-    }
+    again.args(arguments.scene.flags());
     if let Some(assets) = arguments.assets.path() {
         again.arg("--assets").arg(assets);
     }

@@ -18,7 +18,7 @@ use reel_tables::Store;
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, progress};
 
-/// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of
+/// Query a store in SQL, by text or by the name of a query. Every named query is a view too. Functions of
 /// Reel's own work on the steps of an episode and call the simulator: `reel query --functions`.
 ///
 /// Examples:
@@ -46,8 +46,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
-    /// The store as it was at this version (`reel tables history`)
-    #[arg(long, value_name = "N")]
+    /// The store as it was at this version (`reel store history`)
+    #[arg(long = "store-version", alias = "at", value_name = "N")]
     at: Option<u64>,
     #[command(flatten)]
     elsewhere: ClusterArguments,
@@ -57,7 +57,7 @@ pub struct Arguments {
     /// The same as --format json
     #[arg(long)]
     json: bool,
-    /// Write the answer into this file
+    /// Write the result into this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Longest time a query may take, in seconds
@@ -67,17 +67,17 @@ pub struct Arguments {
     /// by four times that
     #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
-    /// Longest answer, in rows
+    /// Maximum number of rows of a result
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_rows: usize,
-    /// Tell on standard error what the answer cost: wall and CPU time, memory
+    /// Print on standard error what the query cost: wall and CPU time, memory
     #[arg(long)]
     timing: bool,
-    /// With --timing: ask so many times more, and tell what each of these costs in a session
-    /// that was asked before
-    #[arg(long, value_name = "N", requires = "timing", value_parser = clap::value_parser!(u32).range(1..))]
+    /// With --timing: repeat the query this many times in the same session, and print the cost of
+    /// each
+    #[arg(long = "repeat", alias = "again", value_name = "N", requires = "timing", value_parser = clap::value_parser!(u32).range(1..))]
     again: Option<u32>,
-    /// List the named queries; with --named, print what that one tells
+    /// List the named queries; with --named, print what that one answers
     #[arg(long)]
     list: bool,
     /// List the functions of Reel's own, with examples

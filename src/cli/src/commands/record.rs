@@ -22,20 +22,19 @@ use reel_world::{
 
 use crate::{ExitStatus, inputs};
 
-/// Stand between any MCP agent and any MCP tool server, pass everything through byte for byte, and
-/// record the episodes that go by as traces. The agent is given this command's address instead of
-/// the server's; nothing else changes for either.
+/// Record any MCP tool server: a proxy between agents and the server that forwards every byte
+/// unchanged and records the episodes as traces. Agents connect to this command's address instead
+/// of the server's; nothing else changes for them. `reel run` plays tasks in Reel's own simulator.
 ///
-/// A call is on disk before it is passed on, its result before the agent gets it; what a killed
-/// recorder leaves is restored by `reel recover`. Streamable HTTP, legacy HTTP+SSE and stdio are
-/// understood; whatever else comes passes through all the same, and is counted. An episode begins
-/// with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own),
-/// else with a session's first call; it ends with the next `finish`, DELETE, the end of the
-/// stream or process, or Ctrl-C.
+/// A call is on disk before it is forwarded, its result before the agent receives it; `reel trace
+/// recover` restores what a killed recorder leaves. Streamable HTTP, legacy HTTP+SSE and stdio are
+/// recorded; other traffic is forwarded and counted. An episode begins with the task that a
+/// `finish` or `finish_with_id` answers (REAL's servers and Reel's own), else with the first call
+/// of a session; it ends with the next `finish`, DELETE, the end of the stream or process, or
+/// Ctrl-C.
 ///
-/// World graphs, markers and what is held come from the `Debug Info` text of REAL's
-/// servers; for others a mapping file says where results tell them and which tools are
-/// which of the eleven (docs/proxy.md):
+/// World graphs, markers and the held object come from the `Debug Info` text of REAL's servers. For
+/// other servers a mapping file names the tools and where results hold the state (docs/proxy.md):
 ///
 ///   [tools.drive_to]
 ///   is = "nav_to"
@@ -61,9 +60,9 @@ pub struct Arguments {
         conflicts_with = "stdio"
     )]
     upstream: Option<String>,
-    /// The tool server is a program that speaks over standard input and output; its words come
-    /// last. So does the agent with this command, or, with --listen, it connects over Streamable
-    /// HTTP, and each session gets a process of its own
+    /// The tool server is a program that speaks over standard input and output; its command line
+    /// comes last. Agents speak with this command in the same way or, with --listen, over
+    /// Streamable HTTP, where each session gets a process of its own
     #[arg(long, requires = "command")]
     stdio: bool,
     /// Where agents connect; without it 127.0.0.1:8810, with --stdio nowhere
@@ -78,10 +77,10 @@ pub struct Arguments {
     /// Name of the run that the traces belong to
     #[arg(long, value_name = "NAME")]
     run: Option<String>,
-    /// What stands behind the server: proxy (another simulator), or robot
+    /// What the server drives: proxy (another simulator) or robot
     #[arg(long, value_name = "KIND", default_value = "proxy")]
     backend: String,
-    /// Whose words the server speaks where they differ: real-repo, real-gspo or paper
+    /// Dialect of the server where they differ: real-repo, real-gspo or paper
     #[arg(long, value_name = "NAME", default_value = "real-repo")]
     profile: String,
     /// Reward preset: a built-in name, or a file
@@ -91,10 +90,8 @@ pub struct Arguments {
     /// says of it; a single one is the task of a server that names none
     #[arg(long, alias = "task", value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene, for all of them; without it the one that each task names, found beside the
-    /// tasks or among those that come with Reel
-    #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    #[command(flatten)]
+    scene: inputs::SceneArguments,
     /// Mapping file: which tools are which of the eleven, and where results tell the
     /// state of the world
     #[arg(long, value_name = "FILE")]
@@ -102,27 +99,31 @@ pub struct Arguments {
     /// Name of the policy in the traces; without it, what agents call themselves
     #[arg(long, value_name = "NAME")]
     policy: Option<String>,
-    /// When a recording cannot be written: stop (calls are refused) or continue (they pass
-    /// unrecorded, and that is said)
+    /// What happens when a recording cannot be written: stop (calls are refused) or continue (calls
+    /// are forwarded unrecorded, with a warning)
     #[arg(long, value_name = "WHAT", default_value = "stop")]
     on_full: String,
     /// What a recorded call survives: write (the death of the process) or fsync (the loss of power)
     #[arg(long, value_name = "WHAT", default_value = "write")]
     durability: String,
-    /// Leave pictures out of the traces; their digests stay
+    /// Record no images; their digests stay
     #[arg(long)]
     no_images: bool,
-    /// Largest message that is looked into, in MiB; larger ones pass unrecorded, and that is said
+    /// Largest message that is recorded, in MiB; larger ones are forwarded with a warning
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
     message_limit: u32,
-    /// Seconds after which the episode of a silent session ends, where nothing else says
-    /// that it is over
-    #[arg(long, value_name = "SECONDS", default_value_t = 1800)]
+    /// Seconds without a call after which an episode ends, unless the session ends it before
+    #[arg(
+        long = "idle-timeout",
+        alias = "idle",
+        value_name = "SECONDS",
+        default_value_t = 1800
+    )]
     idle: u64,
     /// Print the transcript while it happens, to standard error with --stdio
     #[arg(long)]
     watch: bool,
-    /// Print what went by at the end as JSON
+    /// Print counts of messages and episodes as JSON at the end
     #[arg(long)]
     json: bool,
     /// With --stdio: the server's program and its arguments
@@ -211,15 +212,11 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
     let mapping = arguments.mapping.as_deref().map(mapping).transpose()?;
     let (tasks, scenes) = match &arguments.tasks {
         Some(path) => {
-            let loaded = inputs::tasks(path, arguments.scene.as_deref(), ObjectOrder::AsWritten)?;
+            let loaded = inputs::tasks(path, &arguments.scene, ObjectOrder::AsWritten)?;
             (loaded.tasks, loaded.scenes)
         }
         None => {
-            let scene = arguments
-                .scene
-                .as_deref()
-                .map(|path| inputs::scene(Some(path)))
-                .transpose()?;
+            let scene = arguments.scene.fixed()?;
             (Vec::new(), scene.map(Scenes::from).unwrap_or_default())
         }
     };

@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs};
 
-/// Find the smallest change of a failed episode's calls that makes it succeed: calls put in,
-/// replaced or left out from the decisive step on, by search over branches. No single one of the
-/// changes can be left out. The result is a trace, a branch of the failed one, and a preference:
-/// after the same calls, the repaired ones rather than those that were made.
+/// Find the smallest change of a failed episode's calls that makes it succeed: calls inserted,
+/// replaced or deleted from the decisive step on, by search over branches. Every one of the
+/// changes is necessary. The result is a trace, a branch of the failed one, and a preference pair:
+/// after the same calls, the repaired calls rather than the recorded ones.
 ///
 /// Examples:
 ///   reel repair trace.mcap                          # writes trace--repaired.mcap here

@@ -10,17 +10,17 @@ use reel_world::Assets;
 use crate::{
     ExitStatus,
     cluster_arguments::ClusterArguments,
-    commands::{explain, gate},
+    commands::{dev::gate, explain},
     inputs, progress,
 };
 
-/// Re-execute traces from their inputs and compare every digest, picture, text, reward and metric.
+/// Execute traces again from their inputs and compare every digest, image, text, reward and metric.
 /// On a difference it names the call, the physics step, the body and the field, with both values.
 ///
 /// Examples:
 ///   reel replay traces-out
 ///   reel replay traces-out/FDP_home_0001--oracle--0.mcap --json
-///   reel replay trace.mcap --explain --pictures why     # all that differs, in ULPs, pictures and words
+///   reel replay trace.mcap --explain --images-out why     # every difference, in ULPs, images and texts
 ///   reel replay trace.mcap --explain --against old/reel # both builds' states at the first differing physics step
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///   reel replay traces/golden/v1 --outcomes
@@ -42,30 +42,35 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Say everything that differs at the first differing call: bodies and fields with the distance
-    /// in ULPs, the first differing physics step, pictures, texts
+    /// Print everything that differs at the first differing call: bodies and fields with their
+    /// distance in ULPs, the first differing physics step, images, texts
     #[arg(long, conflicts_with = "restored")]
     explain: bool,
     /// With --explain: another build of reel, whose motion states at the first differing physics
     /// step are compared too
     #[arg(long, value_name = "BIN", requires = "explain")]
     against: Option<PathBuf>,
-    /// With --explain: folder for pictures of differing frames (recorded, replayed, difference)
-    #[arg(long, value_name = "DIR", requires = "explain")]
+    /// With --explain: folder for images of differing frames (recorded, replayed, difference)
+    #[arg(
+        long = "images-out",
+        alias = "pictures",
+        value_name = "DIR",
+        requires = "explain"
+    )]
     pictures: Option<PathBuf>,
     /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120
     /// or start:499, as JSON
     #[arg(long, value_name = "CALL:STEP", conflicts_with_all = ["explain", "restored"])]
     state_at: Option<String>,
-    /// Also restore each episode from snapshots after so many of its calls, spread by its digest,
+    /// Also restore each episode from snapshots after this many of its calls, chosen by its digest,
     /// and compare the rest
     #[arg(long, value_name = "N")]
     restored: Option<usize>,
-    /// Execute what is not exact to its end, of other simulators too, and list
-    /// the outcomes that change
+    /// Execute traces that are not exact to their end, those of other simulator versions too, and
+    /// list the outcomes that change
     #[arg(long, conflicts_with_all = ["explain", "restored"])]
     outcomes: bool,
-    /// Print one JSON object a trace
+    /// Print one JSON object per trace
     #[arg(long)]
     json: bool,
 }

@@ -15,9 +15,9 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use crate::ExitStatus;
 
-/// Write what a store says of its episodes as one self-contained HTML file: success rates with
-/// intervals, why episodes failed, what lost them, the hardest tasks, and an example of each kind
-/// of failure with the picture of its decisive step.
+/// Write one self-contained HTML file about the episodes of a store: success rates with intervals,
+/// reasons of failure, decisive calls, the hardest tasks, and an example of each kind of failure
+/// with the frame of its decisive step.
 ///
 /// Examples:
 ///   reel report --store store --out report.html
@@ -34,14 +34,14 @@ pub struct Arguments {
     /// Title at the head of the report
     #[arg(long, default_value = "Episodes and why they failed")]
     title: String,
-    /// Only these episodes: a condition in SQL on the columns of `episodes`
+    /// Condition in SQL on the columns of `episodes`; others are left out
     #[arg(long = "where", value_name = "SQL", default_value = "true")]
     condition: String,
-    /// Most examples of failures, the most frequent kinds first
+    /// Maximum number of failure examples, the most frequent kinds first
     #[arg(long, value_name = "N", default_value_t = 8)]
     examples: usize,
     /// The store as it was at this version
-    #[arg(long, value_name = "N")]
+    #[arg(long = "store-version", alias = "at", value_name = "N")]
     at: Option<u64>,
 }
 

@@ -16,31 +16,30 @@ use reel_world::{Assets as _, Meshes, Profile, Scenes, Skills, Task, record::Pol
 
 use crate::{ExitStatus, commands::isolation_check, inputs, progress};
 
-/// Play tasks with a policy and record every episode as a trace.
+/// Run a policy in the simulator: play tasks, each in its scene, and record every episode as a
+/// trace. `reel bench` runs agents that a model drives; `reel record` records other MCP servers.
 ///
 /// Examples:
 ///   reel run --tasks tasks                            # the oracle, each task in the scene that it names
 ///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
-///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel tasks real-bench
+///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel task real-bench
 ///
-/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask,
-/// oscillating, forgets-door, gibberish, explorer.
+/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door,
+/// gibberish, explorer.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
     pub tasks: PathBuf,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
-    /// one that each task names, found beside the tasks or among those that come with Reel
-    #[arg(long, value_name = "FILE")]
-    pub scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub scene: inputs::SceneArguments,
     #[command(flatten)]
     pub assets: inputs::Assets,
     /// Built-in policy that decides every call
     #[arg(long, value_name = "NAME", default_value = "oracle")]
     pub policy: String,
-    /// Seed of everything random
+    /// Seed of every random draw
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
     /// Folder for the traces
@@ -57,12 +56,12 @@ pub struct Arguments {
     /// places and doors fail now and then, the base arrives centimetres beside its goal)
     #[arg(long, value_name = "NAME", default_value = "perfect", value_parser = inputs::skills)]
     pub skills: Skills,
-    /// Leave the pictures out; replay renders them again
+    /// Record no images; replay renders them again
     #[arg(long)]
     no_images: bool,
     /// Play everything a second time under other conditions (heap layout, thread count, order of
     /// tasks and of the objects in their files) and name the first state field that depends on them
-    #[arg(long)]
+    #[arg(long = "check-isolation", alias = "paranoid")]
     paranoid: bool,
     /// What a recorded call survives: write (the death of the process) or fsync (the
     /// loss of power, too)
@@ -72,7 +71,7 @@ pub struct Arguments {
     /// must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
-    /// Print one JSON object an episode instead of the table
+    /// Print one JSON object per episode instead of the table
     #[arg(long)]
     pub json: bool,
 }
@@ -111,7 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         mut tasks,
         scenes,
         broken,
-    } = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), listed)?;
+    } = inputs::tasks(&arguments.tasks, &arguments.scene, listed)?;
     if arguments.reversed {
         tasks.reverse();
     }
@@ -127,10 +126,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         images: !arguments.no_images,
         durability,
     };
-    let scene_flag = arguments
+    let scene_flag: String = arguments
         .scene
-        .as_ref()
-        .map_or(String::new(), |path| format!(" --scene {}", path.display()));
+        .flags()
+        .iter()
+        .map(|word| format!(" {word}"))
+        .collect();
     let skills_flag = if arguments.skills.are_perfect() {
         ""
     } else {
@@ -187,7 +188,7 @@ pub struct Plan<'a> {
     pub meshes: Meshes,
     /// Name of the policy.
     pub policy: &'a str,
-    /// Seed of everything random.
+    /// Seed of every random draw.
     pub seed: u64,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,
@@ -195,7 +196,7 @@ pub struct Plan<'a> {
     pub skills: Skills,
     /// Folder for the traces.
     pub out: &'a Path,
-    /// Whether the traces hold the pictures.
+    /// Whether the traces hold the images.
     pub images: bool,
     /// What a recorded call survives.
     pub durability: Durability,

@@ -9,7 +9,7 @@ use reel_world::Profile;
 use crate::ExitStatus;
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
-/// Everything that agents do is on tape before they are answered.
+/// Every call is persisted before it is answered.
 ///
 ///   /mcp                 an agent with a world of its own (Streamable HTTP); /sse: the same over legacy HTTP+SSE
 ///   /w/NAME/mcp, .../sse a worker's world, which survives reconnects
@@ -17,19 +17,19 @@ use crate::ExitStatus;
 ///   /api                 REST; its document is /api/openapi.json
 ///   /healthz /readyz /metrics
 ///
-/// Values come from flags, from the environment (REEL_LISTEN, ...), from --config FILE, from the
-/// defaults, in this order; `reel config default` prints the file with all of them.
+/// Flags win over the environment (REEL_LISTEN, ...), the environment over --config FILE, the file
+/// over the defaults; `reel server config default` prints the file with all of them.
 ///
 /// Examples:
 ///   reel serve                                              # tasks that Reel makes, in its own home
-///   reel serve --tasks real-bench/tasks --profile real-repo # what reel tasks real-bench wrote
-///   reel serve --config reel.toml --listen 0.0.0.0:8801     # demands tokens: reel token create NAME --role act
+///   reel serve --tasks real-bench/tasks --profile real-repo # what reel task real-bench wrote
+///   reel serve --config serve.toml --listen 0.0.0.0:8801     # requires tokens: reel server token create NAME --role act
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     #[command(flatten)]
     settings: Settings,
-    /// Where to listen; anything but a loopback address demands tokens
+    /// Where to listen; addresses other than loopback require tokens
     #[arg(long, value_name = "ADDRESS:PORT", env = "REEL_LISTEN")]
     listen: Option<SocketAddr>,
     /// The store of tables: a folder or s3://bucket/folder
@@ -55,7 +55,7 @@ pub struct Mcp {
 #[derive(clap::Args)]
 pub struct Settings {
     /// Configuration file (TOML); flags and environment override it
-    #[arg(long, value_name = "FILE", env = "REEL_CONFIG")]
+    #[arg(long, value_name = "FILE", env = "REEL_SERVE_CONFIG")]
     config: Option<PathBuf>,
     /// Folder for traces, exports and tables
     #[arg(long, value_name = "DIR", env = "REEL_DATA")]
@@ -70,7 +70,7 @@ pub struct Settings {
     /// Play tasks in an order drawn by the seed
     #[arg(long)]
     shuffle: bool,
-    /// Seed of everything random
+    /// Seed of every random draw
     #[arg(long, value_name = "N", env = "REEL_SEED")]
     seed: Option<u64>,
     /// paper, or a published server to the letter: real-repo (branch main, for its evaluation
@@ -86,7 +86,7 @@ pub struct Settings {
     /// Name of the policy in the traces; without it, what clients call themselves
     #[arg(long, value_name = "NAME", env = "REEL_POLICY")]
     policy: Option<String>,
-    /// Leave pictures out of the traces; they are drawn again on demand
+    /// Record no images; they are rendered again on demand
     #[arg(long)]
     no_images: bool,
     /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest

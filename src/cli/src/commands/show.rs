@@ -21,8 +21,8 @@ pub struct Arguments {
     /// Trace to print as a transcript
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
-    /// The state after so many calls instead: robot, gripper, markers, graph, motion, computed
-    /// again, bit for bit
+    /// Print the state after this many calls instead: robot, gripper, markers, graph, motion,
+    /// computed again bit for bit
     #[arg(long, value_name = "CALLS")]
     at: Option<usize>,
     #[command(flatten)]

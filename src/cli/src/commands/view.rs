@@ -6,9 +6,8 @@ use anyhow::{Context, bail};
 
 use crate::{ExitStatus, inputs};
 
-/// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on
-/// one clock. Where Rerun is installed it is opened; elsewhere its web viewer, which comes with
-/// Reel, is served until Ctrl-C.
+/// Open an episode in Rerun: the world in 3D, the robot's camera, the transcript and the rewards on
+/// one timeline. Without an installed Rerun, Reel serves Rerun's web viewer until Ctrl-C.
 ///
 /// Examples:
 ///   reel view traces/FDP_home_0001--oracle--0.mcap

@@ -1,4 +1,4 @@
-//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that
+//! Agents behind an endpoint: `reel bench` against `reel agent mock-llm`, with all the trouble that
 //! an endpoint can make.
 
 use std::{
@@ -29,7 +29,7 @@ impl Mock {
     pub fn start(folder: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
             .current_dir(folder)
-            .args(["mock-llm", "plans", "--listen", "127.0.0.1:0"])
+            .args(["agent", "mock-llm", "plans", "--listen", "127.0.0.1:0"])
             .args(arguments)
             .stdout(Stdio::piped())
             .spawn()
@@ -58,23 +58,12 @@ pub fn plans(folder: &Path, count: &str) {
     expect(
         folder,
         0,
-        &[
-            "tasks", "draw", "--count", count, "--seed", "31", "--out", "tasks",
-        ],
+        &format!("task draw --count {count} --seed 31 --out tasks"),
     );
     expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--policy",
-            "oracle",
-            "--out",
-            "plans",
-            "--no-images",
-        ],
+        "run --tasks tasks --policy oracle --out plans --no-images",
     );
 }
 
@@ -135,9 +124,9 @@ fn both_styles_complete_twenty_tasks_and_replay_with_nobody_there() {
             arguments.extend([
                 "--user-model",
                 "person",
-                "--match-model",
+                "--embedding-model",
                 "vectors",
-                "--match-similarity",
+                "--min-similarity",
                 "0.95",
             ]);
             let row = all(&expect(here, 0, &arguments));
@@ -204,7 +193,7 @@ fn an_answer_that_is_none_is_feedback() {
         ("unknown-tool@3", ErrorCode::UnknownTool),
     ];
     for (trouble, code) in cases {
-        let mock = Mock::start(here, &["--trouble", trouble]);
+        let mock = Mock::start(here, &["--inject", trouble]);
         for style in STYLES {
             let out = format!("{style}-{}", trouble.split('@').next().unwrap());
             let row = all(&expect(here, 0, &bench(style, &mock.url, &out)));
@@ -232,7 +221,7 @@ fn of_two_calls_the_first_counts() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     plans(here, "4");
-    let mock = Mock::start(here, &["--trouble", "two-calls@2"]);
+    let mock = Mock::start(here, &["--inject", "two-calls@2"]);
     for style in STYLES {
         let row = all(&expect(here, 0, &bench(style, &mock.url, style)));
         assert_eq!(row["successes"], 4, "{style}: {row}");
@@ -250,13 +239,13 @@ fn trouble_on_the_way_is_waited_out() {
     let here = folder.path();
     plans(here, "4");
     let trouble = [
-        "--trouble",
+        "--inject",
         "rate-limit@1",
-        "--trouble",
+        "--inject",
         "error@2",
-        "--trouble",
+        "--inject",
         "cut@3",
-        "--trouble",
+        "--inject",
         "stall@4",
         "--stall",
         "60",
@@ -310,7 +299,7 @@ fn who_is_not_there_ends_the_episode_and_another_run_plays_it() {
     let mut arguments = bench("real-agent", &mock.url, "out");
     arguments.extend(["--temperature", "0.5"]);
     assert!(complaint(here, 2, &arguments).contains("give another folder with --out"));
-    let unknown = complaint(here, 2, &["bench", "--tasks", "tasks", "--agent", "nobody"]);
+    let unknown = complaint(here, 2, "bench --tasks tasks --agent nobody");
     assert!(
         unknown.contains("real-agent") && unknown.contains("planner"),
         "{unknown}"

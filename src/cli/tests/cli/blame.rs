@@ -15,7 +15,7 @@ fn a_failure_is_measured_explained_and_repaired() {
     let told = expect(
         folder,
         0,
-        &["blame", trace, "--steps", "--branches", "better"],
+        &format!("blame {trace} --steps --branches better"),
     );
     assert!(
         told.contains("decisive  call") && told.contains("pick(marker_id="),
@@ -32,31 +32,31 @@ fn a_failure_is_measured_explained_and_repaired() {
     let found = json(expect(
         folder,
         0,
-        &["blame", trace, "--json", "--branches", "better"],
+        &format!("blame {trace} --json --branches better"),
     ));
     let better = found["alternative"]["trace"].as_str().unwrap();
-    assert!(expect(folder, 0, &["replay", better]).contains("exact"));
+    assert!(expect(folder, 0, &format!("replay {better}")).contains("exact"));
     let step = found["decisive"]["step"].as_u64().unwrap();
     assert!(
-        expect(folder, 0, &["branch", trace, "--check", better])
+        expect(folder, 0, &format!("branch {trace} --check {better}"))
             .contains(&format!("branches at call {step}"))
     );
     let lean = json(expect(
         folder,
         0,
-        &["blame", trace, "--json", "--no-alternatives"],
+        &format!("blame {trace} --json --no-alternatives"),
     ));
     assert_eq!(
         (&lean["decisive"], &lean["alternative"]),
         (&found["decisive"], &Value::Null)
     );
-    assert!(complaint(folder, 2, &["blame", trace, "--labels"]).contains("no label beside"));
-    assert!(complaint(folder, 2, &["blame"]).contains("required"));
+    assert!(complaint(folder, 2, &format!("blame {trace} --labels")).contains("no label beside"));
+    assert!(complaint(folder, 2, "blame").contains("required"));
 
     let repaired = json(expect(
         folder,
         0,
-        &["repair", trace, "--out", "repaired.mcap", "--json"],
+        &format!("repair {trace} --out repaired.mcap --json"),
     ));
     assert_eq!(
         (
@@ -71,10 +71,12 @@ fn a_failure_is_measured_explained_and_repaired() {
         pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step,
         "{pair}"
     );
-    assert!(expect(folder, 0, &["blame", "repaired.mcap"]).contains("succeeded"));
-    let nothing = complaint(folder, 1, &["repair", "repaired.mcap"]);
+    assert!(expect(folder, 0, "blame repaired.mcap").contains("succeeded"));
+    let nothing = complaint(folder, 1, "repair repaired.mcap");
     assert!(nothing.contains("nothing to repair"), "{nothing}");
-    assert!(complaint(folder, 2, &["repair", trace, "--out", trace]).contains("another name"));
+    assert!(
+        complaint(folder, 2, &format!("repair {trace} --out {trace}")).contains("another name")
+    );
 }
 
 #[cfg(feature = "analytics")]
@@ -86,19 +88,10 @@ fn a_store_keeps_what_was_measured() {
     expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--policy",
-            "oracle",
-            "--out",
-            "traces",
-            "--no-images",
-        ],
+        "run --tasks tasks --policy oracle --out traces --no-images",
     );
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
-    let told = expect(folder, 0, &["blame", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
+    let told = expect(folder, 0, "blame --store store");
     assert!(
         told.contains("1 of 1 episodes failed") && told.contains("table `blame`"),
         "{told}"
@@ -130,19 +123,11 @@ fn failures_become_preferences_and_value_targets() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     failed_episode(folder);
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
     let report = expect(
         folder,
         0,
-        &[
-            "export",
-            "preferences",
-            "--store",
-            "store",
-            "--out",
-            "pairs",
-            "--json",
-        ],
+        "export preferences --store store --out pairs --json",
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
@@ -195,19 +180,7 @@ fn failures_become_preferences_and_value_targets() {
     );
     assert!(!folder.join("pairs/.store").exists() && !folder.join("pairs/.examples").exists());
     assert!(
-        complaint(
-            folder,
-            2,
-            &[
-                "export",
-                "preferences",
-                "--store",
-                "store",
-                "--out",
-                "pairs"
-            ]
-        )
-        .contains("not empty")
+        complaint(folder, 2, "export preferences --store store --out pairs").contains("not empty")
     );
 }
 
@@ -216,30 +189,15 @@ fn failures_become_preferences_and_value_targets() {
 fn the_taxonomy_takes_the_measured_step() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
+    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
     expect(
         folder,
         0,
-        &[
-            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
-        ],
+        "run --tasks tasks --policy oscillating --out traces --no-images",
     );
-    expect(
-        folder,
-        0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--policy",
-            "oscillating",
-            "--out",
-            "traces",
-            "--no-images",
-        ],
-    );
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
     let others = || {
-        expect(folder, 0, &["taxonomy", "--store", "store"]);
+        expect(folder, 0, "taxonomy --store store");
         let sql = "SELECT count(*) FILTER (WHERE c.step <> blame(e.trace).step) AS others, count(*) AS n FROM classes c \
                    JOIN episodes e ON c.episode_id = e.episode_id";
         let rows = expect(
@@ -261,11 +219,7 @@ fn the_taxonomy_takes_the_measured_step() {
         by_rules > 0,
         "rules and measure agree on all {failed}: nothing is tested"
     );
-    expect(
-        folder,
-        0,
-        &["blame", "--store", "store", "--no-alternatives"],
-    );
+    expect(folder, 0, "blame --store store --no-alternatives");
     assert_eq!(others(), (0, failed));
 }
 
@@ -273,27 +227,17 @@ fn the_taxonomy_takes_the_measured_step() {
 fn the_evaluation_counts_what_began_where() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "4", "--seed", "5", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 4 --seed 5 --out tasks");
     let kinds = "premature_finish,missing_pick";
     expect(
         folder,
         0,
-        &[
-            "faults", "run", "--tasks", "tasks", "--count", "6", "--seed", "40", "--kinds", kinds,
-            "--out", "faulty",
-        ],
+        &format!(
+            "agent faults run --tasks tasks --episodes 6 --seed 40 --kinds {kinds} --out \
+faulty"
+        ),
     );
-    let told = expect(
-        folder,
-        0,
-        &["blame", "faulty", "--labels", "--no-alternatives"],
-    );
+    let told = expect(folder, 0, "blame faulty --labels --no-alternatives");
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
     assert!(
@@ -311,11 +255,7 @@ fn the_evaluation_counts_what_began_where() {
             std::fs::write(&path, label.to_string()).unwrap();
         }
     }
-    let told = expect(
-        folder,
-        0,
-        &["blame", "faulty", "--labels", "--no-alternatives"],
-    );
+    let told = expect(folder, 0, "blame faulty --labels --no-alternatives");
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
     assert_eq!(

@@ -60,11 +60,11 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
     let before = fs::read(folder.join("b.mcap")).unwrap();
     expect(folder, 0, &branch);
     assert!(before == fs::read(folder.join("b.mcap")).unwrap());
-    assert!(expect(folder, 0, &["replay", "b.mcap"]).contains("exact"));
+    assert!(expect(folder, 0, "replay b.mcap").contains("exact"));
     let checked = expect(
         folder,
         0,
-        &["branch", trace, "--check", "a.mcap", "--check", "b.mcap"],
+        &format!("branch {trace} --check a.mcap --check b.mcap"),
     );
     assert!(
         checked.contains("a.mcap: branches at call 2, the same before; exact: 3 calls"),
@@ -90,22 +90,18 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
         "c.mcap",
     ];
     assert!(expect(folder, 0, &calls).contains("of the parent, from its call 3 on"));
-    let grandchild = json(expect(
-        folder,
-        0,
-        &["branch", "b.mcap", "--check", "c.mcap", "--json"],
-    ));
+    let grandchild = json(expect(folder, 0, "branch b.mcap --check c.mcap --json"));
     assert_eq!(
         (&grandchild["holds"], &grandchild["verdict"]),
         (&true.into(), &"exact".into())
     );
-    let stranger = expect(folder, 1, &["branch", trace, "--check", "c.mcap"]);
+    let stranger = expect(folder, 1, &format!("branch {trace} --check c.mcap"));
     assert!(
         stranger.contains("NO BRANCH of it: it branches from the trace"),
         "{stranger}"
     );
 
-    let beside = expect(folder, 1, &["diff", trace, "b.mcap"]);
+    let beside = expect(folder, 1, &format!("diff {trace} b.mcap"));
     assert!(
         beside.contains("branches from A at call 2")
             && beside.contains("calls 0 to 1 are the same"),
@@ -115,14 +111,14 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
         beside.contains("the world of B in the end, beside that of A"),
         "{beside}"
     );
-    let beside = json(expect(folder, 1, &["diff", trace, "b.mcap", "--json"]));
+    let beside = json(expect(folder, 1, &format!("diff {trace} b.mcap --json")));
     let first = |side: &str| beside["rows"][0][side]["call"].as_u64();
     assert_eq!(
         (&beside["same_calls"], first("a").or(first("b"))),
         (&2.into(), Some(2)),
         "{beside}"
     );
-    assert!(expect(folder, 0, &["diff", trace, trace]).contains("all that came of them"));
+    assert!(expect(folder, 0, &format!("diff {trace} {trace}")).contains("all that came of them"));
 }
 
 #[test]
@@ -132,24 +128,9 @@ fn what_cannot_be_branched_or_compared_is_told() {
     expect(
         folder,
         0,
-        &[
-            "tasks",
-            "draw",
-            "--count",
-            "2",
-            "--families",
-            "FDP,FDO",
-            "--seed",
-            "4",
-            "--out",
-            "tasks",
-        ],
+        "task draw --count 2 --families FDP,FDO --seed 4 --out tasks",
     );
-    expect(
-        folder,
-        0,
-        &["run", "--tasks", "tasks", "--out", "traces", "--no-images"],
-    );
+    expect(folder, 0, "run --tasks tasks --out traces --no-images");
     let trace = first_trace(folder);
     let trace = trace.to_str().unwrap();
     let refused = |rest: &[&str]| {
@@ -167,7 +148,7 @@ fn what_cannot_be_branched_or_compared_is_told() {
     assert!(refused(&["2", "--then", "parent:99"]).contains("there is no call 99 to go on with"));
     assert!(refused(&["2", "--policy", "oracle", "--out", trace]).contains("is the parent"));
     let steps: Value =
-        serde_json::from_str(&expect(folder, 0, &["show", trace, "--json"])).unwrap();
+        serde_json::from_str(&expect(folder, 0, &format!("show {trace} --json"))).unwrap();
     let last = steps["steps"].as_array().unwrap().len().to_string();
     assert!(refused(&[&last, "--policy", "oracle"]).contains("the episode ended with call"));
     assert!(!folder.join("traces").read_dir().unwrap().any(|entry| {

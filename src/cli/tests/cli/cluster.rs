@@ -79,27 +79,12 @@ fn executor(folder: &Path, scheduler: &str) -> Process {
 fn a_cluster_gives_what_one_machine_gives() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
         expect(
             folder,
             0,
-            &[
-                "run",
-                "--tasks",
-                "tasks",
-                "--policy",
-                policy,
-                "--out",
-                "traces",
-                "--no-images",
-            ],
+            &format!("run --tasks tasks --policy {policy} --out traces --no-images"),
         );
     }
     let mut damaged = fs::read(crate::first_trace(folder)).unwrap();
@@ -108,7 +93,7 @@ fn a_cluster_gives_what_one_machine_gives() {
     fs::write(folder.join("traces/damaged.mcap"), damaged).unwrap();
 
     let scheduler = free();
-    let nobody = complaint(folder, 2, &["replay", "traces", "--cluster", &scheduler]);
+    let nobody = complaint(folder, 2, &format!("replay traces --cluster {scheduler}"));
     assert!(nobody.contains("no scheduler answers"), "{nobody}");
     let _scheduler = start(folder, &scheduler, &["scheduler", "--patience", "4"]);
     let (_one, two) = (executor(folder, &scheduler), executor(folder, &scheduler));
@@ -127,19 +112,11 @@ fn a_cluster_gives_what_one_machine_gives() {
         );
     };
 
-    let alone = expect(folder, 3, &["ingest", traces, "--store", "alone", "--json"]);
+    let alone = expect(folder, 3, &format!("ingest {traces} --store alone --json"));
     let together = expect(
         folder,
         3,
-        &[
-            "ingest",
-            traces,
-            "--store",
-            "store",
-            "--json",
-            "--cluster",
-            &scheduler,
-        ],
+        &format!("ingest {traces} --store store --json --cluster {scheduler}"),
     );
     assert_eq!(alone, together);
     assert!(
@@ -149,10 +126,18 @@ fn a_cluster_gives_what_one_machine_gives() {
     same(1, &["replay", traces, "--json"]);
     same(1, &["replay", traces, "--outcomes"]);
     same(1, &["blame", traces, "--json"]);
-    same(0, &["reward", "--store", "store", "--check"]);
+    same(0, &["store", "reward", "--store", "store", "--check"]);
     same(
         0,
-        &["reward", "--store", "store", "--diff", "paper", "real-repo"],
+        &[
+            "store",
+            "reward",
+            "--store",
+            "store",
+            "--diff",
+            "paper",
+            "real-repo",
+        ],
     );
     same(0, &["taxonomy", "--store", "store", "--dry-run", "--json"]);
     for sql in [
@@ -188,7 +173,11 @@ fn a_cluster_gives_what_one_machine_gives() {
         folder.join("elsewhere/other.mcap"),
     )
     .unwrap();
-    let refused = complaint(folder, 2, &["replay", "elsewhere", "--cluster", &scheduler]);
+    let refused = complaint(
+        folder,
+        2,
+        &format!("replay elsewhere --cluster {scheduler}"),
+    );
     assert!(
         refused.contains("may not open") && refused.contains("--traces"),
         "{refused}"
@@ -200,17 +189,9 @@ fn a_cluster_gives_what_one_machine_gives() {
     let kept = expect(
         folder,
         1,
-        &[
-            "blame",
-            traces,
-            "--branches",
-            "here",
-            "--json",
-            "--cluster",
-            &scheduler,
-        ],
+        &format!("blame {traces} --branches here --json --cluster {scheduler}"),
     );
-    let there = reel(folder, &["blame", traces, "--branches", "there", "--json"]);
+    let there = reel(folder, &format!("blame {traces} --branches there --json"));
     assert_eq!(
         kept.replace("here/", "there/"),
         String::from_utf8_lossy(&there.stdout)

@@ -27,7 +27,16 @@ fn cameras_and_films() {
             folder,
             0,
             &[
-                &["frames", trace, "--out", out, "--at", "2", "--no-cache"],
+                &[
+                    "trace",
+                    "frames",
+                    trace,
+                    "--out",
+                    out,
+                    "--at",
+                    "2",
+                    "--no-cache",
+                ],
                 camera,
             ]
             .concat(),
@@ -37,7 +46,7 @@ fn cameras_and_films() {
     let all = expect(
         folder,
         0,
-        &["frames", trace, "--out", "all", "--camera", "top-down"],
+        &format!("trace frames {trace} --out all --camera top-down"),
     );
     assert!(
         all.contains("start.png") && !all.contains("contact_sheet"),
@@ -51,7 +60,11 @@ fn cameras_and_films() {
         complaint(
             folder,
             2,
-            &[&["frames", trace, "--out", "no", "--at", "2"], camera].concat(),
+            &[
+                &["trace", "frames", trace, "--out", "no", "--at", "2"],
+                camera,
+            ]
+            .concat(),
         )
     };
     assert!(refused(&["--camera", "side"]).contains("no camera is called 'side'"));
@@ -66,20 +79,19 @@ fn cameras_and_films() {
     expect(
         folder,
         0,
-        &[
-            "branch",
-            trace,
-            "--at",
-            "3",
-            "--policy",
-            "oracle",
-            "--out",
-            "b.mcap",
-            "--no-cache",
-        ],
+        &format!("branch {trace} --at 3 --policy oracle --out b.mcap --no-cache"),
     );
     let film = [
-        "video", trace, "--beside", "b.mcap", "--camera", "top-down", "--out", "film.gif", "--json",
+        "trace",
+        "video",
+        trace,
+        "--compare",
+        "b.mcap",
+        "--camera",
+        "top-down",
+        "--out",
+        "film.gif",
+        "--json",
     ];
     let told: serde_json::Value = serde_json::from_str(&expect(folder, 0, &film)).unwrap();
     assert_eq!(told["width"], 2 * 640 + 8);
@@ -89,7 +101,10 @@ fn cameras_and_films() {
             .starts_with(b"GIF89a")
     );
     assert!(
-        complaint(folder, 2, &["video", trace, "--out", "film.avi"]).contains("a .gif or an .mp4")
+        complaint(folder, 2, &format!("trace video {trace} --out film.avi"))
+            .contains("a .gif or an .mp4")
     );
-    assert!(complaint(folder, 2, &["video", trace, "--fps", "0"]).contains("--fps is from"));
+    assert!(
+        complaint(folder, 2, &format!("trace video {trace} --fps 0")).contains("--fps is from")
+    );
 }

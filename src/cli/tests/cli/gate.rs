@@ -55,27 +55,23 @@ fn the_gate_names_the_episode_and_the_call_that_change() {
     let told = expect(
         folder,
         1,
-        &["gate", "--corpus", "corpus", "--against", this],
+        &format!("dev gate --corpus corpus --against {this}"),
     );
     assert!(
         told.contains("1 of 2 traces are exact in this build") && told.contains("call 3"),
         "{told}"
     );
     assert!(told.contains("The moon is full."), "{told}");
-    let outcomes = expect(folder, 1, &["replay", "corpus", "--outcomes", "--json"]);
+    let outcomes = expect(folder, 1, "replay corpus --outcomes --json");
     assert!(outcomes.contains(r#""call":3"#), "{outcomes}");
 
     fs::remove_file(folder.join("corpus").join(NAMES[0])).unwrap();
     expect(
         folder,
         0,
-        &["gate", "--corpus", "corpus", "--against", this, "--json"],
+        &format!("dev gate --corpus corpus --against {this} --json"),
     );
-    let other = complaint(
-        folder,
-        2,
-        &["gate", "--corpus", "corpus", "--against", "/bin/true"],
-    );
+    let other = complaint(folder, 2, "dev gate --corpus corpus --against /bin/true");
     assert!(!other.is_empty());
 }
 
@@ -88,6 +84,7 @@ fn minting_demands_a_reason_and_writes_it_down() {
         folder,
         2,
         &[
+            "dev",
             "mint",
             "--corpus",
             "corpus",
@@ -103,6 +100,7 @@ fn minting_demands_a_reason_and_writes_it_down() {
         folder,
         0,
         &[
+            "dev",
             "mint",
             "--corpus",
             "corpus",
@@ -123,7 +121,14 @@ fn minting_demands_a_reason_and_writes_it_down() {
     let broken = complaint(
         folder,
         2,
-        &["mint", "--corpus", "forged", "--reason", "An honest try."],
+        &[
+            "dev",
+            "mint",
+            "--corpus",
+            "forged",
+            "--reason",
+            "An honest try.",
+        ],
     );
     assert!(broken.contains("raise SIM_VERSION"), "{broken}");
 }

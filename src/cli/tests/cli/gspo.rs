@@ -43,7 +43,7 @@ fn play(here: &Path, checkpoints: &[&str]) {
     }
 }
 
-/// What `reel logprobs list` prints, by episode and policy: the log-probabilities of all
+/// What `reel trace logprobs list` prints, by episode and policy: the log-probabilities of all
 /// decisions behind one another.
 fn listed(printed: &str) -> BTreeMap<(String, String), Vec<f64>> {
     let mut all: BTreeMap<(String, String), Vec<f64>> = BTreeMap::new();
@@ -69,10 +69,10 @@ fn from_an_endpoint_to_the_objective() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     play(here, &["old", "new", "ref"]);
-    assert!(expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("4 added"));
-    let early = complaint(here, 2, &["gspo", "--store", "store"]);
+    assert!(expect(here, 0, "ingest old --store store").starts_with("4 added"));
+    let early = complaint(here, 2, "dataset gspo --store store");
     assert!(
-        early.contains("'old', 'new'") && early.contains("reel logprobs add"),
+        early.contains("'old', 'new'") && early.contains("reel trace logprobs add"),
         "{early}"
     );
 
@@ -87,24 +87,19 @@ fn from_an_endpoint_to_the_objective() {
         let added = expect(
             here,
             0,
-            &[
-                "logprobs", "add", "old", "--from", checkpoint, "--policy", checkpoint,
-            ],
+            &format!("trace logprobs add old --from {checkpoint} --policy {checkpoint}"),
         );
         assert!(added.contains("to 4 traces"), "{added}");
     }
     assert_eq!(digests("old"), before);
-    assert!(expect(here, 0, &["replay", "old"]).starts_with("4 of 4 traces replay exactly"));
+    assert!(expect(here, 0, "replay old").starts_with("4 of 4 traces replay exactly"));
+    assert!(expect(here, 0, "ingest old --store store").starts_with("0 added, 4 replaced"));
     assert!(
-        expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("0 added, 4 replaced")
-    );
-    assert!(
-        expect(here, 0, &["ingest", "old", "--store", "store"])
-            .starts_with("0 added, 0 replaced, 4 unchanged")
+        expect(here, 0, "ingest old --store store").starts_with("0 added, 0 replaced, 4 unchanged")
     );
 
     // the objective from the lines alone: groups are tasks, rewards are the sums of their episodes
-    let lines = listed(&expect(here, 0, &["logprobs", "list", "old"]));
+    let lines = listed(&expect(here, 0, "trace logprobs list old"));
     assert_eq!(lines.len(), 4 * 3);
     let mut groups: BTreeMap<String, BTreeMap<String, f64>> = BTreeMap::new();
     for path in files(&here.join("old"), "mcap") {
@@ -157,7 +152,7 @@ fn from_an_endpoint_to_the_objective() {
         expect(
             here,
             0,
-            &[&["gspo", "--store", "store"], &with[..], more].concat(),
+            &[&["dataset", "gspo", "--store", "store"], &with[..], more].concat(),
         )
     };
     let told: Value = serde_json::from_str(&gspo(&["--json"])).unwrap();
@@ -225,18 +220,7 @@ fn from_an_endpoint_to_the_objective() {
     expect(
         here,
         0,
-        &[
-            "export",
-            "rl",
-            "--store",
-            "store",
-            "--out",
-            "rl",
-            "--images",
-            "none",
-            "--returns",
-            "published",
-        ],
+        "export rl --store store --out rl --images none --returns published",
     );
     let manifest: Value =
         serde_json::from_slice(&fs::read(here.join("rl/manifest.json")).unwrap()).unwrap();
@@ -270,7 +254,7 @@ fn log_probabilities_of_other_tokens_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     play(here, &["old"]);
-    let text = expect(here, 0, &["logprobs", "list", "old"]);
+    let text = expect(here, 0, "trace logprobs list old");
     let lines = ScoredTokens::read_lines(&text, Path::new("stdout")).unwrap();
     let before: Vec<Vec<u8>> = files(&here.join("old"), "mcap")
         .iter()
@@ -291,7 +275,7 @@ fn log_probabilities_of_other_tokens_are_refused() {
             .map(|line| serde_json::to_string(line).unwrap() + "\n")
             .collect();
         fs::write(here.join("new.jsonl"), text).unwrap();
-        let told = complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]);
+        let told = complaint(here, 2, "trace logprobs add old --from new.jsonl");
         let after: Vec<Vec<u8>> = files(&here.join("old"), "mcap")
             .iter()
             .map(|path| fs::read(path).unwrap())
@@ -307,13 +291,11 @@ fn log_probabilities_of_other_tokens_are_refused() {
     );
     assert!(refused(&|line| line.step = 99).contains("step 99"));
     fs::write(here.join("new.jsonl"), "{\"logprobs\": [NaN]}\n").unwrap();
-    assert!(
-        complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]).contains("line 1")
-    );
+    assert!(complaint(here, 2, "trace logprobs add old --from new.jsonl").contains("line 1"));
     fs::write(here.join("new.jsonl"), "").unwrap();
     assert!(
-        complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"])
-            .contains("reel logprobs list")
+        complaint(here, 2, "trace logprobs add old --from new.jsonl")
+            .contains("reel trace logprobs list")
     );
 
     // scored in part: the objective names the decision
@@ -327,35 +309,25 @@ fn log_probabilities_of_other_tokens_are_refused() {
     })
     .unwrap();
     fs::write(here.join("new.jsonl"), part).unwrap();
-    expect(here, 0, &["logprobs", "add", "old", "--from", "new.jsonl"]);
-    expect(here, 0, &["ingest", "old", "--store", "store"]);
-    let told = complaint(here, 2, &["gspo", "--store", "store"]);
+    expect(here, 0, "trace logprobs add old --from new.jsonl");
+    expect(here, 0, "ingest old --store store");
+    let told = complaint(here, 2, "dataset gspo --store store");
     assert!(
         told.contains(&lines[0].episode_id) && told.contains("step 1") && told.contains("'new'"),
         "{told}"
     );
-    assert!(complaint(here, 2, &["gspo", "--store", "store", "--beta", "0.04"]).contains("--ref"));
-    assert!(
-        complaint(here, 2, &["gspo", "--store", "store", "--epsilon", "-1"]).contains("radius")
-    );
+    assert!(complaint(here, 2, "dataset gspo --store store --beta 0.04").contains("--ref"));
+    assert!(complaint(here, 2, "dataset gspo --store store --epsilon -1").contains("radius"));
     assert!(
         complaint(
             here,
             2,
-            &[
-                "gspo",
-                "--store",
-                "store",
-                "--eps",
-                "1",
-                "--advantage",
-                "grpo"
-            ]
+            "dataset gspo --store store --eps 1 --advantage grpo"
         )
         .contains("--advantage paper")
     );
 
     // without log-probabilities a run says so
-    let plain = complaint(here, 1, &["logprobs", "list", "plans"]);
+    let plain = complaint(here, 1, "trace logprobs list plans");
     assert!(plain.contains("reel bench --logprobs"), "{plain}");
 }

@@ -65,14 +65,7 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let report = expect(
         folder,
         0,
-        &[
-            "import",
-            "real-eval",
-            "eval_output",
-            "--out",
-            "traces",
-            "--json",
-        ],
+        "import real-eval eval_output --out traces --json",
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
@@ -82,21 +75,21 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let trace = report["trace"].as_str().unwrap();
 
     let said = "recorded through a proxy: nothing to re-execute";
-    assert!(expect(folder, 0, &["doctor", trace]).contains(said));
-    assert!(expect(folder, 1, &["replay", trace]).contains(said));
-    assert!(expect(folder, 1, &["replay", trace, "--explain"]).contains(said));
-    assert!(expect(folder, 1, &["replay", trace, "--restored", "2"]).contains(said));
-    assert!(expect(folder, 1, &["replay", trace, "--outcomes"]).contains(said));
-    assert!(expect(folder, 1, &["gate", "--corpus", "traces"]).contains("not_replayable"));
-    assert!(complaint(folder, 1, &["compact", trace, "--out", "lean"]).contains(said));
-    let shown = expect(folder, 0, &["show", trace]);
+    assert!(expect(folder, 0, &format!("trace doctor {trace}")).contains(said));
+    assert!(expect(folder, 1, &format!("replay {trace}")).contains(said));
+    assert!(expect(folder, 1, &format!("replay {trace} --explain")).contains(said));
+    assert!(expect(folder, 1, &format!("replay {trace} --restored 2")).contains(said));
+    assert!(expect(folder, 1, &format!("replay {trace} --outcomes")).contains(said));
+    assert!(expect(folder, 1, "dev gate --corpus traces").contains("not_replayable"));
+    assert!(complaint(folder, 1, &format!("trace compact {trace} --out lean")).contains(said));
+    let shown = expect(folder, 0, &format!("show {trace}"));
     assert!(
         shown.contains("through a proxy")
             && shown.contains("Put the apple on the desk.")
             && !shown.contains("driven"),
         "{shown}"
     );
-    let pictures = expect(folder, 0, &["frames", trace, "--out", "pictures"]);
+    let pictures = expect(folder, 0, &format!("trace frames {trace} --out pictures"));
     assert!(
         pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"),
         "{pictures}"
@@ -104,13 +97,9 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
 
     #[cfg(feature = "analytics")]
     {
-        expect(folder, 0, &["ingest", "traces", "--store", "store"]);
-        let class: Value = serde_json::from_str(&expect(
-            folder,
-            0,
-            &["taxonomy", "--store", "store", "--json"],
-        ))
-        .unwrap();
+        expect(folder, 0, "ingest traces --store store");
+        let class: Value =
+            serde_json::from_str(&expect(folder, 0, "taxonomy --store store --json")).unwrap();
         let found = (&class["sub_class"], &class["step"], &class["evidence"]);
         assert_eq!(
             found,
@@ -126,11 +115,7 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
         "{\"world",
     )
     .unwrap();
-    let complaints = complaint(
-        folder,
-        3,
-        &["import", "real-eval", "eval_output", "--out", "traces"],
-    );
+    let complaints = complaint(folder, 3, "import real-eval eval_output --out traces");
     assert!(
         complaints.contains("m2/step_001/debug_info.json")
             && complaints.contains("the steps before it"),
@@ -142,8 +127,8 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
         "{}",
     )
     .unwrap();
-    assert!(complaint(folder, 2, &["import", "real-eval", "eval_output"]).contains("--tasks"));
-    assert!(complaint(folder, 2, &["import", "real-eval", "nowhere"]).contains("nowhere"));
+    assert!(complaint(folder, 2, "import real-eval eval_output").contains("--tasks"));
+    assert!(complaint(folder, 2, "import real-eval nowhere").contains("nowhere"));
 }
 
 /// A recording of a robot in JSON: topics, seconds, messages.
@@ -222,9 +207,9 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
     );
     let trace = report["trace"].as_str().unwrap();
     let said = "recorded on a robot: nothing to re-execute";
-    assert!(expect(folder, 0, &["doctor", trace]).contains(said));
-    assert!(expect(folder, 1, &["replay", trace]).contains(said));
-    let shown = expect(folder, 0, &["show", trace]);
+    assert!(expect(folder, 0, &format!("trace doctor {trace}")).contains(said));
+    assert!(expect(folder, 1, &format!("replay {trace}")).contains(said));
+    let shown = expect(folder, 0, &format!("show {trace}"));
     assert!(
         shown.contains("on a robot")
             && shown.contains("arrived")
@@ -234,7 +219,7 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
 
     #[cfg(feature = "analytics")]
     {
-        expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+        expect(folder, 0, "ingest traces --store store");
         let sql = "SELECT backend, policy, success, length FROM episodes";
         let rows = expect(
             folder,

@@ -25,6 +25,7 @@ mod real_formats;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;
+mod settings;
 mod social;
 mod symbols;
 #[cfg(feature = "analytics")]
@@ -42,16 +43,52 @@ use std::{
     process::{Command, Output},
 };
 
-fn reel(folder: &Path, arguments: &[&str]) -> Output {
+/// The arguments of a command: one text, or a list where an argument holds spaces.
+trait CommandLine {
+    fn list(&self) -> Vec<&str>;
+}
+
+impl CommandLine for str {
+    fn list(&self) -> Vec<&str> {
+        self.split_whitespace().collect()
+    }
+}
+
+impl CommandLine for String {
+    fn list(&self) -> Vec<&str> {
+        self.split_whitespace().collect()
+    }
+}
+
+impl CommandLine for [&str] {
+    fn list(&self) -> Vec<&str> {
+        self.to_vec()
+    }
+}
+
+impl<const N: usize> CommandLine for [&str; N] {
+    fn list(&self) -> Vec<&str> {
+        self.to_vec()
+    }
+}
+
+impl CommandLine for Vec<&str> {
+    fn list(&self) -> Vec<&str> {
+        self.clone()
+    }
+}
+
+fn reel(folder: &Path, arguments: &(impl CommandLine + ?Sized)) -> Output {
     Command::new(env!("CARGO_BIN_EXE_reel"))
         .current_dir(folder)
-        .args(arguments)
+        .env_remove("REEL_CONFIG")
+        .args(arguments.list())
         .output()
         .expect("the binary starts")
 }
 
 /// Standard output of a command that must end with the given exit code.
-fn expect(folder: &Path, code: i32, arguments: &[&str]) -> String {
+fn expect(folder: &Path, code: i32, arguments: &(impl CommandLine + ?Sized)) -> String {
     let output = reel(folder, arguments);
     let (out, err) = (
         String::from_utf8_lossy(&output.stdout),
@@ -61,19 +98,19 @@ fn expect(folder: &Path, code: i32, arguments: &[&str]) -> String {
         output.status.code(),
         Some(code),
         "reel {}\n{out}\n{err}",
-        arguments.join(" ")
+        arguments.list().join(" ")
     );
     out.into_owned()
 }
 
 /// Standard error of a command that must end with the given exit code.
-fn complaint(folder: &Path, code: i32, arguments: &[&str]) -> String {
+fn complaint(folder: &Path, code: i32, arguments: &(impl CommandLine + ?Sized)) -> String {
     let output = reel(folder, arguments);
     assert_eq!(
         output.status.code(),
         Some(code),
         "reel {}",
-        arguments.join(" ")
+        arguments.list().join(" ")
     );
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
@@ -92,32 +129,12 @@ fn failed_episode(folder: &Path) -> PathBuf {
     expect(
         folder,
         0,
-        &[
-            "tasks",
-            "draw",
-            "--count",
-            "1",
-            "--families",
-            "FDP",
-            "--seed",
-            "4",
-            "--out",
-            "tasks",
-        ],
+        "task draw --count 1 --families FDP --seed 4 --out tasks",
     );
     expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--policy",
-            "wrong-object",
-            "--out",
-            "traces",
-            "--no-images",
-        ],
+        "run --tasks tasks --policy wrong-object --out traces --no-images",
     );
     first_trace(folder)
 }
@@ -126,14 +143,8 @@ fn failed_episode(folder: &Path) -> PathBuf {
 fn the_loop_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
-        ],
-    );
-    assert!(expect(folder, 0, &["tasks", "check", "tasks"]).contains("4 of 4 tasks load"));
+    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
+    assert!(expect(folder, 0, "task check tasks").contains("4 of 4 tasks load"));
     let run = [
         "run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json",
     ];
@@ -147,16 +158,19 @@ fn the_loop_end_to_end() {
         "{reports}"
     );
     assert!(
-        expect(folder, 0, &["replay", "traces", "--jobs", "1"])
-            .starts_with("4 of 4 traces replay exactly")
+        expect(folder, 0, "replay traces --jobs 1").starts_with("4 of 4 traces replay exactly")
     );
 
     let trace = first_trace(folder);
     let trace_name = trace.to_str().unwrap();
-    assert!(expect(folder, 0, &["show", trace_name]).contains("nav_to"));
+    assert!(expect(folder, 0, &format!("show {trace_name}")).contains("nav_to"));
     assert!(
-        expect(folder, 0, &["frames", trace_name, "--out", "pictures"])
-            .contains("contact_sheet.png")
+        expect(
+            folder,
+            0,
+            &format!("trace frames {trace_name} --out pictures")
+        )
+        .contains("contact_sheet.png")
     );
 
     // The same run again, with one worker and the tasks the other way round, gives the same bytes.
@@ -164,16 +178,7 @@ fn the_loop_end_to_end() {
     expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--out",
-            "traces",
-            "--jobs",
-            "1",
-            "--reversed",
-        ],
+        "run --tasks tasks --out traces --jobs 1 --reversed",
     );
     assert!(
         before == fs::read(&trace).unwrap(),
@@ -181,16 +186,12 @@ fn the_loop_end_to_end() {
     );
 
     // Without pictures the trace still gives them: rendered again, the same to the pixel.
-    expect(
-        folder,
-        0,
-        &["run", "--tasks", "tasks", "--out", "lean", "--no-images"],
-    );
+    expect(folder, 0, "run --tasks tasks --out lean --no-images");
     let lean = folder.join("lean").join(trace.file_name().unwrap());
     expect(
         folder,
         0,
-        &["frames", lean.to_str().unwrap(), "--out", "again"],
+        &["trace", "frames", lean.to_str().unwrap(), "--out", "again"],
     );
     assert_eq!(
         fs::read(folder.join("pictures/call_000.png")).unwrap(),
@@ -202,43 +203,26 @@ fn the_loop_end_to_end() {
 fn exit_codes_and_complaints() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let missing = complaint(folder, 2, &["replay", "nowhere"]);
+    let missing = complaint(folder, 2, "replay nowhere");
     assert!(
         missing.contains("no such trace or folder: nowhere"),
         "{missing}"
     );
-    let policy = complaint(
-        folder,
-        2,
-        &["run", "--tasks", "tasks", "--policy", "clever"],
-    );
+    let policy = complaint(folder, 2, "run --tasks tasks --policy clever");
     assert!(
         policy.contains("no policy is called 'clever'") && policy.contains("oscillating"),
         "{policy}"
     );
 
-    expect(
-        folder,
-        0,
-        &[
-            "tasks",
-            "draw",
-            "--count",
-            "1",
-            "--families",
-            "FDP",
-            "--out",
-            "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 1 --families FDP --out tasks");
     fs::write(
         folder.join("tasks/broken.yaml"),
         "scene_id: home\nepisodes: 3\n",
     )
     .unwrap();
-    expect(folder, 1, &["tasks", "check", "tasks"]);
+    expect(folder, 1, "task check tasks");
     // One broken file is named, the rest is played: done, but with something left out.
-    let run = complaint(folder, 3, &["run", "--tasks", "tasks", "--out", "traces"]);
+    let run = complaint(folder, 3, "run --tasks tasks --out traces");
     assert!(run.contains("broken.yaml"), "{run}");
 
     let trace = first_trace(folder);
@@ -255,25 +239,17 @@ fn exit_codes_and_complaints() {
 fn tables_questions_and_training_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
         expect(
             folder,
             0,
-            &[
-                "run", "--tasks", "tasks", "--policy", policy, "--out", "traces",
-            ],
+            &format!("run --tasks tasks --policy {policy} --out traces"),
         );
     }
-    assert!(expect(folder, 0, &["ingest", "traces", "--store", "store"]).starts_with("8 added"));
+    assert!(expect(folder, 0, "ingest traces --store store").starts_with("8 added"));
     assert!(
-        expect(folder, 0, &["ingest", "traces", "--store", "store"])
+        expect(folder, 0, "ingest traces --store store")
             .starts_with("0 added, 0 replaced, 8 unchanged")
     );
     let count = expect(
@@ -293,9 +269,7 @@ fn tables_questions_and_training_rows() {
         expect(
             folder,
             0,
-            &[
-                "query", "--store", "store", "--named", named, "--format", "json",
-            ],
+            &format!("query --store store --named {named} --format json"),
         );
     }
     let refused = complaint(
@@ -308,9 +282,7 @@ fn tables_questions_and_training_rows() {
     let report = expect(
         folder,
         0,
-        &[
-            "export", "sft", "--store", "store", "--out", "sft", "--format", "trl", "--json",
-        ],
+        "export sft --store store --out sft --format trl --json",
     );
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["episodes"], 4, "{report}");
@@ -318,32 +290,16 @@ fn tables_questions_and_training_rows() {
         report["examples"]["train"].as_u64().unwrap() >= 24,
         "{report}"
     );
-    let linted = expect(folder, 0, &["dataset", "lint", "sft", "--json"]);
+    let linted = expect(folder, 0, "dataset lint sft --json");
     let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
     assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
-    let shown = expect(
-        folder,
-        0,
-        &[
-            "dataset",
-            "show",
-            "sft",
-            "--row",
-            "1",
-            "--pictures",
-            "shown",
-        ],
-    );
+    let shown = expect(folder, 0, "dataset show sft --row 1 --pictures shown");
     assert!(
         shown.contains("Last action:") && shown.contains("next action"),
         "{shown}"
     );
     assert!(folder.join("shown/row-1-1.png").exists());
-    let full = complaint(
-        folder,
-        2,
-        &["export", "sft", "--store", "store", "--out", "sft"],
-    );
+    let full = complaint(folder, 2, "export sft --store store --out sft");
     assert!(full.contains("not empty"), "{full}");
 }
 

@@ -8,7 +8,7 @@ use crate::{complaint, expect};
 fn scenes_go_by_name_and_new_ones_are_as_good() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let listed = expect(folder, 0, &["scene", "list", "--json"]);
+    let listed = expect(folder, 0, "scene list --json");
     let listed: Vec<serde_json::Value> = serde_json::from_str(&listed).unwrap();
     let trained = || {
         listed.iter().filter(|scene| {
@@ -27,35 +27,16 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
             .sum::<u64>()
             >= 157
     );
-    assert!(expect(folder, 0, &["scene", "check", "S1", "S7"]).contains("S7: 0 findings"));
+    assert!(expect(folder, 0, "scene check S1 S7").contains("S7: 0 findings"));
 
     expect(
         folder,
         0,
-        &[
-            "scene",
-            "generate",
-            "--seed",
-            "7",
-            "--rooms",
-            "5",
-            "--receptacles",
-            "9",
-            "--out",
-            "flat.json",
-        ],
+        "scene generate --seed 7 --rooms 5 --receptacles 9 --out flat.json",
     );
-    expect(folder, 0, &["scene", "check", "flat.json"]);
-    expect(
-        folder,
-        0,
-        &["scene", "plan", "flat.json", "--out", "flat.svg"],
-    );
-    expect(
-        folder,
-        0,
-        &["scene", "plan", "flat.json", "--out", "flat.png"],
-    );
+    expect(folder, 0, "scene check flat.json");
+    expect(folder, 0, "scene plan flat.json --out flat.svg");
+    expect(folder, 0, "scene plan flat.json --out flat.png");
     let plan = fs::read_to_string(folder.join("flat.svg")).unwrap();
     assert!(
         plan.starts_with("<svg") && plan.contains("robot start"),
@@ -75,8 +56,8 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
         scene["receptacles"][1][corner] = twice[corner].clone();
     }
     fs::write(folder.join("flat.json"), scene.to_string()).unwrap();
-    assert!(expect(folder, 1, &["scene", "check", "flat.json"]).contains("stands in"));
-    assert!(complaint(folder, 2, &["scene", "check", "S8"]).contains("home, S1"));
+    assert!(expect(folder, 1, "scene check flat.json").contains("stands in"));
+    assert!(complaint(folder, 2, "scene check S8").contains("home, S1"));
 }
 
 /// The short form of `make eval-tasks`.
@@ -119,12 +100,8 @@ fn made_tasks_mean_what_they_say_and_can_be_done() {
 fn tasks_come_from_a_table_that_people_change() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &["tasks", "compatibility", "--out", "table.json"],
-    );
-    let generate = ["tasks", "generate", "--count", "4", "--seed", "1"];
+    expect(folder, 0, "task compatibility --out table.json");
+    let generate = ["task", "generate", "--count", "4", "--seed", "1"];
     let made = |more: &[&str]| {
         expect(folder, 0, &[&generate, more].concat())
             .lines()
@@ -173,7 +150,7 @@ fn tasks_come_from_a_table_that_people_change() {
     assert!(
         broken.contains("table.json")
             && broken.contains("receptacle")
-            && broken.contains("reel tasks compatibility"),
+            && broken.contains("reel task compatibility"),
         "{broken}"
     );
 }
@@ -185,7 +162,7 @@ fn a_model_writes_the_table() {
     let folder = folder.path();
     let url = super::endpoint::endpoint("Toys, I say: [\"toy\", \"unicorn\"]");
     let asked = [
-        "tasks",
+        "task",
         "compatibility",
         "--scene",
         "S3",
@@ -211,23 +188,12 @@ fn a_model_writes_the_table() {
     expect(
         folder,
         0,
-        &[
-            "tasks",
-            "generate",
-            "--scene",
-            "S3",
-            "--count",
-            "2",
-            "--compatibility",
-            "table.json",
-            "--out",
-            "made",
-        ],
+        "task generate --scene S3 --count 2 --compatibility table.json --out made",
     );
 
     let url = super::endpoint::endpoint("I would rather not.");
     let asked = [
-        "tasks",
+        "task",
         "compatibility",
         "--scene",
         "S4",

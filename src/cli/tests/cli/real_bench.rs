@@ -19,11 +19,7 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
     let folder = folder.path();
     let counts = checkout::write(&data, &folder.join("REAL"), 1);
     let all: usize = counts.values().sum();
-    let text = expect(
-        folder,
-        0,
-        &["tasks", "real-bench", "REAL", "--out", "real-bench"],
-    );
+    let text = expect(folder, 0, "task real-bench REAL --out real-bench");
     assert!(
         text.contains(&format!("{all} of {all} tasks load")),
         "{text}"
@@ -32,7 +28,7 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
         text.contains("proven 0.744 m") && text.contains("assumed 0.850 m"),
         "which is proven, which is assumed: {text}"
     );
-    let checked = expect(folder, 0, &["tasks", "check", "real-bench/tasks"]);
+    let checked = expect(folder, 0, "task check real-bench/tasks");
     assert!(
         checked.contains(&format!("{all} of {all} tasks load in scene ")),
         "{checked}"
@@ -55,22 +51,14 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
     let played = expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "real-bench/some",
-            "--no-images",
-            "--out",
-            "traces",
-            "--json",
-        ],
+        "run --tasks real-bench/some --no-images --out traces --json",
     );
     for episode in played.lines() {
         let episode: serde_json::Value = serde_json::from_str(episode).unwrap();
         assert_eq!(episode["success"], true, "{episode}");
     }
     assert!(played.lines().count() >= 8, "{played}");
-    expect(folder, 0, &["replay", "traces"]);
+    expect(folder, 0, "replay traces");
 }
 
 #[test]
@@ -83,17 +71,7 @@ fn an_incomplete_checkout_plays_what_is_there() {
     checkout::write(&data, &folder.join("REAL"), 30);
     let torn = sorted(&folder.join("REAL/benchmark/tasks/FDP")).remove(0);
     fs::write(&torn, "scene_id: [").unwrap();
-    let text = expect(
-        folder,
-        3,
-        &[
-            "tasks",
-            "real-bench",
-            "REAL/benchmark",
-            "--out",
-            "real-bench",
-        ],
-    );
+    let text = expect(folder, 3, "task real-bench REAL/benchmark --out real-bench");
     assert!(
         text.contains(&format!(
             "broken: REAL/benchmark/tasks/FDP/{}:2: ",
@@ -107,12 +85,7 @@ fn an_incomplete_checkout_plays_what_is_there() {
     );
     assert!(text.contains("7 of 8 tasks load"), "{text}");
     assert!(
-        complaint(
-            folder,
-            2,
-            &["tasks", "real-bench", "elsewhere", "--out", "x"]
-        )
-        .contains("give a checkout of")
+        complaint(folder, 2, "task real-bench elsewhere --out x").contains("give a checkout of")
     );
 }
 
@@ -124,10 +97,7 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
         expect(
             folder,
             0,
-            &[
-                "tasks", "generate", "--scene", scene, "--count", "2", "--seed", "1", "--out",
-                "made",
-            ],
+            &format!("task generate --scene {scene} --count 2 --seed 1 --out made"),
         );
         // The scene comes with Reel, so it need not lie there.
         fs::remove_file(folder.join("made").join(format!("{scene}.json"))).unwrap();
@@ -135,15 +105,7 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
     let played = expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "made",
-            "--no-images",
-            "--out",
-            "traces",
-            "--json",
-        ],
+        "run --tasks made --no-images --out traces --json",
     );
     let scenes: std::collections::BTreeSet<&str> = played
         .lines()
@@ -154,12 +116,8 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
         })
         .collect();
     assert_eq!((played.lines().count(), scenes.len()), (4, 2), "{played}");
-    expect(folder, 0, &["replay", "traces"]);
-    let refused = complaint(
-        folder,
-        2,
-        &["run", "--tasks", "made", "--scene", "S7", "--out", "traces"],
-    );
+    expect(folder, 0, "replay traces");
+    let refused = complaint(folder, 2, "run --tasks made --scene S7 --out traces");
     assert!(refused.contains("but the scene given is S7"), "{refused}");
 }
 

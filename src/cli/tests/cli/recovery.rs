@@ -1,4 +1,4 @@
-//! `reel recover` and `reel doctor` from outside: what they say, what they leave,
+//! `reel trace recover` and `reel trace doctor` from outside: what they say, what they leave,
 //! and their exit codes.
 
 use std::{fs, path::Path};
@@ -7,32 +7,11 @@ use crate::{complaint, expect, first_trace};
 
 /// A trace, and the part of a recording of it that was killed after some steps.
 fn recorded(folder: &Path) -> (std::path::PathBuf, std::path::PathBuf) {
+    expect(folder, 0, "task draw --count 1 --families FDP --out tasks");
     expect(
         folder,
         0,
-        &[
-            "tasks",
-            "draw",
-            "--count",
-            "1",
-            "--families",
-            "FDP",
-            "--out",
-            "tasks",
-        ],
-    );
-    expect(
-        folder,
-        0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--out",
-            "traces",
-            "--durability",
-            "fsync",
-        ],
+        "run --tasks tasks --out traces --durability fsync",
     );
     let trace = first_trace(folder);
     let part = trace.with_extension("mcap.part");
@@ -45,18 +24,20 @@ fn doctor_and_recover_by_exit_code() {
     let folder = folder.path();
     let (trace, part) = recorded(folder);
     let name = trace.to_str().unwrap();
-    assert!(expect(folder, 0, &["doctor", "traces"]).contains(": healthy, "));
-    assert!(expect(folder, 0, &["recover", name]).contains("whole, nothing to recover"));
+    assert!(expect(folder, 0, "trace doctor traces").contains(": healthy, "));
+    assert!(
+        expect(folder, 0, &format!("trace recover {name}")).contains("whole, nothing to recover")
+    );
 
     // Torn: the doctor says where, recovery names what is lost and keeps the evidence.
     let whole = fs::read(&trace).unwrap();
     fs::write(&trace, &whole[..whole.len() * 2 / 3]).unwrap();
-    let verdict = expect(folder, 1, &["doctor", name]);
+    let verdict = expect(folder, 1, &format!("trace doctor {name}"));
     assert!(
-        verdict.contains("at byte") && verdict.contains("`reel recover`"),
+        verdict.contains("at byte") && verdict.contains("`reel trace recover`"),
         "{verdict}"
     );
-    let report = expect(folder, 3, &["recover", name]);
+    let report = expect(folder, 3, &format!("trace recover {name}"));
     assert!(
         report.contains("lost: ") && report.contains(".recovered.mcap"),
         "{report}"
@@ -67,15 +48,19 @@ fn doctor_and_recover_by_exit_code() {
         expect(
             folder,
             0,
-            &["doctor", recovered.to_str().unwrap(), "--json"]
+            &["trace", "doctor", recovered.to_str().unwrap(), "--json"]
         )
         .contains(r#""findings":[]"#)
     );
-    assert!(expect(folder, 3, &["recover", name]).contains("already in"));
+    assert!(expect(folder, 3, &format!("trace recover {name}")).contains("already in"));
 
     // Cut only in the index: everything is there. In another folder, and as JSON.
     fs::write(&trace, &whole[..whole.len() - 20]).unwrap();
-    let report = expect(folder, 0, &["recover", name, "--out", "restored", "--json"]);
+    let report = expect(
+        folder,
+        0,
+        &format!("trace recover {name} --out restored --json"),
+    );
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
         (&report["restored"], &report["end_recorded"]),
@@ -83,25 +68,23 @@ fn doctor_and_recover_by_exit_code() {
         "{report}"
     );
     let restored = report["trace"].as_str().unwrap();
-    assert!(expect(folder, 0, &["replay", restored]).contains("exact"));
+    assert!(expect(folder, 0, &format!("replay {restored}")).contains("exact"));
 
     // A part of which nothing can be read, and a file of another program.
     fs::write(&part, b"").unwrap();
     fs::remove_file(&trace).unwrap();
     fs::remove_file(&recovered).unwrap();
-    assert!(expect(folder, 1, &["doctor", "traces"]).contains("not healthy"));
-    assert!(expect(folder, 3, &["recover", "traces"]).contains("nothing can be restored"));
-    assert!(expect(folder, 0, &["doctor", name]).contains("nothing of the recording"));
-    let missing = complaint(folder, 2, &["recover", "nowhere"]);
+    assert!(expect(folder, 1, "trace doctor traces").contains("not healthy"));
+    assert!(expect(folder, 3, "trace recover traces").contains("nothing can be restored"));
+    assert!(
+        expect(folder, 0, &format!("trace doctor {name}")).contains("nothing of the recording")
+    );
+    let missing = complaint(folder, 2, "trace recover nowhere");
     assert!(
         missing.contains("no such recording or folder: nowhere"),
         "{missing}"
     );
-    complaint(folder, 2, &["doctor", "tasks"]);
-    let unknown = complaint(
-        folder,
-        2,
-        &["run", "--tasks", "tasks", "--durability", "hope"],
-    );
+    complaint(folder, 2, "trace doctor tasks");
+    let unknown = complaint(folder, 2, "run --tasks tasks --durability hope");
     assert!(unknown.contains("there are write and fsync"), "{unknown}");
 }

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::expect;
 
 fn annotated(folder: &Path, more: &[&str]) -> Value {
-    let arguments = ["tasks", "annotate", "made", "--out", "social", "--json"];
+    let arguments = ["task", "annotate", "made", "--out", "social", "--json"];
     serde_json::from_str(&expect(folder, 0, &[&arguments, more].concat())).unwrap()
 }
 
@@ -42,9 +42,7 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     expect(
         folder,
         0,
-        &[
-            "tasks", "generate", "--scene", "S3", "--count", "16", "--seed", "1", "--out", "made",
-        ],
+        "task generate --scene S3 --count 16 --seed 1 --out made",
     );
     let first = annotated(folder, &[]);
     let count = first["annotated"].as_u64().unwrap();
@@ -71,31 +69,10 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     expect(
         folder,
         0,
-        &[
-            "run",
-            "--tasks",
-            "social/S3",
-            "--scene",
-            "social/S3.json",
-            "--no-images",
-            "--out",
-            "traces",
-        ],
+        "run --tasks social/S3 --scene social/S3.json --no-images --out traces",
     );
-    expect(folder, 0, &["replay", "traces"]);
-    expect(
-        folder,
-        2,
-        &[
-            "tasks",
-            "annotate",
-            "made",
-            "--out",
-            "social",
-            "--strategies",
-            "C",
-        ],
-    );
+    expect(folder, 0, "replay traces");
+    expect(folder, 2, "task annotate made --out social --strategies C");
 }
 
 #[cfg(feature = "service")]
@@ -108,9 +85,7 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
     expect(
         folder,
         0,
-        &[
-            "tasks", "generate", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made",
-        ],
+        "task generate --scene S3 --count 8 --seed 1 --out made",
     );
     let scene = reel_tasks::generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;

@@ -9,28 +9,17 @@ use super::{complaint, endpoint::endpoint, expect};
 
 /// Plays faulty episodes, ingests and classifies them.
 fn classified(folder: &Path, count: &str) {
+    expect(folder, 0, "task draw --count 16 --seed 1001 --out tasks");
     expect(
         folder,
         0,
-        &[
-            "tasks", "draw", "--count", "16", "--seed", "1001", "--out", "tasks",
-        ],
+        &format!("agent faults run --tasks tasks --episodes {count} --seed 1900000 --out faulty"),
     );
-    expect(
-        folder,
-        0,
-        &[
-            "faults", "run", "--tasks", "tasks", "--count", count, "--seed", "1900000", "--out",
-            "faulty",
-        ],
-    );
-    expect(folder, 0, &["ingest", "faulty", "--store", "store"]);
+    expect(folder, 0, "ingest faulty --store store");
     let table = expect(
         folder,
         0,
-        &[
-            "taxonomy", "--store", "store", "--sankey", "why.svg", "--sankey", "why.png",
-        ],
+        "taxonomy --store store --sankey why.svg --sankey why.png",
     );
     assert!(
         table.contains("Object Confusion") && table.contains("failures of"),
@@ -58,37 +47,17 @@ fn the_rules_find_what_was_injected() {
     let refused = complaint(
         folder,
         2,
-        &[
-            "taxonomy",
-            "agreement",
-            "--store",
-            "store",
-            "--with",
-            "injected",
-        ],
+        "taxonomy agreement --store store --with injected",
     );
     assert!(
         refused.contains("no episode of 'rules' has a label"),
         "{refused}"
     );
-    expect(
-        folder,
-        0,
-        &["label", "import", "faulty", "--store", "store"],
-    );
+    expect(folder, 0, "store label import faulty --store store");
     let report = expect(
         folder,
         0,
-        &[
-            "taxonomy",
-            "agreement",
-            "--store",
-            "store",
-            "--with",
-            "injected",
-            "--baseline",
-            "--json",
-        ],
+        "taxonomy agreement --store store --with injected --baseline --json",
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     let macro_f1 = |index: usize| {
@@ -110,13 +79,9 @@ fn the_rules_find_what_was_injected() {
     );
 
     // the rules see no labels: the same classes without them
-    let with = expect(
-        folder,
-        0,
-        &["taxonomy", "--store", "store", "--dry-run", "--json"],
-    );
-    expect(folder, 0, &["ingest", "faulty", "--store", "other"]);
-    let mut without: Vec<String> = expect(folder, 0, &["taxonomy", "--store", "other", "--json"])
+    let with = expect(folder, 0, "taxonomy --store store --dry-run --json");
+    expect(folder, 0, "ingest faulty --store other");
+    let mut without: Vec<String> = expect(folder, 0, "taxonomy --store other --json")
         .lines()
         .map(str::to_owned)
         .collect();
@@ -151,7 +116,7 @@ fn a_report_holds_everything_it_shows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     classified(folder, "8");
-    expect(folder, 0, &["blame", "--store", "store"]);
+    expect(folder, 0, "blame --store store");
     let report = ["report", "--store", "store", "--out", "why.html"];
     expect(
         folder,
@@ -200,7 +165,7 @@ fn people_label_disagree_and_decide() {
     );
     let id = first.lines().nth(1).unwrap();
     let set = |arguments: &[&str], code: i32| {
-        let all = [&["label", "set", "--store", "store"], arguments].concat();
+        let all = [&["store", "label", "set", "--store", "store"], arguments].concat();
         expect(folder, code, &all)
     };
     set(
@@ -258,18 +223,22 @@ fn people_label_disagree_and_decide() {
         let refused = complaint(
             folder,
             2,
-            &[&["label", "set", "--store", "store"], &arguments[..]].concat(),
+            &[
+                &["store", "label", "set", "--store", "store"],
+                &arguments[..],
+            ]
+            .concat(),
         );
         assert!(refused.contains(complaint_of), "{refused}");
     }
-    let disputed = expect(folder, 1, &["label", "disputed", "--store", "store"]);
+    let disputed = expect(folder, 1, "store label disputed --store store");
     assert!(
         disputed.contains("ann")
             && disputed.contains("bob")
             && disputed.contains("1 episodes are disputed"),
         "{disputed}"
     );
-    complaint(folder, 2, &["taxonomy", "agreement", "--store", "store"]);
+    complaint(folder, 2, "taxonomy agreement --store store");
     set(
         &[
             id,
@@ -281,11 +250,9 @@ fn people_label_disagree_and_decide() {
         ],
         0,
     );
+    assert!(expect(folder, 0, "store label disputed --store store").starts_with("0 episodes"));
     assert!(
-        expect(folder, 0, &["label", "disputed", "--store", "store"]).starts_with("0 episodes")
-    );
-    assert!(
-        expect(folder, 0, &["taxonomy", "agreement", "--store", "store"])
+        expect(folder, 0, "taxonomy agreement --store store")
             .contains("against 'agreed': 1 episodes")
     );
 
@@ -293,40 +260,35 @@ fn people_label_disagree_and_decide() {
     expect(
         folder,
         0,
-        &["label", "export", "--store", "store", "--out", "labels.csv"],
+        "store label export --store store --out labels.csv",
     );
     expect(
         folder,
         0,
-        &[
-            "label",
-            "export",
-            "--store",
-            "store",
-            "--out",
-            "labels.jsonl",
-        ],
+        "store label export --store store --out labels.jsonl",
     );
     for file in ["labels.csv", "labels.jsonl"] {
         let other = format!("other-{file}");
-        expect(folder, 0, &["ingest", "faulty", "--store", &other]);
-        expect(folder, 0, &["label", "import", file, "--store", &other]);
-        let list = |store: &str| expect(folder, 0, &["label", "list", "--store", store, "--json"]);
+        expect(folder, 0, &format!("ingest faulty --store {other}"));
+        expect(
+            folder,
+            0,
+            &format!("store label import {file} --store {other}"),
+        );
+        let list = |store: &str| {
+            expect(
+                folder,
+                0,
+                &format!("store label list --store {store} --json"),
+            )
+        };
         assert_eq!(list(&other), list("store"), "{file}");
     }
     fs::write(folder.join("bad.csv"), "episode_id,class\nx,Nonsense\n").unwrap();
-    let refused = complaint(
-        folder,
-        2,
-        &["label", "import", "bad.csv", "--store", "store"],
-    );
+    let refused = complaint(folder, 2, "store label import bad.csv --store store");
     assert!(refused.contains("bad.csv, line 2"), "{refused}");
     fs::write(folder.join("gone.csv"), "episode_id,class\nnobody,Other\n").unwrap();
-    complaint(
-        folder,
-        3,
-        &["label", "import", "gone.csv", "--store", "store"],
-    );
+    complaint(folder, 3, "store label import gone.csv --store store");
 }
 
 #[test]
@@ -367,7 +329,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     let said = expect(folder, 0, &judge);
     assert!(said.starts_with("4 episodes judged"), "{said}");
     assert_eq!(classes("store"), before);
-    let labels = expect(folder, 0, &["label", "list", "--store", "store"]);
+    let labels = expect(folder, 0, "store label list --store store");
     assert_eq!(labels.matches("judge").count(), 4, "{labels}");
     assert!(labels.contains("it rained"), "{labels}");
     assert_eq!(
@@ -391,18 +353,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         "4",
     ];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
-    let agreement = expect(
-        folder,
-        0,
-        &[
-            "taxonomy",
-            "agreement",
-            "--store",
-            "store",
-            "--with",
-            "judge",
-        ],
-    );
+    let agreement = expect(folder, 0, "taxonomy agreement --store store --with judge");
     assert!(
         agreement.contains("rules against 'judge': 4 episodes"),
         "{agreement}"
@@ -418,23 +369,12 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     expect(
         folder,
         0,
-        &[
-            "label", "set", judged, "--class", "Other", "--author", "ann", "--store", "store",
-        ],
+        &format!("store label set {judged} --class Other --author ann --store store"),
     );
     let agreement = expect(
         folder,
         0,
-        &[
-            "taxonomy",
-            "agreement",
-            "--store",
-            "store",
-            "--of",
-            "judge",
-            "--with",
-            "ann",
-        ],
+        "taxonomy agreement --store store --of judge --with ann",
     );
     assert!(
         agreement.contains("judge against 'ann': 1 episodes")

@@ -17,45 +17,37 @@ fn lines(text: &str) -> Vec<Value> {
 fn a_models_notes_stand_where_nothing_is_against_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
+    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
     expect(
         folder,
         0,
-        &[
-            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
-        ],
+        "run --tasks tasks --policy oracle --no-images --out traces",
     );
-    expect(
-        folder,
-        0,
-        &[
-            "run",
-            "--tasks",
-            "tasks",
-            "--policy",
-            "oracle",
-            "--no-images",
-            "--out",
-            "traces",
-        ],
-    );
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
     let bare = complaint(
         folder,
         3,
-        &[
-            "export", "sft", "--store", "store", "--words", "notes", "--images", "none", "--out",
-            "bare",
-        ],
+        "export sft --store store --annotations notes --images none --out bare",
     );
     assert!(bare.contains("annotate the trace first"), "{bare}");
 
     // the rules' notes are the words that the export writes by itself
-    let said = expect(folder, 0, &["annotate", "traces"]);
+    let said = expect(folder, 0, "dataset annotate traces");
     assert!(said.contains("of 2 traces annotated"), "{said}");
     let rows = |words: &str| {
         let export = [
-            "export", "sft", "--store", "store", "--images", "none", "--format", "trl", "--words",
-            words, "--out", words,
+            "export",
+            "sft",
+            "--store",
+            "store",
+            "--images",
+            "none",
+            "--format",
+            "trl",
+            "--annotations",
+            words,
+            "--out",
+            words,
         ];
         expect(folder, 0, &export);
         lines(&fs::read_to_string(folder.join(words).join("train/train-00000.jsonl")).unwrap())
@@ -82,15 +74,7 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     let said = lines(&expect(
         folder,
         0,
-        &[
-            "annotate",
-            "traces",
-            "--endpoint",
-            &url,
-            "--model",
-            "scripted",
-            "--json",
-        ],
+        &format!("dataset annotate traces --endpoint {url} --model scripted --json"),
     ));
     for trace in &said {
         let by_rules = trace["by_rules_because"].as_array().unwrap();
@@ -116,15 +100,7 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     let again = lines(&expect(
         folder,
         0,
-        &[
-            "annotate",
-            "traces",
-            "--endpoint",
-            &url,
-            "--model",
-            "scripted",
-            "--json",
-        ],
+        &format!("dataset annotate traces --endpoint {url} --model scripted --json"),
     ));
     assert!(
         again
@@ -145,32 +121,17 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
 fn rollout_groups_and_a_tokenizer() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
     for seed in ["1", "2"] {
         expect(
             folder,
             0,
-            &[
-                "run",
-                "--tasks",
-                "tasks",
-                "--seed",
-                seed,
-                "--policy",
-                "wrong-object",
-                "--no-images",
-                "--out",
-                "traces",
-            ],
+            &format!(
+                "run --tasks tasks --seed {seed} --policy wrong-object --no-images --out traces"
+            ),
         );
     }
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
     let words = r#"{"type": "WordLevel", "vocab": {"?": 0}, "unk_token": "?"}"#;
     let tokenizer = format!(
         r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {words}}}"#
@@ -211,17 +172,9 @@ fn rollout_groups_and_a_tokenizer() {
     let tasks: Vec<String> =
         serde_json::from_str(&fs::read_to_string(folder.join("rl/tasks.json")).unwrap()).unwrap();
     assert_eq!(tasks.len(), 2);
-    let linted = expect(
-        folder,
-        0,
-        &["dataset", "lint", "rl", "--tokenizer", "tokenizer.json"],
-    );
+    let linted = expect(folder, 0, "dataset lint rl --tokenizer tokenizer.json");
     assert!(linted.contains("counted by tokenizer.json"), "{linted}");
-    let wrong = complaint(
-        folder,
-        2,
-        &["dataset", "lint", "rl", "--tokenizer", "rl/tasks.json"],
-    );
+    let wrong = complaint(folder, 2, "dataset lint rl --tokenizer rl/tasks.json");
     assert!(
         wrong.contains("no tokenizer") && wrong.contains("tasks.json"),
         "{wrong}"
@@ -229,9 +182,7 @@ fn rollout_groups_and_a_tokenizer() {
     complaint(
         folder,
         2,
-        &[
-            "export", "rl", "--store", "store", "--format", "parquet", "--out", "other",
-        ],
+        "export rl --store store --format parquet --out other",
     );
 }
 
@@ -266,34 +217,17 @@ fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> O
 fn the_benchmarks_script_makes_the_same_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
         expect(
             folder,
             0,
-            &[
-                "run", "--tasks", "tasks", "--policy", policy, "--out", "full",
-            ],
+            &format!("run --tasks tasks --policy {policy} --out full"),
         );
         expect(
             folder,
             0,
-            &[
-                "run",
-                "--tasks",
-                "tasks",
-                "--policy",
-                policy,
-                "--no-images",
-                "--out",
-                "lean",
-            ],
+            &format!("run --tasks tasks --policy {policy} --no-images --out lean"),
         );
     }
     let path = |name: &str| folder.join(name).display().to_string();
@@ -322,30 +256,15 @@ fn the_benchmarks_script_makes_the_same_rows() {
 fn the_benchmarks_script_makes_the_same_tables() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
-        folder,
-        0,
-        &[
-            "tasks", "draw", "--count", "2", "--seed", "5", "--out", "tasks",
-        ],
-    );
+    expect(folder, 0, "task draw --count 2 --seed 5 --out tasks");
     for policy in ["oracle", "wrong-object", "no-ask"] {
         expect(
             folder,
             0,
-            &[
-                "run",
-                "--tasks",
-                "tasks",
-                "--policy",
-                policy,
-                "--out",
-                "traces",
-                "--no-images",
-            ],
+            &format!("run --tasks tasks --policy {policy} --out traces --no-images"),
         );
     }
-    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    expect(folder, 0, "ingest traces --store store");
     let path = |name: &str| folder.join(name).display().to_string();
     let (traces, store, rows) = (path("traces"), path("store"), path("rows"));
     let packages = "blake3, deltalake, google.protobuf, mcap, orjson, pyarrow, zstandard";

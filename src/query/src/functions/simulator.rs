@@ -36,7 +36,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
         call: "reward(trace, preset)",
         meaning: "Scores an episode under a built-in preset: struct(total_reward, discounted_return, success, completion). \
-                  `reel reward` scores whole stores, also by presets of your own, without opening traces.",
+                  `reel store reward` scores whole stores, also by presets of your own, without opening traces.",
         example: "SELECT policy, avg(reward(trace, 'real-repo').total_reward) FROM episodes GROUP BY policy",
     },
     FunctionHelp {

@@ -36,7 +36,7 @@ fn every_golden_trace_is_exact() {
     {
         assert!(
             verdict.is_exact(),
-            "{}: {verdict}\nif this change is meant: raise SIM_VERSION and `reel mint`",
+            "{}: {verdict}\nif this change is meant: raise SIM_VERSION and `reel dev mint`",
             path.display()
         );
     }

@@ -96,7 +96,7 @@ pub(super) async fn set(
     })?;
     // The command knows what a label may be, and the tables take one writer at a time.
     let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
-    command.args(["label", "--store", &app.config.store(), "set"]);
+    command.args(["store", "label", "--store", &app.config.store(), "set"]);
     let texts = [
         ("class", label.class.clone()),
         ("sub-class", label.sub_class.clone()),

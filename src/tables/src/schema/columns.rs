@@ -34,7 +34,7 @@ pub(super) const TERM: &[Column] = columns! {
 /// What a policy gives the tokens of a decision.
 pub(super) const LOGPROBS: &[Column] = columns! {
     must policy: Text,
-        "`old` sampled the tokens; others, e.g. `new` and `ref`, were added by `reel logprobs`";
+        "`old` sampled the tokens; others, e.g. `new` and `ref`, were added by `reel trace logprobs`";
     must logprobs: List(&Float), "natural logarithms, at most 0, one a token";
 };
 

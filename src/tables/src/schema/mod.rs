@@ -131,7 +131,7 @@ impl Table {
             Table::Tasks => "One row a task, however many episodes play it.",
             Table::Scenes => "One row a scene.",
             Table::Rescored => {
-                "One row an episode and version of a preset, written by `reel reward`."
+                "One row an episode and version of a preset, written by `reel store reward`."
             }
             Table::Quarantine => "One row a file that `reel ingest` left out.",
             Table::Classes => {
@@ -141,7 +141,7 @@ impl Table {
                 "One row a failed episode: the step that decided, measured, and what is better; written by `reel blame`."
             }
             Table::Labels => {
-                "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel label`."
+                "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel store label`."
             }
             Table::Verdicts => {
                 "One row a trace file that was replayed for an export, and what was found; the same in every version of the store."

@@ -266,7 +266,10 @@ fn broken_files_are_named_and_the_rest_loads() {
     for path in ["tasks", "tasks/FDP", "tasks/FDP/one.yaml"] {
         let loaded = reel_tasks::load_with(
             &benchmark.join(path),
-            &SceneSource::ById(|_| None),
+            &SceneSource::ById {
+                built_in: |_| None,
+                folders: Vec::new(),
+            },
             reel_tasks::ObjectOrder::AsWritten,
         );
         assert!(

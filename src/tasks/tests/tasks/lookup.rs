@@ -12,8 +12,15 @@ fn built_in(scene_id: &str) -> Option<Scene> {
     (scene_id == "home").then(home_scene)
 }
 
+fn by_id(folders: &[&Path]) -> SceneSource {
+    SceneSource::ById {
+        built_in,
+        folders: folders.iter().map(|folder| folder.to_path_buf()).collect(),
+    }
+}
+
 fn load(path: &Path) -> LoadedSet {
-    load_with(path, &SceneSource::ById(built_in), ObjectOrder::AsWritten)
+    load_with(path, &by_id(&[]), ObjectOrder::AsWritten)
 }
 
 /// A folder with one task file of the fixtures, renamed to play in `scene_id`.

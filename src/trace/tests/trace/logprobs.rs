@@ -82,7 +82,7 @@ fn no_digest_knows_of_them() {
     );
     assert!(
         examine(&with.path).unwrap().findings.is_empty(),
-        "reel doctor finds nothing wrong"
+        "reel trace doctor finds nothing wrong"
     );
 }
 

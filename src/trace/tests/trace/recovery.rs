@@ -344,7 +344,7 @@ fn a_full_disk_loses_nothing_acknowledged() {
                 "{failure}"
             );
             assert!(
-                failure.contains("then `reel recover` it") && failure.ends_with(".mcap.part"),
+                failure.contains("then `reel trace recover` it") && failure.ends_with(".mcap.part"),
                 "{failure}"
             );
         }

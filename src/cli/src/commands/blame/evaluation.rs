@@ -32,7 +32,7 @@ pub fn print(measured: &[MeasuredTrace]) -> anyhow::Result<()> {
         path.push(".label.json");
         let text = fs::read_to_string(&path).with_context(|| {
             format!(
-                "no label beside {}; `reel faults run` writes them",
+                "no label beside {}; `reel agent faults run` writes them",
                 one.trace.display()
             )
         })?;

@@ -21,9 +21,9 @@ const STORE: [&str; 0] = [];
 
 /// Measure why episodes failed. From every step of an episode reel computes how many decisions a
 /// competent agent that knows what this agent knew still needs at worst: it looks before it picks,
-/// asks where several things fit, and puts back what was taken by mistake. A step that loses
-/// decisions has a regret; the decisive step is the first harm that was never repaid. Then a
-/// competent agent takes over at that step, which is verified by a replay where the branch is kept.
+/// asks where several things fit, and puts back wrong objects. A step that loses
+/// decisions has a regret; the decisive step is the first loss that was never recovered. Then a
+/// competent agent takes over at that step; a kept branch is verified by a replay.
 ///
 /// Examples:
 ///   reel blame trace.mcap                        # the decisive step, why, and what would have been better
@@ -31,12 +31,11 @@ const STORE: [&str; 0] = [];
 ///   reel blame traces-out --branches better      # of every failed one a branch that succeeds, replayed
 ///   reel blame traces-out --json | jq -r '.decisive.cause'
 ///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
-///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
+///   reel blame faulty --labels                   # how often it is right, on what `reel agent faults run` wrote
 ///
-/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides
-/// which receptacles are meant. Causes: perception (the wrong candidate, although its look
-/// told it apart), communication (nobody was asked although several fitted), memory
-/// (against what was known), other.
+/// Costs and regrets are in decisions; `knowing` is the cost if the meant receptacles are known, too.
+/// Causes: perception (the wrong candidate, although its look tells it apart), communication (no
+/// question although several candidates fit), memory (against what was known), other.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -45,13 +44,13 @@ pub struct Arguments {
     paths: Vec<PathBuf>,
     #[command(flatten)]
     elsewhere: ClusterArguments,
-    /// Print what every step cost
+    /// Print the cost of every step
     #[arg(long)]
     steps: bool,
     /// Keep the branch in which the alternative succeeds, and replay it
     #[arg(long, value_name = "DIR")]
     branches: Option<PathBuf>,
-    /// Do not play alternatives: only what the records tell, some thousand episodes a second
+    /// Play no alternatives: measure from the records alone, some thousand episodes a second
     #[arg(long, conflicts_with = "branches")]
     no_alternatives: bool,
     /// Measure every failed episode of this store, and keep the results in its table `blame`
@@ -64,7 +63,7 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Print one JSON object a trace
+    /// Print one JSON object per trace
     #[arg(long)]
     json: bool,
 }

@@ -50,7 +50,7 @@ enum Command {
     #[command(about = "Traces in the files of REAL's annotation script")]
     #[cfg(feature = "analytics")]
     RealAnnotation(real_annotation::Arguments),
-    /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
+    /// One episode as a Rerun recording: images, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
     ///

@@ -45,11 +45,16 @@ pub struct Arguments {
     /// Folder of the dataset; the repaired traces lie in its folder `traces`
     #[arg(long, value_name = "DIR", default_value = "preferences")]
     out: PathBuf,
-    /// Pairs have no pictures
+    /// Pairs have no images
     #[arg(long)]
     no_images: bool,
-    /// Most pixels of a picture; 0: as they were taken (640 x 480)
-    #[arg(long, value_name = "PIXELS", default_value_t = 100_352)]
+    /// Most pixels of a image; 0: as they were taken (640 x 480)
+    #[arg(
+        long = "max-pixels",
+        alias = "pixels",
+        value_name = "PIXELS",
+        default_value_t = 100_352
+    )]
     pixels: u32,
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]

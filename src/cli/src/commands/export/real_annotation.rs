@@ -20,7 +20,7 @@ use crate::{ExitStatus, inputs, progress};
 ///   obs/images/ep_<n>/ep_<n>_step_<i>.png          the images of the records
 ///   anno_checkpoint/annotated_checkpoint.<ep>.json the records of an episode with their thoughts
 ///   annotated_output.json                          those of all episodes
-/// Thoughts are the notes beside a trace (`reel annotate`), else those of the rules; the History of
+/// Thoughts are the notes beside a trace (`reel dataset annotate`), else those of the rules; the History of
 /// a record is the numbered list of all results so far, as the script makes it.
 /// docs/real-formats.md says how streams become the script's pickle files.
 ///
@@ -38,7 +38,7 @@ pub struct Arguments {
     /// The part of the benchmark that the records name; without it the family of the task
     #[arg(long, value_name = "NAME")]
     subset: Option<String>,
-    /// Of the rules' choice of words
+    /// Seed of the rules' choice of words
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Print the result as JSON

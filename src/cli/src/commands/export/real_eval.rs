@@ -21,7 +21,7 @@ const END_IDX: i64 = 999_999;
 /// summary, and for each model a file with all results. Success is the client's: it compares the
 /// last world graph with the goal. `reel import real-eval` reads the folder back.
 ///
-/// Images come from the trace; run `reel expand` on lean traces before. Folders that hold something
+/// Images come from the trace; run `reel trace expand` on lean traces before. Folders that hold something
 /// are skipped, as the client does.
 ///
 /// Example:
@@ -41,7 +41,7 @@ pub struct Arguments {
     /// End of the names of the files of results; without it the time, YYYYMMDD_HHMMSS_ffffff in UTC
     #[arg(long, value_name = "TAG")]
     run_tag: Option<String>,
-    /// Print one JSON object a model
+    /// Print one JSON object per model
     #[arg(long)]
     json: bool,
 }

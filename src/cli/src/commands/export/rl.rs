@@ -8,7 +8,7 @@ use reel_export::{RolloutOptions, Selection};
 use reel_reward::{Estimator, PAPER_EPS, Returns, Scale};
 
 use super::shared::{CommonArguments, format, style};
-use crate::{ExitStatus, commands::reward::PresetSource};
+use crate::{ExitStatus, commands::store::reward::PresetSource};
 
 /// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout,
 /// failed ones too, with its reward, the return of its episode, the advantage in its group and,

@@ -21,7 +21,7 @@ pub struct StoreSource {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     /// An earlier version of the store
-    #[arg(long, value_name = "N")]
+    #[arg(long = "store-version", alias = "version", value_name = "N")]
     version: Option<u64>,
     /// Only episodes that fulfil this condition on table `episodes`, in SQL, e.g. "family = 'SUL'
     /// AND spl > 0.5"
@@ -66,8 +66,8 @@ pub struct CommonArguments {
     #[command(flatten)]
     source: StoreSource,
     /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded,
-    /// notes (of `reel annotate`)
-    #[arg(long, value_name = "WORDS", default_value = "auto", value_parser = words)]
+    /// notes (of `reel dataset annotate`)
+    #[arg(long = "annotations", alias = "words", value_name = "WORDS", default_value = "auto", value_parser = words)]
     words: AnnotationSource,
     #[command(flatten)]
     prompt: PromptArguments,
@@ -80,11 +80,16 @@ pub struct CommonArguments {
     /// Share of the test part
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     test: f64,
-    /// Pictures: png, webp (both lossless), jpeg or none
-    #[arg(long, value_name = "FORMAT", default_value = "png", value_parser = ["png", "webp", "jpeg", "none"])]
+    /// Images: png, webp (both lossless), jpeg or none
+    #[arg(long = "image-format", alias = "images", value_name = "FORMAT", default_value = "png", value_parser = ["png", "webp", "jpeg", "none"])]
     images: String,
-    /// Most pixels of a picture; 0: as they were taken (640 x 480)
-    #[arg(long, value_name = "PIXELS", default_value_t = 100_352)]
+    /// Most pixels of a image; 0: as they were taken (640 x 480)
+    #[arg(
+        long = "max-pixels",
+        alias = "pixels",
+        value_name = "PIXELS",
+        default_value_t = 100_352
+    )]
     pixels: u32,
     /// Episodes that were not verified too; their rows say so
     #[arg(long)]
@@ -96,16 +101,21 @@ pub struct CommonArguments {
     #[arg(long, value_name = "N", default_value_t = 5_000)]
     rows_per_file: u64,
     /// Tokens of an example beyond which it counts as too long
-    #[arg(long, value_name = "TOKENS", default_value_t = reel_dataset::CONTEXT_TOKENS)]
+    #[arg(long = "context-length", alias = "budget", value_name = "TOKENS", default_value_t = reel_dataset::CONTEXT_TOKENS)]
     budget: u32,
     /// The `tokenizer.json` of the model that shall learn, to count tokens by; without it a
     /// token is four bytes
     #[arg(long, value_name = "FILE")]
     tokenizer: Option<PathBuf>,
     /// Licence of the data, as the dataset's card names it
-    #[arg(long, value_name = "NAME", default_value = "other")]
+    #[arg(
+        long = "license",
+        alias = "licence",
+        value_name = "NAME",
+        default_value = "other"
+    )]
     licence: String,
-    /// Of every draw: splits, caps, balance, groups, wordings
+    /// Seed of every draw: splits, caps, balance, groups, wordings
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Threads; without it one for each core

@@ -1,0 +1,188 @@
+//! `reel dataset annotate`: reasoning, History, schedule and subtask for traces that came without words.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use rayon::prelude::*;
+use reel_annotate::{
+    Entry, ModelAnnotator, PrivilegedFacts, Provenance, PublicTask, Step, annotate, episode_seed,
+    history_check, notes_path, version, write_notes,
+};
+use reel_history::{EpisodeFacts, StepFacts};
+use reel_llm::client::Client;
+use reel_prompt::Prompt;
+use reel_trace::Trace;
+use serde_json::json;
+
+use crate::{ExitStatus, inputs, model::Model, progress, prompt::PromptArguments};
+
+/// Write what an agent might have said along with each decision of a trace: reasoning, History,
+/// schedule and subtask, from what it could know at that moment. By rules in varied words, or by a
+/// model behind an OpenAI-compatible endpoint, ten decisions a request. The model reads the prompt
+/// that the agent acts on (`--prompt`; without it the one of Reel), so that its notes fit. Its note
+/// stands only if it is complete, says nothing that an agent cannot know and no History that the
+/// record refutes; else the rules' note stands in, and the file says why. The notes go into a file
+/// beside the trace, `<trace>.notes.jsonl`, which `reel export sft --annotations notes` reads; the trace
+/// is not changed. Broken off, the same command goes on where it stopped. `reel export sft` needs
+/// none of this: it writes the rules' words itself.
+///
+/// Example:
+///   reel dataset annotate traces
+///   reel dataset annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl
+///   reel dataset annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl --prompt real_grpo_prompt.txt
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Traces, or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    #[command(flatten)]
+    model: Model,
+    #[command(flatten)]
+    prompt: PromptArguments,
+    /// Folder in which a model's replies are kept
+    #[arg(long, value_name = "DIR", default_value = "annotate-cache")]
+    cache: PathBuf,
+    /// File to which every call of a model is added, one JSON object a line
+    #[arg(long, value_name = "FILE", default_value = "annotate-calls.jsonl")]
+    log: PathBuf,
+    /// Seed of the rules' choice of words
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Traces at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print one JSON object per trace
+    #[arg(long)]
+    json: bool,
+}
+
+/// What came of a trace.
+struct TraceResult {
+    decisions: usize,
+    resumed: usize,
+    /// Why the rules' notes stand in a model's place.
+    fallbacks: Vec<(usize, String)>,
+}
+
+/// Annotates the given traces, prints the counts and names each that failed.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let paths = inputs::traces(&arguments.paths)?;
+    let client = arguments.model.client(&arguments.cache, &arguments.log)?;
+    let prompt = arguments.prompt.prompt()?;
+    let bar = progress::bar(paths.len(), "annotating");
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(arguments.jobs))
+        .build()?;
+    let note = |path: &PathBuf| {
+        let noted = note(path, client.as_ref(), &prompt, arguments.seed);
+        bar.inc(1);
+        noted
+    };
+    let noted: Vec<anyhow::Result<TraceResult>> =
+        pool.install(|| paths.par_iter().map(note).collect());
+    bar.finish_and_clear();
+    let (mut decisions, mut fallbacks, mut errors) = (0, 0, 0);
+    for (path, noted) in paths.iter().zip(noted) {
+        match noted {
+            Ok(noted) => {
+                decisions += noted.decisions;
+                fallbacks += noted.fallbacks.len();
+                if arguments.json {
+                    let reasons: Vec<_> = noted
+                        .fallbacks
+                        .iter()
+                        .map(|(call, reason)| json!({ "call": call, "reason": reason }))
+                        .collect();
+                    let TraceResult {
+                        decisions, resumed, ..
+                    } = noted;
+                    println!(
+                        "{}",
+                        json!({ "trace": path, "decisions": decisions, "resumed": resumed, "by_rules_because": reasons })
+                    );
+                }
+            }
+            Err(error) => {
+                errors += 1;
+                eprintln!("reel: {}: {error:#}", path.display());
+            }
+        }
+    }
+    if !arguments.json {
+        let by_rules = if client.is_some() {
+            format!("; {fallbacks} by rules in the model's place")
+        } else {
+            String::new()
+        };
+        println!(
+            "{decisions} decisions of {} traces annotated{by_rules}",
+            paths.len() - errors
+        );
+    }
+    Ok(if errors > 0 {
+        ExitStatus::Partial
+    } else {
+        ExitStatus::Success
+    })
+}
+
+fn note(
+    path: &Path,
+    client: Option<&Client>,
+    prompt: &Arc<Prompt>,
+    seed: u64,
+) -> anyhow::Result<TraceResult> {
+    let trace = Trace::read(path)?;
+    let public = PublicTask::of(&trace.task, &trace.scene);
+    let steps = Step::all(&trace);
+    let seed = episode_seed(seed, &trace.chain());
+    let notes = notes_path(path);
+    let Some(client) = client else {
+        let entries: Vec<Entry> = annotate(&public, &steps, seed)
+            .into_iter()
+            .map(Entry::from)
+            .collect();
+        let provenance = Provenance {
+            trace: trace.chain(),
+            steps: steps.len(),
+            annotator: "rules".to_owned(),
+            version: version(),
+            seed,
+        };
+        write_notes(&notes, &provenance, &entries)?;
+        return Ok(TraceResult {
+            decisions: entries.len(),
+            resumed: 0,
+            fallbacks: Vec::new(),
+        });
+    };
+    let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+    let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
+    let annotator = ModelAnnotator {
+        client,
+        seed,
+        check: &check,
+        prompt: Arc::clone(prompt),
+    };
+    let written = annotator.annotate(
+        &public,
+        &steps,
+        &PrivilegedFacts::of(&trace.task),
+        trace.chain(),
+        &notes,
+    )?;
+    let fallback = |(call, entry): (usize, Entry)| Some((call, entry.fallback?));
+    Ok(TraceResult {
+        decisions: written.entries.len(),
+        resumed: written.resumed,
+        fallbacks: written
+            .entries
+            .into_iter()
+            .enumerate()
+            .filter_map(fallback)
+            .collect(),
+    })
+}

@@ -1,0 +1,38 @@
+//! `reel dev`: what people who change Reel need.
+
+pub mod gate;
+mod mint;
+mod perf;
+
+use crate::ExitStatus;
+
+/// Work on Reel itself: compare builds, write golden traces anew, measure.
+///
+/// Examples:
+///   reel dev gate --corpus traces/golden
+///   reel dev perf
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    #[command(about = "Replay a corpus with this build and another, and list changed outcomes")]
+    Gate(gate::Arguments),
+    #[command(about = "Write golden traces anew, for a reason")]
+    Mint(mint::Arguments),
+    #[command(about = "Measure this build: physics, rendering, episodes, replay, trace bytes")]
+    Perf(perf::Arguments),
+}
+
+/// Runs the command of the group.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    match &arguments.command {
+        Command::Gate(arguments) => gate::run(arguments),
+        Command::Mint(arguments) => mint::run(arguments),
+        Command::Perf(arguments) => perf::run(arguments),
+    }
+}

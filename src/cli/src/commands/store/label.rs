@@ -1,0 +1,339 @@
+//! `reel store label`: what people say about failed episodes, beside what the rules say.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use anyhow::{Context, bail};
+use reel_query::{Format, QuerySession, format};
+use reel_tables::{LabelRow, Store};
+use reel_taxonomy::{
+    CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
+};
+
+use crate::ExitStatus;
+
+/// Keep labels of failed episodes: who says that it is of which class, and how sure. The rules
+/// never read them; `reel taxonomy agreement` compares the two.
+///
+/// Examples:
+///   reel store label set 3f2a91c0 --sub-class missing_ask --step 4 --author ann --store store
+///   reel store label import labels.csv --author ann --store store
+///   reel store label import traces --store store        # labels that `reel agent faults` left beside its traces
+///   reel store label disputed --store store
+///   reel store label set 3f2a91c0 --sub-class wrong_attribute --author cem --adjudicate --store store
+///   reel store label export --out labels.csv --store store
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: Command,
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store", global = true)]
+    store: String,
+    /// Print labels as JSON (`list` and `disputed`)
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Label one episode of the store
+    Set(Set),
+    /// Read labels: CSV, JSON, or a folder with the `.label.json` files of injected faults
+    Import {
+        /// The file or folder
+        #[arg(value_name = "PATH")]
+        path: PathBuf,
+        /// Author of labels that name none
+        #[arg(long, value_name = "NAME", default_value = "unknown")]
+        author: String,
+    },
+    /// Write the labels: CSV, or JSON where the name ends so
+    Export {
+        /// The file; without it CSV on standard output
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// List every label of the store
+    List,
+    /// List the episodes on whose class people disagree and nobody has decided
+    Disputed,
+}
+
+#[derive(clap::Args)]
+struct Set {
+    /// The episode's id; its beginning is enough where it is unique
+    #[arg(value_name = "EPISODE")]
+    episode: String,
+    /// Object Confusion, Key Action Missing, Lost Memory or Other; follows from a known sub-class
+    #[arg(long, value_name = "CLASS")]
+    class: Option<String>,
+    /// What within the class (`reel taxonomy rules` lists them; others are possible)
+    #[arg(long, value_name = "NAME")]
+    sub_class: Option<String>,
+    /// Decisive step of the episode, counted from 0
+    #[arg(long, value_name = "STEP")]
+    step: Option<i32>,
+    /// How sure, from 0 to 1
+    #[arg(long, value_name = "SHARE")]
+    confidence: Option<f64>,
+    /// Reason for the label, as free text
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+    /// Name of the author of the label
+    #[arg(long, value_name = "NAME")]
+    author: String,
+    /// Mark the label as the decision between disagreeing authors
+    #[arg(long)]
+    adjudicate: bool,
+}
+
+/// Adds, imports, exports or lists labels, or lists disputed episodes.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let now_ms = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |time| time.as_millis() as i64);
+    match &arguments.what {
+        Command::Set(set) => keep(
+            &arguments.store,
+            vec![labelled(&arguments.store, set, now_ms)?],
+        ),
+        Command::Import { path, author } => {
+            let labels = read(
+                path,
+                Defaults {
+                    author,
+                    at_ms: now_ms,
+                },
+            )?;
+            known_episodes(&arguments.store, labels)
+        }
+        Command::Export { out } => export(&arguments.store, out.as_deref()),
+        Command::List => {
+            let labels = Store::open(&arguments.store)?.labels()?;
+            print!(
+                "{}",
+                if arguments.json {
+                    to_json(&labels)
+                } else {
+                    lines(labels.iter())
+                }
+            );
+            Ok(ExitStatus::Success)
+        }
+        Command::Disputed => {
+            let open = disputed(&Store::open(&arguments.store)?.labels()?);
+            for labels in open.values() {
+                print!(
+                    "{}",
+                    if arguments.json {
+                        to_json(labels)
+                    } else {
+                        lines(labels.iter())
+                    }
+                );
+            }
+            if !arguments.json {
+                println!(
+                    "{} episodes are disputed; decide with `reel store label set EPISODE ... --adjudicate`",
+                    open.len()
+                );
+            }
+            Ok(if open.is_empty() {
+                ExitStatus::Success
+            } else {
+                ExitStatus::CheckFailed
+            })
+        }
+    }
+}
+
+fn lines<'a>(labels: impl Iterator<Item = &'a LabelRow>) -> String {
+    let line = |label: &LabelRow| {
+        let step = label
+            .step
+            .map(|step| format!(" at {step}"))
+            .unwrap_or_default();
+        let sure = label
+            .confidence
+            .map(|sure| format!(" ({sure})"))
+            .unwrap_or_default();
+        let note = label
+            .note
+            .as_deref()
+            .map(|note| format!(": {note}"))
+            .unwrap_or_default();
+        let sub_class = label.sub_class.as_deref().unwrap_or("-");
+        format!(
+            "{}  {:11} {:12} {} / {sub_class}{step}{sure}{note}\n",
+            label.episode_id, label.kind, label.author, label.class
+        )
+    };
+    labels.map(line).collect()
+}
+
+fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
+    let of_sub_class = set
+        .sub_class
+        .as_deref()
+        .and_then(|name| RuleSet::built_in().class_of(name));
+    let class = match (&set.class, of_sub_class) {
+        (Some(class), _) if CLASSES.contains(&class.as_str()) => class.clone(),
+        (Some(class), _) => bail!("the class '{class}' is none of {}", CLASSES.join(", ")),
+        (None, Some(class)) => class.to_owned(),
+        (None, None) => bail!("give --class: one of {}", CLASSES.join(", ")),
+    };
+    if set
+        .confidence
+        .is_some_and(|sure| !(0.0..=1.0).contains(&sure))
+    {
+        bail!("the confidence has to lie between 0 and 1");
+    }
+    let episodes = episodes(store)?;
+    let fitting: Vec<&String> = episodes
+        .keys()
+        .filter(|id| id.starts_with(&set.episode))
+        .collect();
+    let [episode] = fitting[..] else {
+        bail!(
+            "{} episodes have an id that begins with '{}'; give one that only one has",
+            fitting.len(),
+            set.episode
+        );
+    };
+    let length = episodes[episode];
+    if set.step.is_some_and(|step| step < 0 || step >= length) {
+        bail!("the episode has {length} steps, from 0 to {}", length - 1);
+    }
+    Ok(LabelRow {
+        episode_id: episode.clone(),
+        author: set.author.clone(),
+        kind: if set.adjudicate {
+            "adjudicated"
+        } else {
+            "human"
+        }
+        .to_owned(),
+        class,
+        sub_class: set.sub_class.clone(),
+        step: set.step,
+        confidence: set.confidence,
+        note: set.note.clone(),
+        at_ms,
+    })
+}
+
+/// The episodes of a store with the number of their steps.
+fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, i32>> {
+    let session = QuerySession::new(Store::open(store)?)?;
+    let text = format(
+        &session.run("SELECT episode_id, array_length(steps) FROM episodes")?,
+        Format::Csv,
+    )?;
+    let row = |line: &str| {
+        line.rsplit_once(',')
+            .map(|(id, length)| (id.to_owned(), length.parse().unwrap_or(0)))
+    };
+    Ok(text.lines().skip(1).filter_map(row).collect())
+}
+
+fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<LabelRow>> {
+    let text = |path: &Path| {
+        fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+    };
+    if !path.is_dir() {
+        let (content, place) = (text(path)?, path.display().to_string());
+        let is_json = path
+            .extension()
+            .is_some_and(|extension| extension == "json" || extension == "jsonl");
+        return Ok(if is_json {
+            from_json(&content, &place, defaults)?
+        } else {
+            from_csv(&content, &place, defaults)?
+        });
+    }
+    let mut files: Vec<PathBuf> = Vec::new();
+    for entry in fs::read_dir(path).with_context(|| format!("cannot read {}", path.display()))? {
+        files.push(entry?.path());
+    }
+    files.retain(|file| file.to_string_lossy().ends_with(".label.json"));
+    files.sort();
+    if files.is_empty() {
+        bail!(
+            "no .label.json file there; `reel agent faults run` writes them beside its traces: {}",
+            path.display()
+        );
+    }
+    let mut labels = Vec::new();
+    for file in files {
+        labels.extend(injected(
+            &text(&file)?,
+            &file.display().to_string(),
+            defaults.at_ms,
+        )?);
+    }
+    Ok(labels)
+}
+
+/// Keeps labels of episodes that the store has, and says which it does not have.
+fn known_episodes(store: &str, labels: Vec<LabelRow>) -> anyhow::Result<ExitStatus> {
+    let episodes = episodes(store)?;
+    let (known, unknown): (Vec<LabelRow>, Vec<LabelRow>) = labels
+        .into_iter()
+        .partition(|label| episodes.contains_key(&label.episode_id));
+    for label in unknown.iter().take(5) {
+        eprintln!("reel: not in the store, left out: {}", label.episode_id);
+    }
+    let answer = keep(store, known)?;
+    if unknown.is_empty() {
+        return Ok(answer);
+    }
+    eprintln!(
+        "reel: {} labels are of episodes that the store does not have",
+        unknown.len()
+    );
+    Ok(ExitStatus::Partial)
+}
+
+fn keep(store: &str, labels: Vec<LabelRow>) -> anyhow::Result<ExitStatus> {
+    let count = labels.len();
+    // of one author about one episode the last word counts
+    let of = |label: &LabelRow| {
+        (
+            label.episode_id.clone(),
+            label.author.clone(),
+            label.kind.clone(),
+        )
+    };
+    let said: BTreeSet<_> = labels.iter().map(of).collect();
+    Store::open(store)?.change_labels(|mut before| {
+        before.retain(|label| !said.contains(&of(label)));
+        before.extend(labels.iter().cloned());
+        before
+    })?;
+    println!("{count} labels kept");
+    Ok(ExitStatus::Success)
+}
+
+fn export(store: &str, out: Option<&Path>) -> anyhow::Result<ExitStatus> {
+    let labels = Store::open(store)?.labels()?;
+    let as_json = out
+        .and_then(Path::extension)
+        .is_some_and(|extension| extension == "json" || extension == "jsonl");
+    let text = if as_json {
+        to_json(&labels)
+    } else {
+        to_csv(&labels)
+    };
+    match out {
+        Some(file) => {
+            fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))?
+        }
+        None => print!("{text}"),
+    }
+    Ok(ExitStatus::Success)
+}

@@ -1,0 +1,225 @@
+//! `reel taxonomy judge`: a model's opinion on failed episodes, beside the rules'.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use reel_llm::client::Clock as _;
+use reel_query::QuerySession;
+use reel_tables::{LabelRow, Store};
+use reel_taxonomy::{
+    StoredClass,
+    judge::{Case, CaseImage, CaseStep, JudgeOptions, JudgedCase, RuleFinding, Source, judge_all},
+};
+use reel_trace::Trace;
+use serde_json::json;
+
+use crate::{
+    ExitStatus,
+    commands::taxonomy::classes_of,
+    inputs,
+    model::{Model, RealClock},
+    progress,
+};
+
+/// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript,
+/// and frames if wanted, but not what the rules say, and cannot overturn what the simulator proved.
+/// Its opinions are kept as labels of kind `judge`; `reel taxonomy agreement --reference judge` compares
+/// them with the rules. Every call is logged, and asked only once.
+///
+/// Example:
+///   reel taxonomy judge --store store --endpoint http://localhost:8000/v1 --model qwen3-vl --max-episodes 50
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
+    #[command(flatten)]
+    model: Model,
+    /// At most so many episodes
+    #[arg(
+        long = "max-episodes",
+        alias = "max",
+        value_name = "N",
+        default_value_t = 100
+    )]
+    max: usize,
+    /// At most so many images an episode: around the decisive step
+    #[arg(
+        long = "max-frames",
+        alias = "frames",
+        value_name = "N",
+        default_value_t = 0
+    )]
+    frames: usize,
+    /// Folder in which replies are kept
+    #[arg(long, value_name = "DIR", default_value = "judge-cache")]
+    cache: PathBuf,
+    /// File to which every call is added, one JSON object a line
+    #[arg(long, value_name = "FILE", default_value = "judge-calls.jsonl")]
+    log: PathBuf,
+    /// Calls at a time
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print JSON, one line an episode
+    #[arg(long)]
+    json: bool,
+}
+
+/// Episodes whose cases are in memory at a time.
+const PORTION: usize = 32;
+
+/// Asks a model why episodes failed and stores its opinions as labels.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let client = arguments.model.client(&arguments.cache, &arguments.log)?;
+    let client = client.context("--endpoint and --model are missing: whom to ask")?;
+    let session = QuerySession::new(Store::open(&arguments.store)?)?;
+    let mut failed = classes_of(&session, &arguments.store)?;
+    failed.truncate(arguments.max);
+    let options = JudgeOptions {
+        frames: arguments.frames,
+        ..JudgeOptions::default()
+    };
+    let bar = progress::bar(failed.len(), "judging");
+    let (mut labels, mut errors, mut agree, mut proven) = (Vec::new(), 0, 0, 0);
+    for portion in failed.chunks(PORTION) {
+        let mut cases = Vec::new();
+        for episode in portion {
+            match case(episode, arguments.frames) {
+                Ok(case) => cases.push(case),
+                Err(error) => {
+                    errors += 1;
+                    eprintln!("reel: {}: {error:#}", episode.episode_id);
+                }
+            }
+        }
+        for verdict in judge_all(
+            &cases,
+            &client,
+            &options,
+            inputs::workers(arguments.jobs),
+            |_| bar.inc(1),
+        ) {
+            let verdict = match verdict {
+                Ok(verdict) => verdict,
+                Err(error) => {
+                    errors += 1;
+                    eprintln!("reel: {error}");
+                    continue;
+                }
+            };
+            proven += usize::from(verdict.agrees.is_some());
+            agree += usize::from(verdict.agrees == Some(true));
+            if arguments.json {
+                println!("{}", serde_json::to_string(&verdict)?);
+            }
+            labels.push(label(&verdict));
+        }
+    }
+    bar.finish_and_clear();
+    let judged = labels.len();
+    Store::open(&arguments.store)?.change_labels(|mut before| {
+        before.retain(|old| {
+            !labels
+                .iter()
+                .any(|new| (&new.episode_id, &new.author) == (&old.episode_id, &old.author))
+        });
+        before.extend(labels.iter().cloned());
+        before
+    })?;
+    let summary = json!({ "judged": judged, "errors": errors, "proven": proven, "agree": agree });
+    if arguments.json {
+        println!("{summary}");
+    } else {
+        println!(
+            "{judged} episodes judged; it agrees with the rules on {agree} of {proven} whose cause is proven; {errors} errors"
+        );
+    }
+    Ok(if errors > 0 {
+        ExitStatus::Partial
+    } else {
+        ExitStatus::Success
+    })
+}
+
+/// What the judge gets of an episode.
+fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
+    let trace = Trace::read(Path::new(&episode.trace)).context("its trace cannot be read")?;
+    let turn = |step: &reel_world::record::StepRecord| {
+        let policy = step.input.policy.clone().unwrap_or_default();
+        let asked = step.tool_name() == "ask";
+        CaseStep {
+            step: step.step,
+            call: format!("{} {}", step.input.call.name, step.input.call.arguments),
+            outcome: step.outcome.text.clone(),
+            error: step
+                .outcome
+                .error
+                .map(|code| code.to_string())
+                .unwrap_or_default(),
+            reasoning: policy.reasoning,
+            history: policy.history,
+            question: if asked {
+                step.input.call.arguments["question"]
+                    .as_str()
+                    .unwrap_or_default()
+                    .to_owned()
+            } else {
+                String::new()
+            },
+            answer: step
+                .reply
+                .as_ref()
+                .map(|reply| reply.text.clone())
+                .unwrap_or_default(),
+        }
+    };
+    let decisive = u32::try_from(episode.step).unwrap_or(0);
+    let first = decisive.saturating_sub(frames as u32 / 2);
+    let pictures = (first..).take(frames).filter_map(|step| {
+        let bytes = trace.image(Some(step))?.to_vec();
+        Some(CaseImage {
+            step,
+            media_type: "image/webp".into(),
+            bytes,
+        })
+    });
+    Ok(Case {
+        episode_id: episode.episode_id.clone(),
+        instruction: trace.task.instruction.clone(),
+        transcript: trace.steps.iter().map(turn).collect(),
+        frames: pictures.collect(),
+        rule_finding: Some(RuleFinding {
+            class: episode.class.clone(),
+            sub_class: Some(episode.sub_class.clone()),
+            step: decisive,
+            evidence: format!("rule for {} at step {decisive}", episode.sub_class),
+        }),
+        reduced: trace.header.backend != reel_world::record::Backend::Sim,
+    })
+}
+
+/// The judge's opinion as a label; what it was overruled in is said in the note.
+fn label(verdict: &JudgedCase) -> LabelRow {
+    let opinion = &verdict.opinion;
+    let proposal = opinion
+        .proposed_sub_class
+        .as_deref()
+        .map(|name| format!(" (proposes '{name}')"))
+        .unwrap_or_default();
+    let standing = match verdict.source {
+        Source::Proven if opinion.overruled => " [overruled by what is proven]",
+        Source::Proven | Source::Judge => "",
+    };
+    LabelRow {
+        episode_id: verdict.episode_id.clone(),
+        author: verdict.model.clone(),
+        kind: "judge".into(),
+        class: opinion.class.clone(),
+        sub_class: opinion.sub_class.clone(),
+        step: i32::try_from(opinion.step).ok(),
+        confidence: Some(opinion.confidence),
+        note: Some(format!("{}{proposal}{standing}", opinion.comment)),
+        at_ms: (RealClock.now_ns() / 1_000_000) as i64,
+    }
+}

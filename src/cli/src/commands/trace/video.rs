@@ -1,0 +1,177 @@
+//! `reel trace video`: an episode as moving pictures, with the calls as captions.
+
+use std::{
+    fs,
+    io::{ErrorKind, Write},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use anyhow::{Context, bail};
+use reel_replay::{compare, views};
+use reel_trace::Trace;
+use reel_view::{Video, VideoSegment};
+use serde_json::json;
+
+use crate::{ExitStatus, camera::Camera, inputs};
+
+/// Write an episode as GIF or MP4: one frame a call, with the call, its result and the reward as
+/// captions. An exact replay renders the frames, from any camera.
+///
+/// Examples:
+///   reel trace video trace.mcap
+///   reel trace video trace.mcap --camera top-down --out above.gif
+///   reel trace video trace.mcap --compare branch.mcap --camera follow:target --fps 2
+///   reel trace video trace.mcap --out episode.mp4          # where ffmpeg is on the PATH
+///
+/// Exit code 1: a trace does not replay exactly.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The trace to show as a video
+    #[arg(value_name = "TRACE")]
+    trace: PathBuf,
+    /// Another trace of the task, e.g. a branch, to show beside it
+    #[arg(long = "compare", alias = "beside", value_name = "TRACE")]
+    beside: Option<PathBuf>,
+    /// The file to write, .gif or .mp4; without it TRACE.gif in this folder
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
+    camera: Camera,
+    /// Calls shown per second, from 0.01 to 50
+    #[arg(long, value_name = "N", default_value_t = 0.7)]
+    fps: f64,
+    /// Print file, image size and number of images as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Replays one or two traces and writes their frames, with captions, as a GIF or MP4 file.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    if !(arguments.fps.is_finite() && (0.01..=50.0).contains(&arguments.fps)) {
+        bail!("--fps is from 0.01 to 50, not {}", arguments.fps);
+    }
+    let default = || {
+        arguments
+            .trace
+            .file_stem()
+            .map(|stem| Path::new(stem).with_added_extension("gif"))
+            .unwrap_or_default()
+    };
+    let out = arguments.out.clone().unwrap_or_else(default);
+    let kind = out
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
+    if !["gif", "mp4"].contains(&kind.as_str()) {
+        bail!("{}: a video is a .gif or an .mp4", out.display());
+    }
+    let traces: Vec<Trace> = [Some(&arguments.trace), arguments.beside.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(|path| arguments.assets.read(path))
+        .collect::<Result<_, _>>()?;
+    if let [trace, beside] = &traces[..] {
+        compare(trace, beside)?;
+    }
+    let mut pictures = Vec::new();
+    for trace in &traces {
+        match views(trace, &arguments.camera.viewpoint(&trace.task)?) {
+            Ok(views) => pictures.push(views),
+            Err(verdict) => {
+                eprintln!(
+                    "reel: {}: the pictures cannot be made: {verdict}",
+                    trace.path.display()
+                );
+                return Ok(ExitStatus::CheckFailed);
+            }
+        }
+    }
+    let parts: Vec<VideoSegment<'_>> = traces
+        .iter()
+        .zip(&pictures)
+        .map(|(trace, pictures)| VideoSegment {
+            trace,
+            frames: pictures,
+        })
+        .collect();
+    let film = Video::new(&parts);
+    match kind.as_str() {
+        "mp4" => mp4(&film, arguments.fps, &out)?,
+        _ => fs::write(&out, film.gif(arguments.fps)?)
+            .with_context(|| format!("cannot write {}", out.display()))?,
+    }
+    let bytes = fs::metadata(&out).map_or(0, |file| file.len());
+    let Video {
+        width,
+        height,
+        frames: pictures,
+    } = &film;
+    if arguments.json {
+        println!(
+            "{}",
+            json!({ "file": out, "width": width, "height": height, "pictures": pictures.len(), "bytes": bytes })
+        );
+    } else {
+        println!(
+            "{}: {} pictures of {width} x {height}, {} KB",
+            out.display(),
+            pictures.len(),
+            bytes / 1000
+        );
+    }
+    Ok(ExitStatus::Success)
+}
+
+/// Pipes the images through ffmpeg.
+fn mp4(film: &Video, fps: f64, out: &Path) -> anyhow::Result<()> {
+    let size = format!("{}x{}", film.width, film.height);
+    let rate = fps.to_string();
+    let mut encoder = match Command::new("ffmpeg")
+        .args([
+            "-loglevel",
+            "error",
+            "-y",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            &size,
+            "-framerate",
+            &rate,
+            "-i",
+            "-",
+        ])
+        .args(["-r", "25", "-pix_fmt", "yuv420p"])
+        .arg(out)
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+    {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            bail!("an .mp4 needs ffmpeg on the PATH; write a .gif instead")
+        }
+        spawned => spawned.context("cannot run ffmpeg")?,
+    };
+    let written = match encoder.stdin.take() {
+        Some(mut input) => film
+            .stream()
+            .try_for_each(|picture| input.write_all(picture)),
+        None => Ok(()),
+    };
+    let output = encoder
+        .wait_with_output()
+        .context("cannot wait for ffmpeg")?;
+    if !output.status.success() {
+        bail!(
+            "ffmpeg cannot write {}: {}",
+            out.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        );
+    }
+    written.with_context(|| format!("cannot send pictures for {} to ffmpeg", out.display()))
+}
