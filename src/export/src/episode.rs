@@ -48,7 +48,6 @@ const COLUMNS: &[&str] = &[
     "steps.list.element.reasoning",
     "steps.list.element.history",
     "steps.list.element.plan",
-    "steps.list.element.contradictions",
     "steps.list.element.held",
 ];
 
@@ -98,7 +97,6 @@ pub(crate) struct StepRow<'a> {
     reasoning: Option<&'a str>,
     history: Option<&'a str>,
     plan: Option<&'a str>,
-    contradictions: u32,
     held: Option<&'a str>,
     // of rollouts
     tokens: Option<Vec<String>>,
@@ -237,11 +235,6 @@ impl EpisodeRow<'_> {
             }
         };
         self.steps.iter().map(words).collect()
-    }
-
-    /// Whether a History of the policy says what the record refutes.
-    pub fn contradicts(&self) -> bool {
-        self.steps.iter().any(|step| step.contradictions > 0)
     }
 }
 

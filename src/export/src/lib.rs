@@ -6,6 +6,7 @@
 //! for, and then every row says so. Equal store versions and options give equal bytes, on
 //! any number of threads.
 
+mod contradictions;
 mod episode;
 mod gspo;
 mod parquet;
@@ -29,6 +30,7 @@ use reel_prompt::Prompt;
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
 
+pub use contradictions::check_histories;
 pub use gspo::{GroupObjective, GspoOptions, GspoReport, Sequence, SequenceUnit, gspo};
 pub use rollouts::RolloutOptions;
 pub use select::Selection;

@@ -197,8 +197,9 @@ impl RowBuilder<'_> {
         };
         let words = options.words.of(|| row.has_policy_text());
         // what a policy is rewarded for is what it said
-        let mends =
-            words == AnnotationSource::Recorded && options.rollouts.is_none() && row.contradicts();
+        let mends = words == AnnotationSource::Recorded
+            && options.rollouts.is_none()
+            && candidate.contradicts;
         let trace = match (options.pictures || mends)
             .then(|| Trace::read(Path::new(row.trace)))
             .transpose()

@@ -11,7 +11,9 @@ use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::{AnnotationSource, RefusedEpisode, rollouts::GroupReturn};
+use crate::{
+    AnnotationSource, RefusedEpisode, contradictions::HistoryChecks, rollouts::GroupReturn,
+};
 
 /// Which episodes and decisions are wanted.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -74,6 +76,8 @@ pub(crate) struct Candidate {
     pub decisions: Vec<Decision>,
     /// Whether its trace was replayed to the same bits.
     pub verified: bool,
+    /// Whether a recorded History of it claims what the record refutes, or nobody could check.
+    pub contradicts: bool,
     /// The rules that said how it failed, where they did.
     pub rules_version: Option<Arc<str>>,
     pub policy: String,
@@ -101,6 +105,7 @@ impl Candidate {
             family: Family::ALL[0],
             decisions: Vec::new(),
             verified: true,
+            contradicts: false,
             rules_version: None,
             policy: "model".to_owned(),
             seed: String::new(),
@@ -158,7 +163,6 @@ struct StepRow<'a> {
     error_code: Option<&'a str>,
     goal_object: Option<bool>,
     goal_receptacle: Option<bool>,
-    contradictions: u32,
     raw: Option<&'a str>,
 }
 
@@ -180,11 +184,11 @@ const COLUMNS: &[&str] = &[
     "steps.list.element.error_code",
     "steps.list.element.goal_object",
     "steps.list.element.goal_receptacle",
-    "steps.list.element.contradictions",
     "steps.list.element.raw",
 ];
 
-/// The episodes that are wanted, with all their decisions, in the order of the store's files.
+/// The episodes that are wanted, with all their decisions, in the order of the store's files. The
+/// Histories of those that are exported as recorded are checked.
 pub(crate) fn candidates(
     store: &Store,
     wanted: &Selection,
@@ -196,9 +200,14 @@ pub(crate) fn candidates(
     } else {
         HashMap::new()
     };
+    let mut histories = HistoryChecks::open(store)?;
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
         let rows: Vec<CandidateRow<'_>> = reel_tables::rows_from(&batch)?;
+        let recorded = rows
+            .iter()
+            .filter(|row| row.is_recorded(words) && unwanted(row, wanted).is_none());
+        histories.check(recorded.map(|row| (row.trace, row.trace_digest)));
         for row in rows {
             match unwanted(&row, wanted) {
                 Some(reason) => *left_out.entry(reason).or_default() += 1,
@@ -207,12 +216,14 @@ pub(crate) fn candidates(
                     wanted,
                     words,
                     classes.get(row.episode_id),
+                    histories.refuted_steps(row.trace_digest),
                     left_out,
                 )),
             }
         }
         Ok(())
     })?;
+    histories.save()?;
     Ok(found)
 }
 
@@ -239,10 +250,11 @@ fn candidate(
     wanted: &Selection,
     words: AnnotationSource,
     class: Option<&Class>,
+    refuted: Option<&BTreeSet<u32>>,
     left_out: &mut SkipCounts,
 ) -> Option<Candidate> {
-    let recorded =
-        words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == AnnotationSource::Recorded;
+    let recorded = row.is_recorded(words);
+    let refutes = |step| refuted.is_some_and(|steps| steps.contains(&step));
     let mut decisions = Vec::new();
     let mut after_mistake = false;
     let decisive = class
@@ -259,7 +271,7 @@ fn candidate(
             }
             _ if mistake && !wanted.mistakes => "decisions that were mistakes",
             _ if after_mistake && !wanted.recoveries => "decisions right after a mistake",
-            _ if recorded && step.contradictions > 0 && !wanted.contradictions => {
+            _ if recorded && !wanted.contradictions && refutes(step.step) => {
                 "decisions whose History contradicts the record"
             }
             None => "decisions that call no tool",
@@ -284,6 +296,7 @@ fn candidate(
         family,
         decisions,
         verified: true,
+        contradicts: recorded && refuted.is_none_or(|steps| !steps.is_empty()),
         rules_version: class.map(|class| Arc::clone(&class.rules_version)),
         policy: row.policy.to_owned(),
         seed: row.seed.clone(),
@@ -292,6 +305,13 @@ fn candidate(
         rewards: row.steps.iter().map(|step| step.reward).collect(),
         worth: None,
     })
+}
+
+impl CandidateRow<'_> {
+    /// Whether the policy's own words are exported.
+    fn is_recorded(&self, words: AnnotationSource) -> bool {
+        words.of(|| self.steps.iter().any(|step| step.raw.is_some())) == AnnotationSource::Recorded
+    }
 }
 
 impl StepRow<'_> {

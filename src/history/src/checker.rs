@@ -14,6 +14,10 @@ use crate::{
     names::{MatchQuality, Names},
 };
 
+/// Version of the verdicts: raise it when a change of this crate makes any text judged otherwise, so
+/// that what was kept under the earlier version is checked again.
+pub const CHECKER_VERSION: u32 = 1;
+
 /// Sentences that are remembered.
 const REMEMBERED: usize = 4096;
 
@@ -47,21 +51,6 @@ impl Checker {
             names,
             read: BTreeMap::new(),
         }
-    }
-
-    /// Before the first decision of another episode. What was learned of names and sentences stays
-    /// where they mean the same.
-    pub fn begin(&mut self, setting: EpisodeFacts) {
-        if *self.setting() == setting {
-            self.facts = Facts::new(&self.names);
-        } else {
-            *self = Self::new(setting);
-        }
-    }
-
-    /// What was there before the first decision, e.g. receptacles and objects.
-    pub fn setting(&self) -> &EpisodeFacts {
-        self.names.setting()
     }
 
     /// One more decision was made.

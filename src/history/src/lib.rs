@@ -21,7 +21,7 @@ mod repair;
 mod states;
 mod step_facts;
 
-pub use checker::Checker;
+pub use checker::{CHECKER_VERSION, Checker};
 pub use claim::{Claim, ClaimKind, ClaimVerdict};
 pub use repair::{RepairedHistory, repair_history};
 pub use step_facts::{EpisodeFacts, MarkerFacts, ObjectFacts, ReceptacleFacts, StepFacts};

@@ -11,7 +11,6 @@ use std::{
 
 use arrow::array::RecordBatch;
 
-use reel_history::{Checker, EpisodeFacts, StepFacts};
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
@@ -34,15 +33,12 @@ pub struct RowsError(#[from] serde_arrow::Error);
 /// Rows of a table on their way into columns.
 pub(crate) struct Rows {
     columns: ArrayBuilder,
-    /// Of the last episode that claimed something: the next one is often of the same task.
-    checker: Option<Checker>,
 }
 
 impl Rows {
     pub(crate) fn new(table: Table) -> Result<Self, RowsError> {
         Ok(Self {
             columns: ArrayBuilder::from_arrow(table.schema().fields())?,
-            checker: None,
         })
     }
 
@@ -53,9 +49,7 @@ impl Rows {
         trace: &Trace,
         modified_ns: i64,
     ) -> Result<(), RowsError> {
-        Ok(self
-            .columns
-            .push(episode(trace, modified_ns, &mut self.checker))?)
+        Ok(self.columns.push(episode(trace, modified_ns))?)
     }
 
     /// Adds a row of an episode that was made up.
@@ -152,7 +146,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) steps: Vec<Step<'a>>,
 }
 
-fn episode<'t>(trace: &'t Trace, modified_ns: i64, checker: &mut Option<Checker>) -> Episode<'t> {
+fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
     let Trace {
         header,
         task,
@@ -215,7 +209,7 @@ fn episode<'t>(trace: &'t Trace, modified_ns: i64, checker: &mut Option<Checker>
         trace_bytes: trace.bytes,
         trace_modified_ns: modified_ns,
         measured: measured(&trace.robot),
-        steps: steps(trace, checker),
+        steps: steps(trace),
     }
 }
 
@@ -308,7 +302,6 @@ pub(crate) struct Step<'a> {
     pub(crate) tokens_written: Option<u32>,
     pub(crate) tokens: Option<&'a [String]>,
     pub(crate) logprobs: Vec<PolicyLogprobs<'a>>,
-    pub(crate) contradictions: usize,
     pub(crate) listed: Vec<&'a str>,
     pub(crate) new_objects: Vec<&'a str>,
     pub(crate) changes: Vec<Change>,
@@ -320,7 +313,7 @@ pub(crate) struct Step<'a> {
     pub(crate) trace_offset: u64,
 }
 
-fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
+fn steps(trace: &Trace) -> Vec<Step<'_>> {
     let goal = trace.task.goal_changes();
     let candidates = candidates(&trace.task);
     let mut seen: BTreeSet<&InstanceId> = trace
@@ -329,7 +322,6 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
         .iter()
         .map(|visible| &visible.object)
         .collect();
-    let mut claims = Claims::of(trace, checker);
     let mut rows = Vec::with_capacity(trace.steps.len());
     for record in &trace.steps {
         let shown = record
@@ -407,7 +399,6 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
                 .flat_map(TokenLogprobs::policies)
                 .map(by_policy)
                 .collect(),
-            contradictions: claims.refuted(record),
             listed: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
             changes: changes(&record.changes),
@@ -420,45 +411,6 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
         });
     }
     rows
-}
-
-/// What a policy claims to have done beside what it did; nothing is looked at
-/// where it claims nothing.
-struct Claims<'c>(Option<&'c mut Checker>);
-
-impl<'c> Claims<'c> {
-    fn of(trace: &Trace, checker: &'c mut Option<Checker>) -> Self {
-        let policies = trace
-            .steps
-            .iter()
-            .filter_map(|record| record.input.policy.as_ref());
-        if policies.into_iter().all(|policy| policy.history.is_empty()) {
-            return Self(None);
-        }
-        let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
-        match checker {
-            Some(checker) => checker.begin(setting),
-            None => *checker = Some(Checker::new(setting)),
-        }
-        Self(checker.as_mut())
-    }
-
-    /// How many claims of a decision's History are refuted by what was done before it.
-    fn refuted(&mut self, record: &StepRecord) -> usize {
-        let Some(checker) = &mut self.0 else { return 0 };
-        let history = record
-            .input
-            .policy
-            .as_ref()
-            .map_or("", |policy| &policy.history);
-        let refuted = checker
-            .check(history)
-            .iter()
-            .filter(|claim| claim.is_false())
-            .count();
-        checker.push_step(StepFacts::of(record));
-        refuted
-    }
 }
 
 fn said(text: &str) -> Option<&str> {

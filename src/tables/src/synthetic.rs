@@ -499,7 +499,6 @@ impl<'a> Play<'a, '_> {
             tokens_written: Some(60 + self.chance.below(200) as u32),
             tokens: None,
             logprobs: Vec::new(),
-            contradictions: 0,
             listed: Vec::new(),
             new_objects: Vec::new(),
             changes: Vec::new(),

@@ -26,6 +26,10 @@ pub struct Arguments {
     store: String,
     #[command(flatten)]
     elsewhere: ClusterArguments,
+    /// Check what policies say they did (their Histories) against the record, into table
+    /// `contradictions`; an export checks what it needs by itself
+    #[arg(long)]
+    check_histories: bool,
     /// Print counts and quarantined files as one JSON object
     #[arg(long)]
     json: bool,
@@ -35,6 +39,12 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let paths = inputs::traces(&arguments.paths)?;
     let report = ingest(&paths, &arguments.store, &arguments.elsewhere)?;
+    if arguments.check_histories {
+        let bar = progress::bar(paths.len(), "check");
+        let store = Store::open(&arguments.store)?;
+        reel_export::check_histories(&store, |checked| bar.inc(checked as u64))?;
+        bar.finish_and_clear();
+    }
     for (path, reason) in &report.quarantined {
         eprintln!("reel: quarantined {}: {reason}", path.display());
     }

@@ -659,6 +659,12 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
         ),
         (1, None)
     );
+    // it is kept under the checker's version, and not found twice
+    let checked = store.checked_traces().unwrap();
+    let claims: Vec<_> = checked.iter().flat_map(|trace| &trace.claims).collect();
+    assert_eq!((checked.len(), claims.len(), claims[0].step), (1, 1, 2));
+    reel_export::check_histories(&store, |_| ()).unwrap();
+    assert_eq!(store.checked_traces().unwrap(), checked);
     let all = Selection {
         contradictions: true,
         ..Selection::default()

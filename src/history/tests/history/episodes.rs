@@ -101,16 +101,6 @@ impl Episode {
         checker
     }
 
-    /// Tells a checker of another episode the first so many deeds of this one.
-    pub fn restart(&self, checker: &mut Checker, steps: usize) {
-        checker.begin(self.setting.clone());
-        self.deeds
-            .iter()
-            .take(steps)
-            .cloned()
-            .for_each(|deed| checker.push_step(deed));
-    }
-
     /// A checker that knows receptacles, calls and texts only.
     pub fn bare(&self, steps: usize) -> Checker {
         let places = self

@@ -109,7 +109,6 @@ pub const STEP: &[Column] = columns! {
         "the tokens that it wrote, as the endpoint names them; null: their log-probabilities \
          were not recorded";
     must logprobs: List(&Struct(LOGPROBS)), "what policies give these tokens; the view `logprobs`";
-    must contradictions: Int, "claims of the policy's own summary that the record refutes";
     must listed: List(&Text), "instances of whose existence the policy was told in words";
     must new_objects: List(&Text), "instances seen or listed for the first time";
     must changes: List(&Struct(CHANGE)), "changes of the world graphs; the view `world_diffs`";
@@ -361,4 +360,19 @@ pub(super) const VERDICTS: &[Column] = columns! {
     must build: Text, "version of Reel that replayed it";
     must verdict: Text, "`exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`";
     must reason: Text, "what was found, in words";
+};
+
+/// A claim that the record refutes.
+pub(super) const CLAIM: &[Column] = columns! {
+    must step: Int, "the decision whose History makes the claim";
+    must kind: Text, "what it is about, e.g. `pick`, `door state`";
+    must claim: Text, "its words";
+    must reason: Text, "what the record says instead";
+};
+
+pub(super) const CONTRADICTIONS: &[Column] = columns! {
+    must episode_id: Text, "the episode";
+    must trace_digest: Text, "of the trace whose Histories were checked";
+    must checker_version: Int, "version of the checker";
+    must claims: List(&Struct(CLAIM)), "the refuted claims; the view `refuted_claims`";
 };

@@ -12,8 +12,9 @@ use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 
 pub use columns::STEP;
 use columns::{
-    BLAME, CHANGE, CLASSES, EPISODES, FINDING, LABELS, LOGPROBS, MARKER, MEASURED, OBJECT,
-    QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
+    BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING, LABELS, LOGPROBS, MARKER,
+    MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS,
+    VISIBLE,
 };
 
 /// One of the tables that a store holds.
@@ -38,6 +39,8 @@ pub enum Table {
     Labels,
     /// What replaying trace files found. Bound to no version of the store.
     Verdicts,
+    /// What policies' Histories claim and their records refute. Bound to no version of the store.
+    Contradictions,
 }
 
 /// A column: its name, type, whether it may be null, and what it says.
@@ -97,7 +100,7 @@ const fn may(name: &'static str, kind: ColumnType, meaning: &'static str) -> Col
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 9] = [
+    pub const ALL: [Table; 10] = [
         Table::Episodes,
         Table::Tasks,
         Table::Scenes,
@@ -107,6 +110,7 @@ impl Table {
         Table::Blame,
         Table::Labels,
         Table::Verdicts,
+        Table::Contradictions,
     ];
 
     /// Its name in SQL and as a folder.
@@ -121,6 +125,7 @@ impl Table {
             Table::Blame => "blame",
             Table::Labels => "labels",
             Table::Verdicts => "verdicts",
+            Table::Contradictions => "contradictions",
         }
     }
 
@@ -146,6 +151,9 @@ impl Table {
             Table::Verdicts => {
                 "One row a trace file that was replayed for an export, and what was found; the same in every version of the store."
             }
+            Table::Contradictions => {
+                "One row a trace whose Histories were checked against its record, by an export or `reel ingest --check-histories`; the same in every version of the store."
+            }
         }
     }
 
@@ -161,6 +169,7 @@ impl Table {
             Table::Blame => BLAME,
             Table::Labels => LABELS,
             Table::Verdicts => VERDICTS,
+            Table::Contradictions => CONTRADICTIONS,
         }
     }
 
@@ -269,6 +278,16 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
              WHERE s['question'] IS NOT NULL"
                 .into(),
         ),
+        view(
+            "refuted_claims",
+            "`episode_id`, `checker_version` and the columns of a claim that the record refutes.",
+            format!(
+                "SELECT DISTINCT episode_id, checker_version, {} FROM (SELECT c.episode_id, c.checker_version, \
+                 unnest(c.claims) AS claim FROM contradictions c \
+                 JOIN episodes e ON e.episode_id = c.episode_id AND e.trace_digest = c.trace_digest)",
+                flat("claim", CLAIM)
+            ),
+        ),
     ]
 }
 
@@ -323,7 +342,7 @@ pub fn document() -> String {
 }
 
 /// Nested structs with a section of their own.
-const NESTED: [(&str, &[Column]); 11] = [
+const NESTED: [(&str, &[Column]); 12] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     (
         "What a robot measured (`episodes.measured`, view `measurements`)",
@@ -350,6 +369,10 @@ const NESTED: [(&str, &[Column]); 11] = [
         STEP_TERM,
     ),
     ("A finding (`classes.secondary`)", FINDING),
+    (
+        "A refuted claim (`contradictions.claims`, view `refuted_claims`)",
+        CLAIM,
+    ),
 ];
 
 fn has_section(columns: &[Column]) -> bool {

@@ -5,7 +5,7 @@
 //! application transactions, the version of every other table that belongs to it. A reader
 //! opens `episodes` at a version and the others at the versions named there, so that it never
 //! sees half of an ingest; two writers that commit at a time conflict on those names, and the
-//! later one looks again and repeats. Only `verdicts` hangs on no version. Nobody outside this
+//! later one looks again and repeats. `verdicts` and `contradictions` hang on no version. Nobody outside this
 //! folder knows how the tables lie.
 
 mod ingest;
@@ -15,7 +15,7 @@ mod maintenance;
 mod parts;
 mod reading;
 mod rescored;
-mod verdicts;
+mod unbound;
 
 use std::{collections::BTreeMap, ffi::OsStr, io, path::PathBuf, sync::Arc};
 
@@ -42,7 +42,7 @@ pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use reading::{DocumentSet, TraceRows};
 pub use rescored::{RescoreReport, RescoredEpisodes};
-pub use verdicts::TraceVerdict;
+pub use unbound::{CheckedTrace, RefutedClaim, TraceVerdict};
 
 use crate::Table;
 
@@ -56,6 +56,9 @@ const SIDE: [Table; 7] = [
     Table::Blame,
     Table::Labels,
 ];
+
+/// Tables that are bound to no version.
+const UNBOUND: [Table; 2] = [Table::Verdicts, Table::Contradictions];
 
 /// Stack of the threads that plan and run queries, in bytes: deep expressions
 /// are walked by recursion.
@@ -294,7 +297,7 @@ impl Store {
     pub fn stamp(&self) -> Result<Option<Stamp>, StoreError> {
         let mut commits = Vec::new();
         // The other tables go by a commit of `episodes`.
-        for table in [Table::Episodes, Table::Verdicts] {
+        for table in [Table::Episodes].into_iter().chain(UNBOUND) {
             let version = self.tables[&table].version().unwrap_or_default();
             let commit = |version| {
                 self.runtime
@@ -524,7 +527,7 @@ fn runtime() -> Result<Arc<Runtime>, StoreError> {
 }
 
 async fn create(location: &Location) -> Result<(), StoreError> {
-    for table in SIDE.into_iter().chain([Table::Verdicts, Table::Episodes]) {
+    for table in SIDE.into_iter().chain(UNBOUND).chain([Table::Episodes]) {
         if location.commit(table.name(), 0).await?.is_some() {
             continue;
         }
@@ -592,10 +595,9 @@ async fn load(
             .unwrap_or(0);
         tables.insert(table, open(location, table, Some(version)).await?);
     }
-    tables.insert(
-        Table::Verdicts,
-        open(location, Table::Verdicts, None).await?,
-    );
+    for table in UNBOUND {
+        tables.insert(table, open(location, table, None).await?);
+    }
     tables.insert(Table::Episodes, episodes);
     Ok(tables)
 }

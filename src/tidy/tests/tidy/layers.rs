@@ -22,7 +22,7 @@ const LAYERS: &[(&str, &[&str])] = &[
         &["world", "sim", "episode", "trace", "agents", "replay"],
     ),
     ("history", &["world"]),
-    ("tables", &["world", "reward", "trace", "history"]),
+    ("tables", &["world", "reward", "trace"]),
     (
         "query",
         &[

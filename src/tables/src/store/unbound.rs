@@ -1,0 +1,105 @@
+//! What replaying trace files found, and what of their Histories the record refutes. Both are about
+//! the content of a trace, whatever version of the store names it: so these rows are bound to no
+//! version, are only ever added to, and are always read at their newest.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Refused, Store, StoreError, TRIES_MAX};
+use crate::{Table, rows::Rows};
+
+/// What the replay of a trace file found: a row of `verdicts`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct TraceVerdict {
+    /// BLAKE3 of the file's bytes.
+    pub file_digest: String,
+    /// The trace's chain digest; empty where the file could not be read.
+    pub trace_digest: String,
+    /// The simulator that replayed it.
+    pub sim_version: u32,
+    /// Version of Reel that replayed it.
+    pub build: String,
+    /// `exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`.
+    pub verdict: String,
+    /// What was found, in words.
+    pub reason: String,
+}
+
+/// What the Histories of a trace claim against its record: a row of `contradictions`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct CheckedTrace {
+    /// Id of the episode.
+    pub episode_id: String,
+    /// The trace's chain digest.
+    pub trace_digest: String,
+    /// Version of the checker.
+    pub checker_version: u32,
+    /// The claims that the record refutes, in the order of the steps and their texts.
+    pub claims: Vec<RefutedClaim>,
+}
+
+/// A claim of a History that the record refutes.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct RefutedClaim {
+    /// The decision whose History makes the claim.
+    pub step: u32,
+    /// What the claim is about.
+    pub kind: String,
+    /// The words of the claim.
+    pub claim: String,
+    /// What the record says instead.
+    pub reason: String,
+}
+
+impl Store {
+    /// Every verdict that was kept, those of other versions of the store too.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn verdicts(&self) -> Result<Vec<TraceVerdict>, StoreError> {
+        self.rows_of(&self.newest(Table::Verdicts)?)
+    }
+
+    /// Keeps verdicts. The store's version stays what it is.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn append_verdicts(&self, verdicts: &[TraceVerdict]) -> Result<(), StoreError> {
+        self.append_unbound(Table::Verdicts, verdicts)
+    }
+
+    /// Every trace whose Histories were checked, by any version of the checker.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn checked_traces(&self) -> Result<Vec<CheckedTrace>, StoreError> {
+        self.rows_of(&self.newest(Table::Contradictions)?)
+    }
+
+    /// Keeps what checks found. The store's version stays what it is.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn append_checked_traces(&self, traces: &[CheckedTrace]) -> Result<(), StoreError> {
+        self.append_unbound(Table::Contradictions, traces)
+    }
+
+    fn append_unbound<R: Serialize>(&self, table: Table, rows: &[R]) -> Result<(), StoreError> {
+        if rows.is_empty() {
+            return Ok(());
+        }
+        let rows = Rows::of(table, rows)?;
+        for _ in 0..TRIES_MAX {
+            let newest = self.newest(table)?;
+            let actions = self.write_parts(&newest, vec![rows.clone()])?;
+            match self.commit_side(&newest, actions) {
+                Ok(_) => return Ok(()),
+                Err(Refused::Conflict) => {}
+                Err(Refused::Failed(error)) => return Err(error),
+            }
+        }
+        Err(StoreError::Busy {
+            tries: TRIES_MAX,
+            location: self.location.to_string(),
+        })
+    }
+}
