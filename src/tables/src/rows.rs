@@ -268,7 +268,7 @@ pub(crate) struct Step<'a> {
     pub(crate) call_name: &'a str,
     pub(crate) arguments: String,
     pub(crate) argument: Option<String>,
-    pub(crate) text: &'a str,
+    pub(crate) text: Cow<'a, str>,
     pub(crate) error_code: Option<&'static str>,
     pub(crate) error_class: Option<&'static str>,
     pub(crate) object: Option<&'a str>,
@@ -342,7 +342,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             call_name: &record.input.call.name,
             arguments: canonical_json(&record.input.call.arguments),
             argument: argument(record),
-            text: &record.outcome.text,
+            text: record.outcome.text.as_str().into(),
             error_code: record.outcome.error.map(|code| code.as_str()),
             error_class: record.outcome.error.map(|code| match code.class() {
                 ErrorClass::Severe => "severe",

@@ -1,12 +1,16 @@
 //! Episodes that nobody played, for measurements of queries: the columns, lengths and mix of errors
-//! are those of recorded ones, the moves come from a few scripts and chance. No trace lies behind
-//! them, their digests are empty, and their rewards are plausible, not computed.
+//! are those of recorded ones, the moves come from a few scripts and chance. Calls, texts and error
+//! codes are possible ones. No trace lies behind them, their digests are empty, and their rewards are
+//! plausible, not computed.
 
-use std::sync::Arc;
+use std::{fmt::Write as _, sync::Arc};
 
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
-use reel_world::{Digest, Scene, Skills, Task, record::Backend};
+use reel_world::{
+    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json, record::Backend,
+};
+use serde_json::{Value, json};
 
 use crate::{
     Store, StoreError, Table,
@@ -237,7 +241,7 @@ impl<'a> Play<'a, '_> {
             self.ask();
         }
         if self.chance.share() < 0.5 {
-            self.call("gaze_at", Some("1".into()));
+            self.call("gaze_at", Some(json!(1)), "Looking at marker 1.");
         }
         match script {
             Script::Oscillates => {
@@ -257,7 +261,9 @@ impl<'a> Play<'a, '_> {
                 self.pick(true);
                 self.nav(dest);
                 let tries = 1 + self.chance.below(3);
-                (0..tries).for_each(|_| self.fails("place", "door_closed", "moderate"));
+                let text = format!("The door of '{dest}' is closed. Use 'open' first.");
+                (0..tries)
+                    .for_each(|_| self.fails("place", json!(2), ErrorCode::DoorClosed, &text));
                 self.end();
                 return false;
             }
@@ -273,7 +279,8 @@ impl<'a> Play<'a, '_> {
         };
         self.nav(place);
         if self.chance.share() < 0.6 {
-            self.call("show_receptacles", None);
+            let text = format!("Receptacles in view: \n\t2: {place}\n");
+            self.call("show_receptacles", None, text);
         }
         self.place(place);
         self.end();
@@ -282,7 +289,7 @@ impl<'a> Play<'a, '_> {
 
     fn end(&mut self) {
         if self.chance.share() < 0.85 {
-            self.call("finish", None);
+            self.call("finish", None, "");
         }
     }
 
@@ -294,9 +301,20 @@ impl<'a> Play<'a, '_> {
                     self.nav(place);
                 }
                 2 => self.show(),
-                3 => self.call("walk_around", None),
-                4 => self.fails("pick", "marker_not_found", "severe"),
-                _ => self.fails("nav_to", "unknown_receptacle", "severe"),
+                3 => self.walk_around(),
+                4 => {
+                    let text = "Marker ID 7 not found in the marker map.";
+                    self.fails("pick", json!(7), ErrorCode::UnknownMarker, text);
+                }
+                _ => {
+                    let text = "Receptacle shelf_99 not found in the scene.";
+                    self.fails(
+                        "nav_to",
+                        json!("shelf_99"),
+                        ErrorCode::UnknownReceptacle,
+                        text,
+                    );
+                }
             }
         }
     }
@@ -308,10 +326,18 @@ impl<'a> Play<'a, '_> {
     fn nav(&mut self, place: &'a str) {
         self.path_m += 0.5 + self.chance.share() as f32 * 4.0;
         self.at = place;
-        self.call("nav_to", Some(place.to_owned()));
+        self.call("nav_to", Some(json!(place)), format!("Arrived at {place}."));
         let like = receptacle_like(self.task, self.scene, &place.into());
         let step = self.last();
         (step.receptacle, step.receptacle_like) = (Some(place), Some(like));
+    }
+
+    fn walk_around(&mut self) {
+        let mut text = String::from("I found the following object(s): ");
+        for (number, object) in self.task.objects.iter().take(3).enumerate() {
+            let _ = write!(text, "\n\t{number}: a(an) {}.", object.category);
+        }
+        self.call("walk_around", None, text + "\n");
     }
 
     fn show(&mut self) {
@@ -328,7 +354,8 @@ impl<'a> Play<'a, '_> {
             .collect();
         let first = self.candidates == 0;
         self.candidates = self.candidates.max(1 + self.chance.below(3));
-        self.call("show_object_by_category", Some(category.to_owned()));
+        let text = format!("Found {} object(s) matching '{category}'.", seen.len());
+        self.call("show_object_by_category", Some(json!(category)), text);
         let step = self.last();
         step.markers = seen.len();
         step.marker_map = (1..)
@@ -345,12 +372,10 @@ impl<'a> Play<'a, '_> {
     }
 
     fn ask(&mut self) {
-        self.call("ask", Some("Which one do you mean?".into()));
+        let (question, reply) = ("Which one do you mean?", "The one by the window, please.");
+        self.call("ask", Some(json!(question)), reply);
         let step = self.last();
-        (step.question, step.reply) = (
-            Some("Which one do you mean?".into()),
-            Some("The one by the window, please."),
-        );
+        (step.question, step.reply) = (Some(question.into()), Some(reply));
         step.reply_source = Some("rule-based".into());
         step.terms.push(Term {
             component: "ask",
@@ -374,7 +399,11 @@ impl<'a> Play<'a, '_> {
             receptacle_like(self.task, self.scene, &at.into()),
         );
         self.held = Some(object);
-        self.call("pick", Some("1".into()));
+        self.call(
+            "pick",
+            Some(json!(1)),
+            "Picked up the object with marker 1.",
+        );
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(at));
         (step.goal_object, step.goal_receptacle) = (Some(goal), Some(false));
@@ -404,7 +433,11 @@ impl<'a> Play<'a, '_> {
             object_like(self.task, &object.into()),
             receptacle_like(self.task, self.scene, &place.into()),
         );
-        self.call("place", Some("2".into()));
+        self.call(
+            "place",
+            Some(json!(2)),
+            format!("Placed the object on {place}."),
+        );
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
         (step.goal_object, step.goal_receptacle, step.put_back) =
@@ -419,13 +452,17 @@ impl<'a> Play<'a, '_> {
         });
     }
 
-    fn fails(&mut self, tool: &'static str, code: &'static str, class: &'static str) {
-        self.call(tool, Some("7".into()));
+    fn fails(&mut self, tool: &'static str, argument: Value, code: ErrorCode, text: &str) {
+        self.call(tool, Some(argument), text);
         let step = self.last();
-        (step.error_code, step.error_class) = (Some(code), Some(class));
+        let (class, value) = match code.class() {
+            ErrorClass::Severe => ("severe", -0.5),
+            ErrorClass::Moderate => ("moderate", -0.3),
+        };
+        (step.error_code, step.error_class) = (Some(code.as_str()), Some(class));
         step.terms.push(Term {
             component: "safe",
-            value: if class == "severe" { -0.5 } else { -0.3 },
+            value,
             reason: "",
         });
     }
@@ -434,7 +471,7 @@ impl<'a> Play<'a, '_> {
         self.steps.last_mut().expect("a call was made")
     }
 
-    fn call(&mut self, tool: &'static str, argument: Option<String>) {
+    fn call(&mut self, tool: &'static str, argument: Option<Value>, text: impl Into<String>) {
         // the step before is complete now
         if let Some(before) = self.steps.last_mut() {
             before.reward = before.terms.iter().map(|term| term.value).sum();
@@ -456,16 +493,21 @@ impl<'a> Play<'a, '_> {
             y_max: 160,
         });
         let visible_objects: Vec<Visible<'a>> = visible.collect();
+        let spec = ToolSpec::by_name(tool).expect("a tool of the paper");
+        let arguments = match (spec.argument, &argument) {
+            (Some(key), Some(value)) => json!({ key.name: value }),
+            _ => json!({}),
+        };
         self.steps.push(Step {
             step,
             tool,
             call_name: tool,
-            arguments: argument.as_ref().map_or_else(
-                || "{}".into(),
-                |argument| format!("{{\"argument\":\"{argument}\"}}"),
-            ),
-            argument,
-            text: told(tool),
+            arguments: canonical_json(&arguments),
+            argument: argument.map(|value| match value {
+                Value::String(text) => text,
+                number => number.to_string(),
+            }),
+            text: text.into().into(),
             error_code: None,
             error_class: None,
             object: None,
@@ -557,17 +599,5 @@ impl Chance {
 
     fn below(&mut self, count: usize) -> usize {
         ((u128::from(self.next()) * count as u128) >> 64) as usize
-    }
-}
-
-/// What a tool says, about as long as recorded texts are.
-fn told(tool: &str) -> &'static str {
-    match tool {
-        "walk_around" => {
-            "I found the following object(s):\n\t1: a(an) tray.\n\t2: a(an) remote control.\n\t3: a(an) vase.\n"
-        }
-        "gaze_at" => "Marker ID 7 not found in the marker map.",
-        "ask" => "I mean the one with the raised edges.",
-        _ => "",
     }
 }

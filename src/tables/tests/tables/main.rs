@@ -17,7 +17,7 @@ use reel_tables::{
     episode_batch,
 };
 use reel_trace::Images;
-use reel_world::{ErrorCode, Family, record::EndReason};
+use reel_world::{ErrorCode, Family, Tool, ToolCall, ToolSpec, record::EndReason};
 use tempfile::TempDir;
 
 fn texts(batch: &RecordBatch, column: &str) -> Vec<Option<String>> {
@@ -580,6 +580,46 @@ fn verdicts_belong_to_no_version() {
         (12, 1, version)
     );
     assert_eq!(store.verdicts().unwrap().len(), 12);
+}
+
+/// What was made up could have been recorded: every call is one of a tool, every failure has a code,
+/// its class and the text of that code.
+#[test]
+fn synthetic_steps_are_possible_ones() {
+    #[derive(serde::Deserialize)]
+    struct Row {
+        steps: Vec<Step>,
+    }
+    #[derive(serde::Deserialize)]
+    struct Step {
+        tool: String,
+        call_name: String,
+        arguments: String,
+        text: String,
+        error_code: Option<String>,
+        error_class: Option<String>,
+    }
+    let dir = TempDir::new().unwrap();
+    let trace = success("oracle", Family::FDP, 1).record(dir.path(), Images::None);
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    let (tasks, scene) = ([trace.task.clone()], &trace.scene);
+    reel_tables::synthesize(&mut store, &tasks, scene, 400, 7, |_| ()).unwrap();
+    let mut codes = BTreeSet::new();
+    for batch in batches(&store, Table::Episodes) {
+        let rows: Vec<Row> = reel_tables::rows_from(&batch).unwrap();
+        for step in rows.into_iter().flat_map(|row| row.steps) {
+            let arguments = serde_json::from_str(&step.arguments).unwrap();
+            let call = ToolCall::new(&step.call_name, arguments);
+            assert!(Tool::parse(&call).is_ok(), "{call}");
+            assert_eq!(ToolSpec::by_name(&step.tool).unwrap().paper_name, step.tool);
+            let code = step.error_code.map(|code| ErrorCode::parse(&code).unwrap());
+            assert_eq!(ErrorCode::from_message(&step.text), code, "{}", step.text);
+            let class = code.map(|code| format!("{:?}", code.class()).to_lowercase());
+            assert_eq!(step.error_class, class);
+            codes.extend(code);
+        }
+    }
+    assert_eq!(codes.len(), 3);
 }
 
 /// What another machine reads goes in as if it had been read here.
