@@ -15,14 +15,9 @@ use crate::{PerceivedItem, Policy, PolicyContext, ResponderError, oracle::questi
 /// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
 /// Furniture that one expects to have a closed door.
-pub(crate) const DOOR_WORDS: [&str; 6] = [
-    "fridge",
-    "refrigerator",
-    "microwave",
-    "washing",
-    "dishwasher",
-    "electriccooker",
-];
+pub(crate) const DOOR_WORDS: [&str; 6] = reel_world::words! {
+    fridge refrigerator microwave washing dishwasher electriccooker
+};
 /// What the user says as long as the object was not seen.
 const NOT_SEEN: [&str; 2] = ["please check", "look around"];
 

@@ -5,32 +5,10 @@
 const QUOTED_CHARACTERS_MAX: usize = 400;
 
 /// Names of stuff, which take `some` instead of an article.
-const STUFF: [&str; 24] = [
-    "bread",
-    "butter",
-    "cereal",
-    "cheese",
-    "chocolate",
-    "coffee",
-    "detergent",
-    "flour",
-    "food",
-    "fruit",
-    "juice",
-    "meat",
-    "milk",
-    "oil",
-    "pasta",
-    "rice",
-    "salt",
-    "shampoo",
-    "soap",
-    "soup",
-    "sugar",
-    "tea",
-    "toothpaste",
-    "water",
-];
+const STUFF: [&str; 24] = reel_world::words! {
+    bread butter cereal cheese chocolate coffee detergent flour food fruit juice meat milk oil pasta
+    rice salt shampoo soap soup sugar tea toothpaste water
+};
 
 /// `an apple`, `a mug`, `some bread`, `some scissors`; what has an article keeps it.
 pub(crate) fn indefinite(noun: &str) -> String {

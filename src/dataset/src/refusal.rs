@@ -202,15 +202,7 @@ impl Checks {
 }
 
 /// What trainers and templates take for pictures, turns or thoughts.
-const CONTROL_TAGS: [&str; 10] = [
-    "<image>",
-    "<video>",
-    "<audio>",
-    "<|",
-    "<think>",
-    "</think>",
-    "<tool_call>",
-    "</tool_call>",
-    "<tool_response>",
-    "</tool_response>",
-];
+const CONTROL_TAGS: [&str; 10] = reel_world::words! {
+    "<image>" "<video>" "<audio>" "<|" "<think>" "</think>" "<tool_call>" "</tool_call>"
+    "<tool_response>" "</tool_response>"
+};

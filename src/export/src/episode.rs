@@ -24,46 +24,23 @@ pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static s
     [COLUMNS, annotator, logprobs].concat()
 }
 
-const COLUMNS: &[&str] = &[
-    "episode_id",
-    "task_id",
-    "task_digest",
-    "scene_digest",
-    "scene_id",
-    "family",
-    "policy",
-    "profile",
-    "preset",
-    "trace",
-    "trace_digest",
-    "seed",
-    "success",
-    "steps.list.element.step",
-    "steps.list.element.tool",
-    "steps.list.element.call_name",
-    "steps.list.element.arguments",
-    "steps.list.element.text",
-    "steps.list.element.error_code",
-    "steps.list.element.error_class",
-    "steps.list.element.reasoning",
-    "steps.list.element.history",
-    "steps.list.element.plan",
-    "steps.list.element.held",
-];
+const COLUMNS: &[&str] = &reel_world::words! {
+    episode_id task_id task_digest scene_digest scene_id family policy profile preset trace
+    trace_digest seed success "steps.list.element.step" "steps.list.element.tool"
+    "steps.list.element.call_name" "steps.list.element.arguments" "steps.list.element.text"
+    "steps.list.element.error_code" "steps.list.element.error_class" "steps.list.element.reasoning"
+    "steps.list.element.history" "steps.list.element.plan" "steps.list.element.held"
+};
 
 /// What only rollouts have.
 const LOGPROB_COLUMNS: &[&str] = &["steps.list.element.tokens", "steps.list.element.logprobs"];
 
 /// What only the annotator looks at.
-const ANNOTATOR_COLUMNS: &[&str] = &[
-    "steps.list.element.argument",
-    "steps.list.element.receptacle",
-    "steps.list.element.raw",
-    "steps.list.element.reply",
-    "steps.list.element.listed",
-    "steps.list.element.marker_map",
-    "steps.list.element.visible_objects.list.element.object",
-];
+const ANNOTATOR_COLUMNS: &[&str] = &reel_world::words! {
+    "steps.list.element.argument" "steps.list.element.receptacle" "steps.list.element.raw"
+    "steps.list.element.reply" "steps.list.element.listed" "steps.list.element.marker_map"
+    "steps.list.element.visible_objects.list.element.object"
+};
 
 /// An episode as the store has it.
 #[derive(Deserialize)]

@@ -166,26 +166,12 @@ struct StepRow<'a> {
     raw: Option<&'a str>,
 }
 
-const COLUMNS: &[&str] = &[
-    "episode_id",
-    "trace",
-    "trace_digest",
-    "task_digest",
-    "scene_id",
-    "family",
-    "policy",
-    "seed",
-    "group_id",
-    "success",
-    "discounted_return",
-    "steps.list.element.step",
-    "steps.list.element.reward",
-    "steps.list.element.tool",
-    "steps.list.element.error_code",
-    "steps.list.element.goal_object",
-    "steps.list.element.goal_receptacle",
-    "steps.list.element.raw",
-];
+const COLUMNS: &[&str] = &reel_world::words! {
+    episode_id trace trace_digest task_digest scene_id family policy seed group_id success
+    discounted_return "steps.list.element.step" "steps.list.element.reward"
+    "steps.list.element.tool" "steps.list.element.error_code" "steps.list.element.goal_object"
+    "steps.list.element.goal_receptacle" "steps.list.element.raw"
+};
 
 /// The episodes that are wanted, with all their decisions, in the order of the store's files. The
 /// Histories of those that are exported as recorded are checked.

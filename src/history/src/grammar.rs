@@ -440,42 +440,16 @@ pub(crate) fn verb(word: &str) -> Option<Verb> {
 }
 
 /// Words that stand for any object.
-pub(crate) const ANYTHING: [&str; 18] = [
-    "object",
-    "item",
-    "thing",
-    "something",
-    "anything",
-    "candidate",
-    "match",
-    "target",
-    "one",
-    "everything",
-    "result",
-    "option",
-    "instance",
-    "ones",
-    "stuff",
-    "piece",
-    "copy",
-    "target object",
-];
+pub(crate) const ANYTHING: [&str; 18] = reel_world::words! {
+    object item thing something anything candidate match target one everything result option
+    instance ones stuff piece copy "target object"
+};
 
 /// Words that stand for any receptacle.
-pub(crate) const ANYWHERE: [&str; 12] = [
-    "receptacle",
-    "furniture",
-    "place",
-    "location",
-    "surface",
-    "spot",
-    "landmark",
-    "destination",
-    "source",
-    "somewhere",
-    "anywhere",
-    "viewpoint",
-];
+pub(crate) const ANYWHERE: [&str; 12] = reel_world::words! {
+    receptacle furniture place location surface spot landmark destination source somewhere anywhere
+    viewpoint
+};
 
 /// What a reason says in words -> the error codes it may mean.
 pub(crate) const REASONS: &[(&str, &[&str])] = &[

@@ -18,24 +18,11 @@ use crate::{ImportError, ImportOptions, graph};
 /// Category of an object that nothing names.
 const UNKNOWN: &str = "unknown";
 /// Keys of `task_meta.json` and of the `finish` payload that have a place in a task or a header.
-const KNOWN: &[&str] = &[
-    "benchmark_task_id",
-    "task_id",
-    "family",
-    "task_description",
-    "scene_id",
-    "model",
-    "rooms_and_furniture",
-    "initial_world_graph",
-    "target_world_graph",
-    "target_object",
-    "source_furniture",
-    "destination_furniture",
-    "source_distractors",
-    "destination_distractors",
-    "object_distractors",
-    "execution_plan",
-];
+const KNOWN: &[&str] = &reel_world::words! {
+    benchmark_task_id task_id family task_description scene_id model rooms_and_furniture
+    initial_world_graph target_world_graph target_object source_furniture destination_furniture
+    source_distractors destination_distractors object_distractors execution_plan
+};
 /// Keys that belong to the task and have no place of their own.
 const OF_TASK: &[&str] = &[
     "global_index",

@@ -30,20 +30,10 @@ const FINISH: &str = "End the episode when the task is done, and begin the next 
 
 /// The published servers' tools in their order. Branch `gspo` lists the first ten only, and
 /// takes lifecycle tools unlisted.
-const PUBLISHED: [&str; 12] = [
-    "list_receptacles",
-    "navigate_to",
-    "explore_receptacle",
-    "focus_on",
-    "find_objects",
-    "highlight_receptacles",
-    "pick",
-    "place",
-    "open",
-    "close",
-    "finish",
-    "ask",
-];
+const PUBLISHED: [&str; 12] = reel_world::words! {
+    list_receptacles navigate_to explore_receptacle focus_on find_objects highlight_receptacles pick
+    place open close finish ask
+};
 const LISTED_BY_GSPO: usize = 10;
 
 /// The tools of a profile: those of the paper in its order, then those around an episode; those of

@@ -85,39 +85,12 @@ pub(crate) enum Set {
 }
 
 /// Options of exports that may come from outside: none names a file.
-const EXPORT_OPTIONS: [&str; 31] = [
-    "format",
-    "style",
-    "failed",
-    "where",
-    "words",
-    "split",
-    "validation",
-    "test",
-    "images",
-    "pixels",
-    "allow-unverified",
-    "no-replay",
-    "rows-per-file",
-    "budget",
-    "licence",
-    "seed",
-    "group-size",
-    "same-seed",
-    "eps",
-    "returns",
-    "advantage",
-    "scale",
-    "virtual-max",
-    "no-images",
-    "version",
-    "annotations",
-    "context-length",
-    "image-format",
-    "license",
-    "max-pixels",
-    "store-version",
-];
+const EXPORT_OPTIONS: [&str; 31] = reel_world::words! {
+    format style failed where words split validation test images pixels "allow-unverified"
+    "no-replay" "rows-per-file" budget licence seed "group-size" "same-seed" eps returns advantage
+    scale "virtual-max" "no-images" version annotations "context-length" "image-format" license
+    "max-pixels" "store-version"
+};
 
 /// Where a job stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]

@@ -66,30 +66,14 @@ impl ScoredEpisode<'_> {
 }
 
 /// Columns of `episodes` that a reward reads, and those that name the episode.
-const COLUMNS: &[&str] = &[
-    "episode_id",
-    "trace_digest",
-    "trace",
-    "policy",
-    "task_id",
-    "task_digest",
-    "scene_digest",
-    "preset",
-    "start_changes",
-    "start_objects.list.element.object",
-    "steps.list.element.tool",
-    "steps.list.element.argument",
-    "steps.list.element.error_code",
-    "steps.list.element.error_class",
-    "steps.list.element.object",
-    "steps.list.element.receptacle",
-    "steps.list.element.held",
-    "steps.list.element.reply",
-    "steps.list.element.new_objects",
-    "steps.list.element.changes",
-    "steps.list.element.terms.list.element.component",
-    "steps.list.element.terms.list.element.value",
-];
+const COLUMNS: &[&str] = &reel_world::words! {
+    episode_id trace_digest trace policy task_id task_digest scene_digest preset start_changes
+    "start_objects.list.element.object" "steps.list.element.tool" "steps.list.element.argument"
+    "steps.list.element.error_code" "steps.list.element.error_class" "steps.list.element.object"
+    "steps.list.element.receptacle" "steps.list.element.held" "steps.list.element.reply"
+    "steps.list.element.new_objects" "steps.list.element.changes"
+    "steps.list.element.terms.list.element.component" "steps.list.element.terms.list.element.value"
+};
 /// What only some presets read.
 const MARKERS: &str = "steps.list.element.marker_map";
 const TEXT: &str = "steps.list.element.text";

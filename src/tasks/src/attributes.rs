@@ -3,136 +3,26 @@
 
 use reel_world::Attributes;
 
-const COLOURS: &[&str] = &[
-    "beige",
-    "black",
-    "blue",
-    "brass",
-    "bronze",
-    "brown",
-    "chrome",
-    "clear",
-    "colorful",
-    "colourful",
-    "copper",
-    "cream",
-    "dark",
-    "gold",
-    "golden",
-    "gray",
-    "green",
-    "grey",
-    "ivory",
-    "light",
-    "lime",
-    "magenta",
-    "maroon",
-    "metallic",
-    "multicolored",
-    "multi-colored",
-    "navy",
-    "olive",
-    "orange",
-    "pink",
-    "purple",
-    "red",
-    "semi-transparent",
-    "silver",
-    "tan",
-    "teal",
-    "transparent",
-    "turquoise",
-    "violet",
-    "white",
-    "yellow",
-    "yellowish",
-];
-const MATERIALS: &[&str] = &[
-    "aluminum",
-    "bamboo",
-    "brass",
-    "cardboard",
-    "ceramic",
-    "chrome",
-    "clay",
-    "cloth",
-    "copper",
-    "cork",
-    "cotton",
-    "fabric",
-    "fur",
-    "glass",
-    "graphite",
-    "leather",
-    "linen",
-    "marble",
-    "metal",
-    "metallic",
-    "oak",
-    "paper",
-    "plastic",
-    "plush",
-    "porcelain",
-    "rubber",
-    "silicone",
-    "stainless",
-    "steel",
-    "stone",
-    "velvet",
-    "wax",
-    "wicker",
-    "wood",
-    "wooden",
-    "wool",
-    "woven",
-];
-const SHAPES: &[&str] = &[
-    "circular",
-    "conical",
-    "cubic",
-    "curved",
-    "cylindrical",
-    "domed",
-    "flat",
-    "hexagonal",
-    "octagonal",
-    "oval",
-    "pointed",
-    "rectangular",
-    "round",
-    "rounded",
-    "slender",
-    "spherical",
-    "spiral",
-    "spiral-bound",
-    "square",
-    "stacked",
-    "tapered",
-    "tapering",
-    "triangular",
-];
-const SIZES: &[&str] = &[
-    "big",
-    "compact",
-    "deep",
-    "huge",
-    "large",
-    "little",
-    "long",
-    "medium",
-    "medium-sized",
-    "mini",
-    "narrow",
-    "shallow",
-    "short",
-    "slim",
-    "small",
-    "tall",
-    "thick",
-    "thin",
-    "tiny",
-    "wide",
-];
+const COLOURS: &[&str] = &reel_world::words! {
+    beige black blue brass bronze brown chrome clear colorful colourful copper cream dark gold
+    golden gray green grey ivory light lime magenta maroon metallic multicolored "multi-colored"
+    navy olive orange pink purple red "semi-transparent" silver tan teal transparent turquoise
+    violet white yellow yellowish
+};
+const MATERIALS: &[&str] = &reel_world::words! {
+    aluminum bamboo brass cardboard ceramic chrome clay cloth copper cork cotton fabric fur glass
+    graphite leather linen marble metal metallic oak paper plastic plush porcelain rubber silicone
+    stainless steel stone velvet wax wicker wood wooden wool woven
+};
+const SHAPES: &[&str] = &reel_world::words! {
+    circular conical cubic curved cylindrical domed flat hexagonal octagonal oval pointed
+    rectangular round rounded slender spherical spiral "spiral-bound" square stacked tapered
+    tapering triangular
+};
+const SIZES: &[&str] = &reel_world::words! {
+    big compact deep huge large little long medium "medium-sized" mini narrow shallow short slim
+    small tall thick thin tiny wide
+};
 
 /// Parts of furniture whose words describe the part, not the whole.
 const PARTS: &[(&str, &[&str])] = &[

@@ -21,41 +21,15 @@ pub(crate) const DROP_M: f64 = 0.1;
 const LARGEST_M: f64 = 5.0;
 
 const ROOT_FIELDS: &[&str] = &["scene_id", "objects", "episodes"];
-const OBJECT_FIELDS: &[&str] = &[
-    "original_id",
-    "category",
-    "detailed_caption",
-    "attributes",
-    "position",
-    "size",
-    "yaw",
-];
-const EPISODE_FIELDS: &[&str] = &[
-    "benchmark_task_id",
-    "task_id",
-    "family",
-    "task_type",
-    "scene_id",
-    "benchmark_instruction",
-    "task_description",
-    "fuzzy_task_description",
-    "physics_task_description",
-    "purpose",
-    "initial_world_graph",
-    "goal_world_graph",
-    "src",
-    "src_distractors",
-    "dest",
-    "dest_distractors",
-    "moves",
-    "obj_distractors",
-    "obj_meta",
-    "obj_distractor_meta",
-    "execution_plan",
-    "placements",
-    "final_positions",
-    "target_object_id",
-];
+const OBJECT_FIELDS: &[&str] = &reel_world::words! {
+    original_id category detailed_caption attributes position size yaw
+};
+const EPISODE_FIELDS: &[&str] = &reel_world::words! {
+    benchmark_task_id task_id family task_type scene_id benchmark_instruction task_description
+    fuzzy_task_description physics_task_description purpose initial_world_graph goal_world_graph src
+    src_distractors dest dest_distractors moves obj_distractors obj_meta obj_distractor_meta
+    execution_plan placements final_positions target_object_id
+};
 
 /// Reads the task of a document.
 pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<TaskWarning>), Problem> {

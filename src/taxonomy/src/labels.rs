@@ -13,17 +13,9 @@ use crate::{CLASSES, TaxonomyError};
 pub type LabelSet = BTreeMap<String, LabelRow>;
 
 /// The columns of a label in CSV.
-const COLUMNS: [&str; 9] = [
-    "episode_id",
-    "author",
-    "kind",
-    "class",
-    "sub_class",
-    "step",
-    "confidence",
-    "note",
-    "at_ms",
-];
+const COLUMNS: [&str; 9] = reel_world::words! {
+    episode_id author kind class sub_class step confidence note at_ms
+};
 
 /// What a line that leaves it out says.
 #[derive(Clone, Copy, Debug)]

@@ -3,6 +3,24 @@
 //!
 //! Pure data and pure functions. Never I/O, a clock, a thread, randomness or hash-order containers.
 
+/// An array of texts, written one after the other: those that are identifiers need no quotes.
+#[macro_export]
+macro_rules! words {
+    ($($word:tt)*) => { [$($crate::word!($word)),*] };
+}
+
+/// One text of [`words!`].
+#[doc(hidden)]
+#[macro_export]
+macro_rules! word {
+    ($word:ident) => {
+        stringify!($word)
+    };
+    ($word:literal) => {
+        $word
+    };
+}
+
 mod ask_context;
 mod canonical;
 pub mod chain;

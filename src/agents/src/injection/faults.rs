@@ -15,14 +15,9 @@ use crate::{oracle::OracleOptions, random};
 use exploration::{exploration, false_history, questions, repeated_failure, stale_marker, turning};
 
 /// Things that are in nobody's household here: what one looks for in vain.
-const ABSENT: [&str; 6] = [
-    "telescope",
-    "violin",
-    "umbrella",
-    "surfboard",
-    "typewriter",
-    "snow globe",
-];
+const ABSENT: [&str; 6] = reel_world::words! {
+    telescope violin umbrella surfboard typewriter "snow globe"
+};
 
 /// What the fault of this index puts into the course.
 pub(super) fn inserts(

@@ -114,25 +114,10 @@ fn a_history_grows_and_is_not_reworded() {
 
 #[test]
 fn every_part_is_said_and_reads_like_english() {
-    const BAD: [&str; 17] = [
-        "  ",
-        " .",
-        "..",
-        " ,",
-        "the the ",
-        " a a ",
-        "{",
-        "}",
-        " a apple",
-        " a orange",
-        " an book",
-        "the a ",
-        "a the ",
-        "some some",
-        "()",
-        "the what",
-        " ,",
-    ];
+    const BAD: [&str; 17] = reel_world::words! {
+        "  " " ." ".." " ," "the the " " a a " "{" "}" " a apple" " a orange" " an book" "the a "
+        "a the " "some some" "()" "the what" " ,"
+    };
     for trace in traces() {
         for (index, note) in notes(&trace).iter().enumerate() {
             for part in [

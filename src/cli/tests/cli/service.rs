@@ -30,20 +30,11 @@ fn script(name: &str, arguments: &[&str]) {
 
 /// The faults of every day; `make service` has all of them, and the fuzzing
 /// of the OpenAPI document.
-const FAULTS: &[&str] = &[
-    "kill_under_load",
-    "names_are_taken_once",
-    "disk_full",
-    "file_too_large",
-    "upload_breaks_off",
-    "halves",
-    "large_bodies",
-    "bodies_as_large_as_they_may_be",
-    "deep_json_and_invalid_utf8",
-    "hostile_calls",
-    "hosts_and_origins",
-    "last_token",
-];
+const FAULTS: &[&str] = &reel_world::words! {
+    kill_under_load names_are_taken_once disk_full file_too_large upload_breaks_off halves
+    large_bodies bodies_as_large_as_they_may_be deep_json_and_invalid_utf8 hostile_calls
+    hosts_and_origins last_token
+};
 
 #[test]
 fn agents_in_processes_of_their_own_play() {
@@ -57,7 +48,7 @@ fn the_published_contract_to_the_letter() {
 
 #[test]
 fn nothing_privileged_reaches_a_policy() {
-    script("service/leaks.py", &["--episodes", "40"]);
+    script("service/leaks.py", "--episodes 40");
 }
 
 #[test]

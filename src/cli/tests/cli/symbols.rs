@@ -5,51 +5,11 @@ use std::{collections::BTreeSet, fs};
 use object::{Object, ObjectSymbol};
 
 /// Mathematics whose result is not exact by definition, for `double`; the others by suffix.
-const MATHEMATICS: &[&str] = &[
-    "acos",
-    "acosh",
-    "asin",
-    "asinh",
-    "atan",
-    "atan2",
-    "atanh",
-    "cbrt",
-    "cos",
-    "cosh",
-    "erf",
-    "erfc",
-    "exp",
-    "exp10",
-    "exp2",
-    "expm1",
-    "gamma",
-    "hypot",
-    "j0",
-    "j1",
-    "jn",
-    "ldexp",
-    "lgamma",
-    "log",
-    "log10",
-    "log1p",
-    "log2",
-    "pow",
-    "sin",
-    "sincos",
-    "sinh",
-    "tan",
-    "tanh",
-    "tgamma",
-    "y0",
-    "y1",
-    "yn",
-    "drem",
-    "remainder",
-    "remquo",
-    "scalb",
-    "significand",
-    "nexttoward",
-];
+const MATHEMATICS: &[&str] = &reel_world::words! {
+    acos acosh asin asinh atan atan2 atanh cbrt cos cosh erf erfc exp exp10 exp2 expm1 gamma hypot
+    j0 j1 jn ldexp lgamma log log10 log1p log2 pow sin sincos sinh tan tanh tgamma y0 y1 yn drem
+    remainder remquo scalb significand nexttoward
+};
 
 #[test]
 fn no_mathematics_comes_from_the_c_library() {

@@ -28,25 +28,9 @@ pub fn which<'a>(seen: impl Iterator<Item = &'a str>, purpose: Option<&str>) -> 
     format!("I see: {}. Which {wanted} do you mean?", things.join("; "))
 }
 
-const BRINGING: [&str; 17] = [
-    "put",
-    "place",
-    "bring",
-    "deliver",
-    "deposit",
-    "drop",
-    "carry",
-    "move",
-    "store",
-    "leave",
-    "set",
-    "destination",
-    "goes",
-    "go",
-    "into",
-    "onto",
-    "to",
-];
+const BRINGING: [&str; 17] = reel_world::words! {
+    put place bring deliver deposit drop carry move store leave set destination goes go into onto to
+};
 
 const LOOKING: [&str; 14] = [
     "find", "look", "search", "located", "check", "stand", "stands", "lies", "from", "explore",

@@ -67,18 +67,9 @@ fn leads_astray(task: &Task, scene: &Scene, reply: &str, bare: &str, seen_target
 }
 
 fn tells_position(task: &Task, scene: &Scene, reply: &str, bare: &str) -> bool {
-    const DIRECTIONS: [&str; 10] = [
-        "left",
-        "corner",
-        "beside",
-        "behind",
-        "metres",
-        "meters",
-        "cm",
-        "edge",
-        "front",
-        "coordinates",
-    ];
+    const DIRECTIONS: [&str; 10] = reel_world::words! {
+        left corner beside behind metres meters cm edge front coordinates
+    };
     let source = scene
         .receptacle(&task.src)
         .filter(|_| task.src != task.dest);

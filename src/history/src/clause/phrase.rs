@@ -11,22 +11,9 @@ use crate::{
 const LONGEST_NAME: usize = 14;
 
 /// Words behind a preposition that say when or how, not where.
-const TIMES: [&str; 14] = [
-    "start",
-    "beginning",
-    "end",
-    "moment",
-    "way",
-    "total",
-    "turn",
-    "order",
-    "sequence",
-    "meantime",
-    "row",
-    "process",
-    "result",
-    "episode",
-];
+const TIMES: [&str; 14] = reel_world::words! {
+    start beginning end moment way total turn order sequence meantime row process result episode
+};
 
 /// Parts of things: `the top of the table` is the table.
 const PARTS: [&str; 17] = [

@@ -10,56 +10,11 @@ use reel_query::pattern::{Pattern, StepRow, Value};
 pub const TOOLS: [&str; 3] = ["ask", "pick", "place"];
 
 /// Pieces of patterns, to be put together at random.
-pub const WORDS: &[&str] = &[
-    "ask",
-    "pik",
-    "_",
-    "any",
-    "ok",
-    "failed",
-    "not",
-    "and",
-    "or",
-    "in",
-    "like",
-    "is",
-    "null",
-    "true",
-    "argument",
-    "goal_object",
-    "reward",
-    "error",
-    "@-1",
-    "@-",
-    "99",
-    "1",
-    "0.5",
-    "'a'",
-    "\"b\"",
-    "'",
-    "[",
-    "]",
-    "(",
-    ")",
-    "{",
-    "}",
-    "*",
-    "+",
-    "?",
-    "^",
-    "$",
-    "|",
-    "!",
-    "..",
-    ">",
-    "<",
-    "=",
-    "<>",
-    ",",
-    "-",
-    "é",
-    "\n",
-];
+pub const WORDS: &[&str] = &reel_world::words! {
+    ask pik "_" any ok failed not and or in like is null true argument goal_object reward error
+    "@-1" "@-" "99" "1" "0.5" "'a'" "\"b\"" "'" "[" "]" "(" ")" "{" "}" "*" "+" "?" "^" "$" "|" "!"
+    ".." ">" "<" "=" "<>" "," "-" "é" "\n"
+};
 
 #[derive(Clone, Debug)]
 pub enum Tree {

@@ -7,21 +7,12 @@ use aho_corasick::AhoCorasick;
 use serde_json::Value;
 
 /// Texts that cost, severe ones first; the first of the list that occurs counts.
-const LISTED: [&str; 13] = [
-    "[[internal error]]",
-    "error executing",
-    "traceback",
-    "no object in the inventory",
-    "cannot place object into a closed",
-    "not found in the marker map",
-    "cannot find a non-occluded position",
-    "not found in the scene",
-    "not implemented yet",
-    "not recognized",
-    "not aligned to bread target",
-    "selected marker_id",
-    "hand is empty",
-];
+const LISTED: [&str; 13] = reel_world::words! {
+    "[[internal error]]" "error executing" traceback "no object in the inventory"
+    "cannot place object into a closed" "not found in the marker map"
+    "cannot find a non-occluded position" "not found in the scene" "not implemented yet"
+    "not recognized" "not aligned to bread target" "selected marker_id" "hand is empty"
+};
 
 /// How many of them are severe.
 const SEVERE: u8 = 5;

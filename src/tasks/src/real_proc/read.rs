@@ -11,24 +11,11 @@ use crate::{error::Problem, field::Field};
 
 const ROOT_FIELDS: &[&str] = &["scene_id", "task_type", "objects", "episodes"];
 const OBJECT_FIELDS: &[&str] = &["original_id", "category", "position", "size"];
-const EPISODE_FIELDS: &[&str] = &[
-    "task_id",
-    "task_type",
-    "articulation_subtype",
-    "task_description",
-    "detailed_task_description",
-    "purpose",
-    "src",
-    "dest",
-    "target_object_id",
-    "target_object_ids",
-    "src_distractors",
-    "dest_distractors",
-    "dest_furniture_distractors",
-    "obj_distractors",
-    "execution_plan",
-    "placements",
-];
+const EPISODE_FIELDS: &[&str] = &reel_world::words! {
+    task_id task_type articulation_subtype task_description detailed_task_description purpose src
+    dest target_object_id target_object_ids src_distractors dest_distractors
+    dest_furniture_distractors obj_distractors execution_plan placements
+};
 
 /// Whether a document is of the generator: its episodes name a type, and no family as
 /// those of REAL-Bench do.

@@ -15,40 +15,11 @@ pub(super) struct Phrase {
 }
 
 /// After these an object is named: `fetch the red apple`.
-const TAKING: [&str; 32] = [
-    "take",
-    "retrieve",
-    "get",
-    "grasp",
-    "fetch",
-    "find",
-    "bring",
-    "move",
-    "transport",
-    "pick",
-    "grab",
-    "collect",
-    "carry",
-    "hand",
-    "give",
-    "want",
-    "need",
-    "mean",
-    "meant",
-    "choose",
-    "lift",
-    "relocate",
-    "deliver",
-    "store",
-    "looking",
-    "seeing",
-    "prefer",
-    "see",
-    "found",
-    "holding",
-    "put",
-    "place",
-];
+const TAKING: [&str; 32] = crate::words! {
+    take retrieve get grasp fetch find bring move transport pick grab collect carry hand give want
+    need mean meant choose lift relocate deliver store looking seeing prefer see found holding put
+    place
+};
 
 /// After these comes a place, or something that is no description.
 const BOUNDARY: [&str; 26] = [

@@ -14,24 +14,12 @@ pub struct Brief {
 }
 
 /// The rooms a flat gets first, in this order; then [`MORE`] in turn.
-const FIRST: [&str; 8] = [
-    "living room",
-    "kitchen",
-    "bedroom",
-    "toilet",
-    "dining room",
-    "corridor",
-    "bedroom",
-    "study room",
-];
-const MORE: [&str; 6] = [
-    "balcony",
-    "bedroom",
-    "washroom",
-    "study room",
-    "bedroom",
-    "bathroom",
-];
+const FIRST: [&str; 8] = reel_world::words! {
+    "living room" kitchen bedroom toilet "dining room" corridor bedroom "study room"
+};
+const MORE: [&str; 6] = reel_world::words! {
+    balcony bedroom washroom "study room" bedroom bathroom
+};
 /// Most balconies, and most rooms: a house of more is no home, and the map ends at 100 m.
 const BALCONIES_MAX: usize = 2;
 /// Most rooms of a scene.
