@@ -1,6 +1,8 @@
 //! The little English that sentences need: articles, plurals, lists, first letters. Never
 //! decides what is said.
 
+use reel_world::language;
+
 /// Most characters that are quoted.
 const QUOTED_CHARACTERS_MAX: usize = 400;
 
@@ -143,16 +145,15 @@ fn determined(noun: &str) -> bool {
     .contains(&first.to_lowercase().as_str())
 }
 
+/// By the letter, but for words that sound otherwise.
 fn article(noun: &str) -> &'static str {
-    const SOUNDS_LIKE_A_CONSONANT: [&str; 5] = ["uni", "use", "usb", "eu", "one"];
-    const SILENT_H: [&str; 3] = ["hour", "honest", "heir"];
+    const OTHERWISE: [&str; 8] = reel_world::words! { uni use usb eu one hour honest heir };
     let word = noun.to_lowercase();
-    let starts = |list: &[&str]| list.iter().any(|start| word.starts_with(start));
-    let vowel = word.starts_with(['a', 'e', 'i', 'o', 'u']) && !starts(&SOUNDS_LIKE_A_CONSONANT);
-    if vowel || starts(&SILENT_H) {
-        "an"
-    } else {
-        "a"
+    let other = OTHERWISE.iter().any(|start| word.starts_with(start));
+    match language::article(&word) {
+        "a" if other => "an",
+        "an" if other => "a",
+        article => article,
     }
 }
 

@@ -1,15 +1,17 @@
 //! What an agent cannot know, and whether a note says it. Used on what a model writes; what the
-//! rules write cannot know it.
+//! rules write cannot know it. What no agent may ever know is found by [`reel_dataset::find_leak`];
+//! owned here is what it has not seen or heard yet.
 
+use reel_dataset::{LeakKind, find_leak};
 use reel_world::{Task, language};
 use serde_json::{Value, json};
 
 use crate::{Annotation, Step, step::MarkedItem};
 
 /// The truth about a task, for the annotator's eyes only.
-#[derive(Clone, PartialEq, Debug)]
+#[derive(Clone, Debug)]
 pub struct PrivilegedFacts {
-    ids: Vec<String>,
+    ids: reel_dataset::PrivilegedFacts,
     things: Vec<Secret>,
     instruction: String,
     precise: Option<String>,
@@ -35,7 +37,10 @@ impl PrivilegedFacts {
             .iter()
             .flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
         PrivilegedFacts {
-            ids: ids.filter(|id| raw(id)).map(str::to_owned).collect(),
+            ids: reel_dataset::PrivilegedFacts::new(
+                ids.filter(|id| raw(id)).map(|id| (LeakKind::Instance, id)),
+                task.initial.receptacles.keys().map(|id| id.as_str()),
+            ),
             things: task
                 .objects
                 .iter()
@@ -58,8 +63,8 @@ impl PrivilegedFacts {
         }
     }
 
-    /// What is wrong with a note that is written before a decision: it names an id of an object, a
-    /// position, or what nobody has seen or said before it.
+    /// What is wrong with a note that is written before a decision: it names what is privileged in
+    /// every text, a position, or what nobody has seen or said before it.
     pub fn leak(&self, note: &Annotation, before: &[Step<'_>]) -> Option<String> {
         let text = [
             &note.reasoning,
@@ -69,13 +74,8 @@ impl PrivilegedFacts {
         ]
         .map(String::as_str)
         .join("\n");
-        let lower = text.to_lowercase();
-        if let Some(id) = self
-            .ids
-            .iter()
-            .find(|id| lower.contains(&id.to_lowercase()))
-        {
-            return Some(format!("it names the object id {id}"));
+        if let Some(leak) = find_leak(&text, &self.ids) {
+            return Some(format!("it names {}: {}", leak.kind, leak.excerpt(&text)));
         }
         if let Some(number) = position(&text) {
             return Some(format!("it gives a position: {number}"));

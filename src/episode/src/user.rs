@@ -121,8 +121,10 @@ impl RuleUser {
     fn vaguely(&self) -> String {
         let category = &self.task.target_object().category;
         match &self.task.purpose {
-            Some(purpose) => with_article(purpose),
-            None if language::quotes(&self.task.instruction, category) => with_article(category),
+            Some(purpose) => language::indefinite(purpose),
+            None if language::quotes(&self.task.instruction, category) => {
+                language::indefinite(category)
+            }
             None => "what I asked for".to_owned(),
         }
     }
@@ -299,15 +301,6 @@ fn with_the(caption: &str) -> String {
     } else {
         format!("the {caption}")
     }
-}
-
-fn with_article(name: &str) -> String {
-    let article = if name.starts_with(['a', 'e', 'i', 'o', 'u']) {
-        "an"
-    } else {
-        "a"
-    };
-    format!("{article} {name}")
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Instructions in varied words, as the published ones are worded.
 
+pub use reel_world::language::{article, indefinite};
+
 use crate::random::Stream;
 
 /// `{src}`, `{dest}` and `{object}` stand for phrases, `{at}` for "on" or "in".
@@ -60,17 +62,6 @@ pub fn definite(caption: &str) -> String {
         return String::new();
     };
     format!("the {}{}", first.to_lowercase(), letters.as_str())
-}
-
-/// `egg` as `an egg`.
-pub fn indefinite(noun: &str) -> String {
-    format!("{} {noun}", article(noun))
-}
-
-/// `an` before a vowel letter, else `a`; sound does not count.
-pub fn article(word: &str) -> &'static str {
-    let vowel = word.starts_with(|first: char| "aeiou".contains(first.to_ascii_lowercase()));
-    if vowel { "an" } else { "a" }
 }
 
 /// A caption that names the category: as it is if it does, else with the category after it.

@@ -1,5 +1,7 @@
-//! Test fixture: what tests read of REAL from outside the repository, and a report that compares
-//! ours with it. Only tests depend on it. Vector files hold inputs and outputs of REAL's published
+//! Fixtures of the tests of several crates: what they read of REAL from outside the repository, with
+//! a report that compares ours with it; and, as features, episodes that are made up ([`play`]),
+//! episodes that are played ([`episodes`]) and an endpoint of a model ([`scripted`]). Only tests
+//! depend on it. Vector files hold inputs and outputs of REAL's published
 //! code: `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the
 //! checkout is the default. [`real_bench`] finds the benchmark.
 //!
@@ -16,6 +18,12 @@
 //! ```
 
 pub mod checkout;
+#[cfg(feature = "episodes")]
+pub mod episodes;
+#[cfg(feature = "play")]
+pub mod play;
+#[cfg(feature = "scripted")]
+pub mod scripted;
 
 use std::{
     collections::BTreeMap,
@@ -49,6 +57,27 @@ pub enum KeyOrder {
     Any,
     /// Objects are equal if they also hold them in the same order.
     Same,
+}
+
+/// The traces in a folder, by name.
+pub fn traces_in(folder: &Path) -> Vec<PathBuf> {
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    paths.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension == "mcap")
+    });
+    paths.sort();
+    paths
+}
+
+/// The golden traces of the repository.
+pub fn golden_traces() -> Vec<PathBuf> {
+    let paths = traces_in(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden"));
+    assert!(paths.len() > 20, "{} golden traces", paths.len());
+    paths
 }
 
 /// The folder of the vector files, or `None` if there is none. Prints where it looked, beginning

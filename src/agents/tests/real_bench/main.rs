@@ -7,8 +7,6 @@
     reason = "tests read files and the environment and use threads; what is recorded does not"
 )]
 
-mod data;
-
 use std::sync::Arc;
 
 use reel_agents::{EpisodeJob, builtin, run_all};
@@ -35,7 +33,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task_with_the_published_servers()
 
 /// The oracle in every `step`th task of each family.
 fn every(step: usize, profile: Profile, preset: &Preset) {
-    let Some((scene, tasks)) = data::real_bench() else {
+    let Some((scene, tasks)) = reel_vectors::episodes::real_bench() else {
         return;
     };
     let mut by_family: Vec<Arc<Task>> = Vec::new();
@@ -89,7 +87,7 @@ fn every(step: usize, profile: Profile, preset: &Preset) {
 
 #[test]
 fn what_stayed_on_its_receptacle_there_stays_here() {
-    let Some((scene, tasks)) = data::real_bench() else {
+    let Some((scene, tasks)) = reel_vectors::episodes::real_bench() else {
         return;
     };
     let (mut stayed, mut excluded, mut ejected, mut without) = (0_u32, 0_u32, 0_u32, 0_u32);

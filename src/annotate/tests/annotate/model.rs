@@ -102,7 +102,7 @@ fn fine(_: usize, _: &str) -> Option<String> {
 fn an_episode_in_batches_with_the_replies_logged() {
     let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
     let path = folder.path().join("notes.jsonl");
-    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let server = Scripted::answering(|received| Act::Reply(answer(asked(received), |_, _| {})));
     let written = run(&trace, &server.base_url, &path, &fine).unwrap();
     let steps = trace.steps.len();
     assert_eq!(
@@ -164,7 +164,7 @@ fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes(
         PromptWording::default(),
     )
     .unwrap();
-    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let server = Scripted::answering(|received| Act::Reply(answer(asked(received), |_, _| {})));
     let first = run(&trace, &server.base_url, &path, &fine).unwrap();
     let asked_first = server.received().len();
     let written = run_with(
@@ -202,7 +202,7 @@ fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes(
 fn a_run_that_broke_off_goes_on_and_asks_nothing_twice() {
     let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
     let path = folder.path().join("notes.jsonl");
-    let broken = Scripted::start(vec![Act::Say(answer(0..BATCH, |_, _| {}))]);
+    let broken = Scripted::start(vec![Act::Reply(answer(0..BATCH, |_, _| {}))]);
     let error = run(&trace, &broken.base_url, &path, &fine).unwrap_err();
     assert!(
         matches!(error, AnnotateError::Model { from: BATCH, .. })
@@ -214,7 +214,7 @@ fn a_run_that_broke_off_goes_on_and_asks_nothing_twice() {
         Err(AnnotateError::Incomplete { found: BATCH, .. })
     ));
 
-    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let server = Scripted::answering(|received| Act::Reply(answer(asked(received), |_, _| {})));
     let written = run(&trace, &server.base_url, &path, &fine).unwrap();
     assert_eq!(
         (written.resumed, written.entries.len()),
@@ -253,7 +253,7 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
         .unwrap_or_else(|| "no caption".to_owned());
     let server = Scripted::answering(move |received| {
         let (target, caption) = (target.clone(), caption.clone());
-        Act::Say(answer(asked(received), move |step, note| match step {
+        Act::Reply(answer(asked(received), move |step, note| match step {
             0 => note["reasoning"] = json!(format!("I know that it is {target}")),
             1 => note["schedule"] = json!("go to (1.25, -3.75)"),
             2 => note["history"] = json!("I flew."),
@@ -339,8 +339,8 @@ fn an_answer_that_cannot_be_read_is_asked_for_once_more() {
     let server =
         Scripted::answering(
             |received| match received.body["messages"].as_array().unwrap().len() {
-                2 => Act::Say("I would rather not.".to_owned()),
-                _ => Act::Say("[]".to_owned()),
+                2 => Act::Reply("I would rather not.".to_owned()),
+                _ => Act::Reply("[]".to_owned()),
             },
         );
     let written = run(

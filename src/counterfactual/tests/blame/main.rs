@@ -1,13 +1,11 @@
 //! Measured episodes: what their steps cost, and which of them decided.
 
-#[path = "../../../replay/tests/replay/episodes.rs"]
-#[expect(dead_code, reason = "not every crate's tests need all of it")]
-mod episodes;
 mod faulty;
 mod real_bench;
 mod stage;
 
 use reel_counterfactual::blame::blame;
+use reel_vectors::episodes;
 
 use crate::stage::{Stage, told};
 

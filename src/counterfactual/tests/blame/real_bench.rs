@@ -1,9 +1,6 @@
 //! The published tasks (docs/spec.md#real-bench): the planner regrets nothing in them, and the
 //! detours of the published plans are regret.
 
-#[path = "../../../agents/tests/real_bench/data.rs"]
-mod data;
-
 use std::collections::BTreeSet;
 
 use rayon::prelude::*;
@@ -23,7 +20,7 @@ fn step() -> usize {
 }
 
 fn stage() -> Option<Stage> {
-    let (scene, mut tasks) = data::real_bench()?;
+    let (scene, mut tasks) = reel_vectors::episodes::real_bench()?;
     tasks.sort_by(|one, other| one.task_id.cmp(&other.task_id));
     Some(Stage::of(
         tasks.into_iter().step_by(step()).collect(),

@@ -1,13 +1,11 @@
 //! Branches of recorded episodes: random ones, of branches too and of what was compacted and
 //! recovered, verified bit for bit; what they hold; and what is refused.
 
-#[path = "../../../replay/tests/replay/episodes.rs"]
-#[expect(dead_code, reason = "not every crate's tests need all of it")]
-mod episodes;
 mod folder;
 mod random;
 mod takeover;
 
+use reel_vectors::episodes;
 use std::sync::Arc;
 
 use reel_counterfactual::branch::{Branch, BranchError, Continuation, POLICY_NAME, fork};

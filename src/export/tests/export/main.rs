@@ -3,11 +3,10 @@
 //! that are drawn again.
 
 mod buckets;
-#[path = "../../../replay/tests/replay/episodes.rs"]
-mod episodes;
 mod gspo;
 mod played;
 
+use reel_vectors::episodes;
 use std::{
     collections::BTreeMap,
     fs,

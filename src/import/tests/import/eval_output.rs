@@ -11,25 +11,11 @@ use reel_import::{
     eval_client::{RunSettings, replay::RecordedRun, run},
 };
 use reel_trace::Trace;
+use reel_vectors::golden_traces;
 use reel_world::{Scenes, Tool, ToolCall, record::EndReason};
 use serde_json::{Map, Value, json};
 
 use crate::imported_with;
-
-fn golden() -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
-    paths.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension == "mcap")
-    });
-    paths.sort();
-    assert!(paths.len() > 20);
-    paths
-}
 
 fn settings(out: &Path) -> RunSettings {
     RunSettings {
@@ -46,7 +32,7 @@ fn settings(out: &Path) -> RunSettings {
 
 #[test]
 fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
-    for path in golden() {
+    for path in golden_traces() {
         let folder = tempfile::tempdir().unwrap();
         let (root, out) = (
             folder.path().join("eval_output"),
@@ -130,7 +116,7 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
 #[test]
 fn episodes_of_a_folder_that_is_not_empty_are_skipped() {
     let folder = tempfile::tempdir().unwrap();
-    let paths = golden();
+    let paths = golden_traces();
     let run = |tag: &str| {
         let settings = RunSettings {
             run_tag: tag.to_owned(),

@@ -1,13 +1,7 @@
 //! Households at work: equal to what a runner records, whoever is put aside when, and
 //! whatever breaks next door.
 
-#[path = "../../../replay/tests/replay/episodes.rs"]
-#[expect(
-    dead_code,
-    reason = "shared with the tests of replay, which use all of it"
-)]
-mod episodes;
-
+use reel_vectors::episodes;
 use std::{path::Path, sync::Arc, time::Duration};
 
 use reel_live::{Lease, Limits, LiveError, PreparedTaskCache, SessionPool, Setup};

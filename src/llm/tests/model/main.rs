@@ -1,7 +1,6 @@
 //! The client against an endpoint that answers, hesitates, breaks off, and tells nonsense.
 
-mod scripted;
-
+use reel_vectors::scripted;
 use std::{
     fs,
     io::{Read, Write},
@@ -15,7 +14,7 @@ use std::{
 use reel_llm::client::{
     ApiKey, Cache, CallLog, Client, Endpoint, LoggedCall, Message, ModelError, Part, Request, Role,
 };
-use scripted::{Act, Scripted, TestClock, nobody, said};
+use scripted::{Act, Scripted, TestClock, completion, no_endpoint};
 use serde_json::json;
 
 const SECRET: &str = "sk-very-secret-0123456789";
@@ -57,7 +56,7 @@ fn calls(path: &Path) -> Vec<LoggedCall> {
 
 #[test]
 fn a_plain_answer() {
-    let server = Scripted::start(vec![Act::Say("fine".to_owned())]);
+    let server = Scripted::start(vec![Act::Reply("fine".to_owned())]);
     let (client, clock) = client(&server.base_url);
     let reply = client.complete(&ask("how?")).unwrap();
     assert_eq!(
@@ -92,7 +91,7 @@ fn a_plain_answer() {
 
 #[test]
 fn without_a_key_none_is_sent_and_extra_fields_replace_ours() {
-    let server = Scripted::start(vec![Act::Say("fine".to_owned())]);
+    let server = Scripted::start(vec![Act::Reply("fine".to_owned())]);
     let extra = json!({"seed": 7, "max_tokens": null, "max_completion_tokens": 9});
     let endpoint = Endpoint {
         extra: extra.as_object().unwrap().clone(),
@@ -124,7 +123,7 @@ fn without_a_key_none_is_sent_and_extra_fields_replace_ours() {
 
 #[test]
 fn pictures_go_as_data_urls() {
-    let server = Scripted::start(vec![Act::Say("a mug".to_owned())]);
+    let server = Scripted::start(vec![Act::Reply("a mug".to_owned())]);
     let image = Part::Image {
         media_type: "image/png".to_owned(),
         bytes: b"\x89PNG\x00\xff".to_vec(),
@@ -154,7 +153,7 @@ fn a_limit_is_waited_for_as_the_endpoint_asks_but_not_for_ever() {
         limit("Retry-After: 7\r\n"),
         limit("Retry-After: 86400\r\n"),
         limit("Retry-After: Fri, 31 Dec 1999 23:59:59 GMT\r\n"),
-        Act::Say("now".to_owned()),
+        Act::Reply("now".to_owned()),
     ]);
     let (client, clock) = client(&server.base_url);
     assert_eq!(client.complete(&ask("how?")).unwrap().text, "now");
@@ -222,7 +221,7 @@ fn a_no_is_not_asked_again() {
 
 #[test]
 fn a_cut_answer_is_asked_for_again() {
-    let body = said("whole");
+    let body = completion("whole");
     let head = |rest: &str| format!("HTTP/1.1 200 OK\r\n{rest}\r\n");
     let server = Scripted::start(vec![
         Act::Raw(String::new()),
@@ -232,7 +231,7 @@ fn a_cut_answer_is_asked_for_again() {
             &body[..40]
         )),
         Act::Raw(format!("{}{}", head("Connection: close\r\n"), &body[..40])),
-        Act::Say("whole".to_owned()),
+        Act::Reply("whole".to_owned()),
     ]);
     let (patient, clock) = client(&server.base_url);
     assert_eq!(patient.complete(&ask("how?")).unwrap().text, "whole");
@@ -271,7 +270,7 @@ fn gibberish_is_said_to_be_that() {
 
 #[test]
 fn nobody_there() {
-    let (client, clock) = client(&nobody());
+    let (client, clock) = client(&no_endpoint());
     let error = client.complete(&ask("how?")).unwrap_err();
     assert!(
         error.is_unreachable() && error.to_string().contains("4 tries"),
@@ -334,9 +333,9 @@ fn an_endpoint_that_does_not_speak_tls_is_not_asked_again() {
 fn an_equal_request_is_not_asked_twice() {
     let folder = tempfile::tempdir().unwrap();
     let server = Scripted::start(vec![
-        Act::Say("one".to_owned()),
-        Act::Say("two".to_owned()),
-        Act::Say("three".to_owned()),
+        Act::Reply("one".to_owned()),
+        Act::Reply("two".to_owned()),
+        Act::Reply("three".to_owned()),
     ]);
     let log = folder.path().join("calls.jsonl");
     let cache = Cache::open(folder.path().join("cache")).unwrap();
@@ -407,8 +406,8 @@ fn an_equal_request_is_not_asked_twice() {
 #[test]
 fn parameters_make_another_request_and_the_address_does_not() {
     let folder = tempfile::tempdir().unwrap();
-    let server = Scripted::answering(|_| Act::Say("x".to_owned()));
-    let other = Scripted::answering(|_| Act::Say("y".to_owned()));
+    let server = Scripted::answering(|_| Act::Reply("x".to_owned()));
+    let other = Scripted::answering(|_| Act::Reply("y".to_owned()));
     let cached = |endpoint: Endpoint| {
         let client = Client::new(endpoint, Arc::new(TestClock::default())).unwrap();
         client
@@ -441,7 +440,7 @@ fn the_key_is_nowhere() {
     let [refusal, answer] = acts;
     let server = Scripted::start(vec![
         Act::Status(401, "", refusal),
-        Act::Say(answer),
+        Act::Reply(answer),
         Act::Raw(format!("{SECRET}\r\n\r\n")),
     ]);
     let clock = Arc::new(TestClock::default());
@@ -485,7 +484,7 @@ fn many_threads_share_a_client() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("calls.jsonl");
     let server = Scripted::answering(|request| {
-        Act::Say(
+        Act::Reply(
             request.body["messages"][1]["content"]
                 .as_str()
                 .unwrap()
@@ -521,7 +520,7 @@ fn what_cannot_be_written_is_an_error() {
     ] {
         assert!(matches!(error, ModelError::Write { .. }), "{error:?}");
     }
-    let server = Scripted::start(vec![Act::Say("lost".to_owned())]);
+    let server = Scripted::start(vec![Act::Reply("lost".to_owned())]);
     let cache = Cache::open(folder.path().join("cache")).unwrap();
     fs::remove_dir(folder.path().join("cache")).unwrap();
     let error = client(&server.base_url)

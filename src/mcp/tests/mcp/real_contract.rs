@@ -375,17 +375,8 @@ impl Table {
         } = self;
         drop(client);
         pool.close_all().await;
-        let mut paths: Vec<_> = std::fs::read_dir(folder.path())
-            .unwrap()
-            .map(|entry| entry.unwrap().path())
-            .collect();
-        paths.retain(|path| {
-            path.extension()
-                .is_some_and(|extension| extension == "mcap")
-        });
-        paths.sort();
         let mut records = Vec::new();
-        for path in paths {
+        for path in reel_vectors::traces_in(folder.path()) {
             let mut before = START_STEPS;
             for step in Trace::read(&path).unwrap().steps {
                 let steps = step.sim_step - before;

@@ -1,6 +1,7 @@
 //! Every named query over recorded and synthetic episodes: against answers by another route, with
 //! parameters, and where the right answer is known.
 
+use reel_vectors::golden_traces;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -210,7 +211,7 @@ fn rich_store(dir: &Path) -> Store {
         .nav("table_1")
         .find("alarm clock")
         .nav("table_1");
-    let mut traces = recorded();
+    let mut traces = golden_traces();
     traces.push(broken_off.record_as(&dir.join("broken.mcap"), Images::None));
     let no_trace = dir.join("no_trace.mcap");
     fs::write(&no_trace, "not a trace").unwrap();
@@ -226,22 +227,6 @@ fn rich_store(dir: &Path) -> Store {
     let verdicts = classify(&session, &RuleSet::built_in(), Some("policy <> 'student'")).unwrap();
     store.replace_classes(|| verdicts.classes()).unwrap();
     store
-}
-
-/// Traces of recorded episodes of the simulator.
-fn recorded() -> Vec<PathBuf> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden");
-    let paths = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path());
-    let traces: Vec<PathBuf> = paths
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|extension| extension == "mcap")
-        })
-        .collect();
-    assert!(!traces.is_empty(), "no traces in {folder}");
-    traces
 }
 
 /// What the recorded traces lack: people and models that answer, time to think, prompt groups, a

@@ -1,10 +1,11 @@
 //! The SQL functions of our own: their examples, what they say of known episodes, and that a query
 //! reads no more of the steps than it names.
 
-use std::{collections::BTreeSet, path::PathBuf, time::Duration};
+use std::{collections::BTreeSet, time::Duration};
 
 use reel_query::{CacheScope, Parameters, QueryError, QuerySession, StopReason, functions};
 use reel_tables::Store;
+use reel_vectors::golden_traces;
 use reel_world::{
     Family, TokenLogprobs,
     record::{EndReason, PolicyOutput},
@@ -257,16 +258,7 @@ fn a_query_reads_only_the_fields_of_the_steps_that_it_names() {
 
 #[test]
 fn the_simulator_answers_in_sql() {
-    let golden = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden"));
-    let mut traces: Vec<PathBuf> = std::fs::read_dir(&golden)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .collect();
-    traces.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension == "mcap")
-    });
-    traces.sort();
+    let mut traces = golden_traces();
     traces.truncate(6);
     let dir = TempDir::new().unwrap();
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();

@@ -1,13 +1,10 @@
 //! The named queries over a store of hand-made episodes, and what the session refuses.
 
-#[path = "../../../tables/tests/tables/play.rs"]
-#[expect(dead_code, reason = "the tests of several crates share it")]
-mod play;
-
 mod answers;
 mod functions;
 mod hostile;
 
+use reel_vectors::play;
 use std::{fs, path::Path};
 
 use play::{DISTRACTOR, Play, TARGET, success};
@@ -19,15 +16,7 @@ use tempfile::TempDir;
 
 /// Episodes of every class, ingested; returns the store.
 fn store(dir: &Path, plays: &[Play]) -> Store {
-    let paths: Vec<_> = plays
-        .iter()
-        .map(|play| {
-            play.record_as(
-                &dir.join(format!("{}.mcap", play.header.episode_id)),
-                Images::None,
-            )
-        })
-        .collect();
+    let paths = play::record_all(dir, plays);
     let mut store = Store::open_or_create(dir.join("store")).unwrap();
     let report = store.ingest(&paths, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined), (plays.len(), vec![]));

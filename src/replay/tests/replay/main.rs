@@ -2,7 +2,6 @@
 //! trace is ever exact.
 
 mod cameras;
-mod episodes;
 mod explain;
 mod forgeries;
 mod golden;
@@ -11,6 +10,7 @@ mod mutations;
 mod published;
 mod restore;
 
+use reel_vectors::episodes;
 use std::fs;
 
 use reel_replay::{Verdict, verify, verify_all, verify_trace};

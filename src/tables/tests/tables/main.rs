@@ -1,9 +1,8 @@
 //! Traces become rows, and rows stay in the store: whole, once, and whatever happens to an ingest.
 
 mod interop;
-#[expect(dead_code, reason = "the tests of several crates share it")]
-mod play;
 
+use reel_vectors::play;
 use std::{collections::BTreeSet, fs, path::PathBuf};
 
 use arrow::{

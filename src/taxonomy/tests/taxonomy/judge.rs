@@ -12,7 +12,7 @@ use reel_taxonomy::judge::{
 };
 use serde_json::{Value, json};
 
-use crate::scripted::{Act, Received, Scripted, TestClock, nobody};
+use crate::scripted::{Act, Received, Scripted, TestClock, no_endpoint};
 
 fn client(base_url: &str) -> Client {
     let endpoint = Endpoint {
@@ -57,7 +57,7 @@ fn answer(class: &str, sub_class: Option<&str>, step: u32) -> String {
 /// The verdict on a case when the model says this.
 fn judged(case: &Case, says: &str) -> (Result<JudgedCase, JudgeError>, Vec<Received>) {
     let says = says.to_owned();
-    let server = Scripted::answering(move |_| Act::Say(says.clone()));
+    let server = Scripted::answering(move |_| Act::Reply(says.clone()));
     let verdict = judge(case, &client(&server.base_url), &JudgeOptions::default());
     (verdict, server.received())
 }
@@ -213,8 +213,8 @@ fn a_new_sub_class_is_proposed() {
 fn a_bad_answer_is_asked_for_once_more() {
     let good = answer("Lost Memory", Some("oscillation"), 4);
     let server = Scripted::start(vec![
-        Act::Say(answer("Lost Memory", None, 99)),
-        Act::Say(good),
+        Act::Reply(answer("Lost Memory", None, 99)),
+        Act::Reply(good),
     ]);
     let verdict = judge(
         &case("mug"),
@@ -253,7 +253,7 @@ fn a_bad_answer_is_asked_for_once_more() {
 fn gibberish_twice_costs_its_case_alone() {
     let server = Scripted::answering(|request| {
         let lost = shown(request).contains("bring me the vase");
-        Act::Say(if lost {
+        Act::Reply(if lost {
             "well\u{7}, who knows".to_owned()
         } else {
             answer("Lost Memory", Some("oscillation"), 4)
@@ -349,7 +349,8 @@ fn a_long_episode_is_cut_in_the_middle_and_pictures_are_chosen() {
         frames: (0..200).map(picture).collect(),
         ..case("mug")
     };
-    let server = Scripted::answering(|_| Act::Say(answer("Lost Memory", Some("exploration"), 100)));
+    let server =
+        Scripted::answering(|_| Act::Reply(answer("Lost Memory", Some("exploration"), 100)));
     let options = JudgeOptions {
         transcript_bytes: 20_000,
         frames: 2,
@@ -412,7 +413,7 @@ fn results_stand_in_the_order_of_the_cases_for_any_number_of_threads() {
                 .0
                 .parse()
                 .unwrap();
-            Act::Say(answer("Lost Memory", Some("oscillation"), number % 12))
+            Act::Reply(answer("Lost Memory", Some("oscillation"), number % 12))
         });
         let done = Mutex::new(Vec::new());
         let results = judge_all(
@@ -440,7 +441,7 @@ fn nobody_there_stops_it_early() {
     let cases: Vec<Case> = (0..20).map(|n| case(&format!("thing{n}"))).collect();
     let results = judge_all(
         &cases,
-        &client(&nobody()),
+        &client(&no_endpoint()),
         &JudgeOptions::default(),
         1,
         |_| (),
@@ -467,7 +468,7 @@ fn kept_replies_and_errors_are_no_refusals() {
     let folder = tempfile::tempdir().unwrap();
     let cases: Vec<Case> = (0..20).map(|n| case(&format!("thing{n}"))).collect();
     let cached = |base_url: &str| client(base_url).with_cache(Cache::open(folder.path()).unwrap());
-    let server = Scripted::answering(|_| Act::Say(answer("Lost Memory", Some("oscillation"), 1)));
+    let server = Scripted::answering(|_| Act::Reply(answer("Lost Memory", Some("oscillation"), 1)));
     let options = JudgeOptions::default();
     let known = [&cases[3..5], &cases[8..9]].concat();
     assert!(
@@ -475,7 +476,7 @@ fn kept_replies_and_errors_are_no_refusals() {
             .iter()
             .all(Result::is_ok)
     );
-    let results = judge_all(&cases[..10], &cached(&nobody()), &options, 1, |_| ());
+    let results = judge_all(&cases[..10], &cached(&no_endpoint()), &options, 1, |_| ());
     let outcome = |result: &Result<JudgedCase, JudgeError>| match result {
         Ok(_) => 'k',
         Err(JudgeError::Model { .. }) => 'r',

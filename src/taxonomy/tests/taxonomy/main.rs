@@ -1,19 +1,11 @@
 //! The rules on hand-made episodes, a case each, and the judge before a scripted endpoint.
 
-#[path = "../../../tables/tests/tables/play.rs"]
-#[expect(dead_code, reason = "the tests of several crates share it")]
-mod play;
-
 mod judge;
 mod paper;
 mod rules;
-#[path = "../../../llm/tests/model/scripted.rs"]
-#[expect(
-    dead_code,
-    reason = "the judge needs not all that the client's tests do"
-)]
-mod scripted;
 
+use reel_vectors::play;
+use reel_vectors::scripted;
 use std::path::Path;
 
 use play::Play;
@@ -37,15 +29,7 @@ pub(crate) struct Found {
 
 /// Ingests episodes and classifies them by the rules that come with Reel, sorted by their ids.
 pub(crate) fn classified(dir: &Path, plays: &[Play]) -> Vec<Found> {
-    let paths: Vec<_> = plays
-        .iter()
-        .map(|play| {
-            play.record_as(
-                &dir.join(format!("{}.mcap", play.header.episode_id)),
-                Images::None,
-            )
-        })
-        .collect();
+    let paths = play::record_all(dir, plays);
     let mut store = Store::open_or_create(dir.join("store")).unwrap();
     let report = store.ingest(&paths, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined), (plays.len(), vec![]));

@@ -39,7 +39,10 @@ const LAYERS: &[(&str, &[&str])] = &[
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
     ("llm", &["world", "agents", "episode", "trace", "prompt"]),
-    ("annotate", &["world", "trace", "history", "llm", "prompt"]),
+    (
+        "annotate",
+        &["world", "trace", "history", "llm", "prompt", "dataset"],
+    ),
     ("dataset", &["world", "history", "prompt"]),
     (
         "export",
@@ -75,7 +78,12 @@ const LAYERS: &[(&str, &[&str])] = &[
     ),
     ("tidy", &[]),
     // tests only
-    ("vectors", &[]),
+    (
+        "vectors",
+        &[
+            "world", "reward", "trace", "episode", "tasks", "agents", "llm",
+        ],
+    ),
 ];
 
 /// Outside packages that only some crates of ours may use, tests included. A name ending in

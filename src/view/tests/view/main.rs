@@ -1,12 +1,9 @@
 //! Hand-made episodes as transcript, contact sheet and Rerun recording.
 
-#[path = "../../../tables/tests/tables/play.rs"]
-#[expect(dead_code, reason = "the tests of several crates share it")]
-mod play;
-
 use play::{DISTRACTOR, Play, success};
 use reel_replay::compare;
 use reel_trace::{Images, Trace};
+use reel_vectors::play;
 use reel_view::{Video, VideoSegment, contact_sheet, side_by_side, transcript};
 use reel_world::{
     ErrorCode, Family,

@@ -129,6 +129,17 @@ pub fn quotes(text: &str, caption: &str) -> bool {
     !caption.is_empty() && text.windows(caption.len()).any(|window| window == caption)
 }
 
+/// `an` before a vowel letter, else `a`, as REAL writes it: sound does not count.
+pub fn article(word: &str) -> &'static str {
+    let vowel = word.starts_with(|first: char| "aeiou".contains(first.to_ascii_lowercase()));
+    if vowel { "an" } else { "a" }
+}
+
+/// `egg` as `an egg`.
+pub fn indefinite(noun: &str) -> String {
+    format!("{} {noun}", article(noun))
+}
+
 /// Whether an object is compatible with an instruction or a reply.
 ///
 /// A text speaks of objects in noun phrases; those that say where something stands or shall go

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use crate::random::Stream;
-use reel_world::Receptacle;
+use reel_world::{Receptacle, language::indefinite};
 
 use super::looks::noun;
 
@@ -171,7 +171,7 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
             Fact::Body(word) => before = format!("{before}{word} "),
             Fact::Size(word) => before = format!("{word} {before}"),
             Fact::Part(part @ ("top" | "basin"), word) => {
-                with.push(format!("{} {word} {part}", article(word)))
+                with.push(format!("{} {part}", indefinite(word)))
             }
             Fact::Part(part, word) => with.push(format!("{word} {part}")),
             Fact::Room(room) => {
@@ -187,12 +187,4 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
         format!(" with {}", with.join(" and "))
     };
     format!("the {before}{name}{with}{after}")
-}
-
-fn article(word: &str) -> &'static str {
-    if word.starts_with(['a', 'e', 'i', 'o', 'u']) {
-        "an"
-    } else {
-        "a"
-    }
 }

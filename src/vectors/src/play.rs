@@ -1,5 +1,6 @@
-//! Hand-made episodes, move by move, recorded as real traces. No physics. The tests of the crates
-//! that read traces share it.
+//! Hand-made episodes, move by move, recorded as real traces. No physics.
+
+#![expect(missing_docs, reason = "the moves are named like the tools")]
 
 use std::{
     collections::BTreeMap,
@@ -534,4 +535,11 @@ pub fn success(policy: &str, family: Family, seed: u64) -> Play {
     };
     let dest = play.task.dest.as_str().to_owned();
     play.pick(TARGET).nav(&dest).place(&dest).finish()
+}
+
+/// Records episodes in a folder without images; the paths of the traces.
+pub fn record_all(dir: &Path, plays: &[Play]) -> Vec<PathBuf> {
+    let path = |play: &Play| dir.join(format!("{}.mcap", play.header.episode_id));
+    let record = |play: &Play| play.record_as(&path(play), Images::None);
+    plays.iter().map(record).collect()
 }

@@ -1,5 +1,6 @@
-//! An endpoint that does what a test says, and a clock that nobody waits for. Used by the tests
-//! of other crates too.
+//! An endpoint that does what a test says, and a clock that nobody waits for.
+
+#![expect(missing_docs, reason = "fields of fixtures")]
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -18,7 +19,7 @@ use serde_json::{Value, json};
 /// What the endpoint does with a request.
 pub enum Act {
     /// Answers with this text.
-    Say(String),
+    Reply(String),
     /// Answers with status, further header lines and body.
     Status(u16, &'static str, String),
     /// Sends these bytes and closes the connection.
@@ -65,7 +66,7 @@ impl Scripted {
                 };
                 seen.lock().unwrap().push(request.clone());
                 match act(&request) {
-                    Act::Say(text) => answer(&mut stream, 200, "", &said(&text)),
+                    Act::Reply(text) => answer(&mut stream, 200, "", &completion(&text)),
                     Act::Status(status, headers, body) => {
                         answer(&mut stream, status, headers, &body)
                     }
@@ -85,12 +86,12 @@ impl Scripted {
 
 /// The address of an endpoint that is not there. No port of this machine's choice: another
 /// test could get it.
-pub fn nobody() -> String {
+pub fn no_endpoint() -> String {
     "http://127.0.0.1:1/v1".to_owned()
 }
 
 /// The body of a chat completion.
-pub fn said(text: &str) -> String {
+pub fn completion(text: &str) -> String {
     json!({
         "id": "chatcmpl-1",
         "object": "chat.completion",
