@@ -1,6 +1,8 @@
 //! Choosing among wordings: one ChaCha8 stream for each (seed, wording, step), so that one sentence
 //! more or less somewhere changes none elsewhere. Never decides what is said, only how.
 
+use std::collections::BTreeMap;
+
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use reel_world::Digest;
@@ -12,15 +14,45 @@ use crate::english;
 pub(crate) struct PhraseVariants {
     /// Its name, which is the purpose of its stream.
     pub name: &'static str,
-    /// Every way; all have the same gaps.
-    pub forms: &'static [&'static str],
+    /// Every way by the name of the wording; all have the same gaps.
+    pub forms: fn(&str) -> &'static [&'static str],
 }
 
-/// The wordings of a file as constants, and all of them in `ALL`.
+impl PhraseVariants {
+    /// Every way to say it.
+    pub fn forms(self) -> &'static [&'static str] {
+        (self.forms)(self.name)
+    }
+}
+
+/// Ways to say things, by the name of the wording.
+pub(crate) type Forms = BTreeMap<&'static str, Vec<&'static str>>;
+
+/// Reads a file of wordings: a name a line, and below it every form, indented.
+pub(crate) fn forms(text: &'static str) -> Forms {
+    let mut all = Forms::new();
+    let mut name = "";
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        match line.strip_prefix("  ") {
+            Some(form) => all.entry(name).or_default().push(form),
+            None => name = line,
+        }
+    }
+    all
+}
+
+/// The wordings of a text file as constants, and all of them in `ALL`.
 macro_rules! wordings {
-    ($($(#[$doc:meta])* $name:ident = [$($form:literal),+ $(,)?];)*) => {
-        $($(#[$doc])* pub(crate) const $name: $crate::voice::PhraseVariants =
-            $crate::voice::PhraseVariants { name: stringify!($name), forms: &[$($form),+] };)*
+    ($file:literal: $($name:ident)*) => {
+        static FORMS: std::sync::LazyLock<$crate::voice::Forms> =
+            std::sync::LazyLock::new(|| $crate::voice::forms(include_str!($file)));
+
+        fn forms(name: &str) -> &'static [&'static str] {
+            &FORMS[name]
+        }
+
+        $(pub(crate) const $name: $crate::voice::PhraseVariants =
+            $crate::voice::PhraseVariants { name: stringify!($name), forms };)*
         /// Every wording of this file.
         pub(crate) const ALL: &[$crate::voice::PhraseVariants] = &[$($name),*];
     };
@@ -44,8 +76,8 @@ impl PhraseChooser {
     pub fn words(self, wording: PhraseVariants, step: usize, gaps: &[(&str, &str)]) -> String {
         let key = Digest::of(format!("{}/{}/{step}", self.seed, wording.name).as_bytes());
         // The bias of the remainder is below 2^-60 for a handful of forms.
-        let index = ChaCha8Rng::from_seed(key.0).next_u64() % wording.forms.len() as u64;
-        fill(wording.forms[index as usize], gaps)
+        let index = ChaCha8Rng::from_seed(key.0).next_u64() % wording.forms().len() as u64;
+        fill(wording.forms()[index as usize], gaps)
     }
 }
 
@@ -85,7 +117,7 @@ mod tests {
     fn every_way_is_chosen_and_the_choice_repeats() {
         let wording = PhraseVariants {
             name: "TEST",
-            forms: &["a", "b", "c", "d", "e", "f"],
+            forms: |_| &["a", "b", "c", "d", "e", "f"],
         };
         let said = |seed| {
             (0..200)

@@ -15,7 +15,9 @@ fn all() -> impl Iterator<Item = &'static PhraseVariants> {
 
 /// Digest of every form of every wording.
 pub(crate) fn digest() -> Digest {
-    let forms: Vec<(&str, &[&str])> = all().map(|wording| (wording.name, wording.forms)).collect();
+    let forms: Vec<(&str, &[&str])> = all()
+        .map(|wording| (wording.name, wording.forms()))
+        .collect();
     Digest::of_json(&forms)
 }
 
@@ -35,10 +37,10 @@ mod tests {
     #[test]
     fn all_ways_of_a_wording_have_the_same_gaps() {
         for wording in all() {
-            for form in wording.forms {
+            for form in wording.forms() {
                 assert_eq!(
                     gaps(form),
-                    gaps(wording.forms[0]),
+                    gaps(wording.forms()[0]),
                     "{}: {form}",
                     wording.name
                 );
@@ -52,8 +54,8 @@ mod tests {
         assert_eq!(names.len(), all().count());
         for wording in all() {
             assert_eq!(
-                wording.forms.iter().collect::<BTreeSet<_>>().len(),
-                wording.forms.len(),
+                wording.forms().iter().collect::<BTreeSet<_>>().len(),
+                wording.forms().len(),
                 "{}",
                 wording.name
             );
@@ -64,14 +66,14 @@ mod tests {
     fn sentences_have_at_least_six_ways_and_end_like_sentences() {
         for wording in history::ALL.iter().chain(reasoning::ALL) {
             assert!(
-                wording.forms.len() >= 6,
+                wording.forms().len() >= 6,
                 "{} has {}",
                 wording.name,
-                wording.forms.len()
+                wording.forms().len()
             );
             assert!(
                 wording
-                    .forms
+                    .forms()
                     .iter()
                     .all(|form| form.ends_with(['.', '?', '}'])),
                 "{}",
