@@ -55,15 +55,10 @@ impl Drop for Mock {
 
 /// Tasks, and what the oracle does in them.
 pub fn plans(folder: &Path, count: &str) {
-    expect(
+    reel!(folder, "task draw --count {count} --seed 31 --out tasks");
+    reel!(
         folder,
-        0,
-        &format!("task draw --count {count} --seed 31 --out tasks"),
-    );
-    expect(
-        folder,
-        0,
-        "run --tasks tasks --policy oracle --out plans --no-images",
+        "run --tasks tasks --policy oracle --out plans --no-images"
     );
 }
 

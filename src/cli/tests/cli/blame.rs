@@ -12,11 +12,7 @@ fn a_failure_is_measured_explained_and_repaired() {
     let trace = trace.to_str().unwrap();
     let json = |text: String| -> Value { serde_json::from_str(&text).unwrap() };
 
-    let told = expect(
-        folder,
-        0,
-        &format!("blame {trace} --steps --branches better"),
-    );
+    let told = reel!(folder, "blame {trace} --steps --branches better");
     assert!(
         told.contains("decisive  call") && told.contains("pick(marker_id="),
         "{told}"
@@ -29,23 +25,15 @@ fn a_failure_is_measured_explained_and_repaired() {
         told.contains("replays exactly") && told.contains("  call  cost  after  regret"),
         "{told}"
     );
-    let found = json(expect(
-        folder,
-        0,
-        &format!("blame {trace} --json --branches better"),
-    ));
+    let found = json(reel!(folder, "blame {trace} --json --branches better"));
     let better = found["alternative"]["trace"].as_str().unwrap();
-    assert!(expect(folder, 0, &format!("replay {better}")).contains("exact"));
+    assert!(reel!(folder, "replay {better}").contains("exact"));
     let step = found["decisive"]["step"].as_u64().unwrap();
     assert!(
-        expect(folder, 0, &format!("branch {trace} --check {better}"))
+        reel!(folder, "branch {trace} --check {better}")
             .contains(&format!("branches at call {step}"))
     );
-    let lean = json(expect(
-        folder,
-        0,
-        &format!("blame {trace} --json --no-alternatives"),
-    ));
+    let lean = json(reel!(folder, "blame {trace} --json --no-alternatives"));
     assert_eq!(
         (&lean["decisive"], &lean["alternative"]),
         (&found["decisive"], &Value::Null)
@@ -53,11 +41,7 @@ fn a_failure_is_measured_explained_and_repaired() {
     assert!(complaint(folder, 2, &format!("blame {trace} --labels")).contains("no label beside"));
     assert!(complaint(folder, 2, "blame").contains("required"));
 
-    let repaired = json(expect(
-        folder,
-        0,
-        &format!("repair {trace} --out repaired.mcap --json"),
-    ));
+    let repaired = json(reel!(folder, "repair {trace} --out repaired.mcap --json"));
     assert_eq!(
         (
             &repaired["verified"],
@@ -71,7 +55,7 @@ fn a_failure_is_measured_explained_and_repaired() {
         pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step,
         "{pair}"
     );
-    assert!(expect(folder, 0, "blame repaired.mcap").contains("succeeded"));
+    assert!(reel!(folder, "blame repaired.mcap").contains("succeeded"));
     let nothing = complaint(folder, 1, "repair repaired.mcap");
     assert!(nothing.contains("nothing to repair"), "{nothing}");
     assert!(
@@ -85,13 +69,12 @@ fn a_store_keeps_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     failed_episode(folder);
-    expect(
+    reel!(
         folder,
-        0,
-        "run --tasks tasks --policy oracle --out traces --no-images",
+        "run --tasks tasks --policy oracle --out traces --no-images"
     );
-    expect(folder, 0, "ingest traces --store store");
-    let told = expect(folder, 0, "blame --store store");
+    reel!(folder, "ingest traces --store store");
+    let told = reel!(folder, "blame --store store");
     assert!(
         told.contains("1 of 1 episodes failed") && told.contains("table `blame`"),
         "{told}"
@@ -123,11 +106,10 @@ fn failures_become_preferences_and_value_targets() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     failed_episode(folder);
-    expect(folder, 0, "ingest traces --store store");
-    let report = expect(
+    reel!(folder, "ingest traces --store store");
+    let report = reel!(
         folder,
-        0,
-        "export preferences --store store --out pairs --json",
+        "export preferences --store store --out pairs --json"
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
@@ -189,15 +171,14 @@ fn failures_become_preferences_and_value_targets() {
 fn the_taxonomy_takes_the_measured_step() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
-    expect(
+    reel!(folder, "task draw --count 4 --seed 3 --out tasks");
+    reel!(
         folder,
-        0,
-        "run --tasks tasks --policy oscillating --out traces --no-images",
+        "run --tasks tasks --policy oscillating --out traces --no-images"
     );
-    expect(folder, 0, "ingest traces --store store");
+    reel!(folder, "ingest traces --store store");
     let others = || {
-        expect(folder, 0, "taxonomy --store store");
+        reel!(folder, "taxonomy --store store");
         let sql = "SELECT count(*) FILTER (WHERE c.step <> blame(e.trace).step) AS others, count(*) AS n FROM classes c \
                    JOIN episodes e ON c.episode_id = e.episode_id";
         let rows = expect(
@@ -219,7 +200,7 @@ fn the_taxonomy_takes_the_measured_step() {
         by_rules > 0,
         "rules and measure agree on all {failed}: nothing is tested"
     );
-    expect(folder, 0, "blame --store store --no-alternatives");
+    reel!(folder, "blame --store store --no-alternatives");
     assert_eq!(others(), (0, failed));
 }
 
@@ -227,7 +208,7 @@ fn the_taxonomy_takes_the_measured_step() {
 fn the_evaluation_counts_what_began_where() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 4 --seed 5 --out tasks");
+    reel!(folder, "task draw --count 4 --seed 5 --out tasks");
     let kinds = "premature_finish,missing_pick";
     expect(
         folder,
@@ -237,7 +218,7 @@ fn the_evaluation_counts_what_began_where() {
 faulty"
         ),
     );
-    let told = expect(folder, 0, "blame faulty --labels --no-alternatives");
+    let told = reel!(folder, "blame faulty --labels --no-alternatives");
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
     assert!(
@@ -255,7 +236,7 @@ faulty"
             std::fs::write(&path, label.to_string()).unwrap();
         }
     }
-    let told = expect(folder, 0, "blame faulty --labels --no-alternatives");
+    let told = reel!(folder, "blame faulty --labels --no-alternatives");
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
     assert_eq!(

@@ -60,12 +60,8 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
     let before = fs::read(folder.join("b.mcap")).unwrap();
     expect(folder, 0, &branch);
     assert!(before == fs::read(folder.join("b.mcap")).unwrap());
-    assert!(expect(folder, 0, "replay b.mcap").contains("exact"));
-    let checked = expect(
-        folder,
-        0,
-        &format!("branch {trace} --check a.mcap --check b.mcap"),
-    );
+    assert!(reel!(folder, "replay b.mcap").contains("exact"));
+    let checked = reel!(folder, "branch {trace} --check a.mcap --check b.mcap");
     assert!(
         checked.contains("a.mcap: branches at call 2, the same before; exact: 3 calls"),
         "{checked}"
@@ -90,7 +86,7 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
         "c.mcap",
     ];
     assert!(expect(folder, 0, &calls).contains("of the parent, from its call 3 on"));
-    let grandchild = json(expect(folder, 0, "branch b.mcap --check c.mcap --json"));
+    let grandchild = json(reel!(folder, "branch b.mcap --check c.mcap --json"));
     assert_eq!(
         (&grandchild["holds"], &grandchild["verdict"]),
         (&true.into(), &"exact".into())
@@ -118,19 +114,18 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
         (&2.into(), Some(2)),
         "{beside}"
     );
-    assert!(expect(folder, 0, &format!("diff {trace} {trace}")).contains("all that came of them"));
+    assert!(reel!(folder, "diff {trace} {trace}").contains("all that came of them"));
 }
 
 #[test]
 fn what_cannot_be_branched_or_compared_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "task draw --count 2 --families FDP,FDO --seed 4 --out tasks",
+        "task draw --count 2 --families FDP,FDO --seed 4 --out tasks"
     );
-    expect(folder, 0, "run --tasks tasks --out traces --no-images");
+    reel!(folder, "run --tasks tasks --out traces --no-images");
     let trace = first_trace(folder);
     let trace = trace.to_str().unwrap();
     let refused = |rest: &[&str]| {
@@ -147,8 +142,7 @@ fn what_cannot_be_branched_or_compared_is_told() {
     assert!(refused(&["2", "--then", "parent:x"]).contains("--then parent:x"));
     assert!(refused(&["2", "--then", "parent:99"]).contains("there is no call 99 to go on with"));
     assert!(refused(&["2", "--policy", "oracle", "--out", trace]).contains("is the parent"));
-    let steps: Value =
-        serde_json::from_str(&expect(folder, 0, &format!("show {trace} --json"))).unwrap();
+    let steps: Value = serde_json::from_str(&reel!(folder, "show {trace} --json")).unwrap();
     let last = steps["steps"].as_array().unwrap().len().to_string();
     assert!(refused(&[&last, "--policy", "oracle"]).contains("the episode ended with call"));
     assert!(!folder.join("traces").read_dir().unwrap().any(|entry| {

@@ -79,12 +79,11 @@ fn executor(folder: &Path, scheduler: &str) -> Process {
 fn a_cluster_gives_what_one_machine_gives() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
+    reel!(folder, "task draw --count 4 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
-        expect(
+        reel!(
             folder,
-            0,
-            &format!("run --tasks tasks --policy {policy} --out traces --no-images"),
+            "run --tasks tasks --policy {policy} --out traces --no-images"
         );
     }
     let mut damaged = fs::read(crate::first_trace(folder)).unwrap();

@@ -43,11 +43,7 @@ fn cameras_and_films() {
         );
         assert!(folder.join(out).join("call_002.png").exists());
     }
-    let all = expect(
-        folder,
-        0,
-        &format!("trace frames {trace} --out all --camera top-down"),
-    );
+    let all = reel!(folder, "trace frames {trace} --out all --camera top-down");
     assert!(
         all.contains("start.png") && !all.contains("contact_sheet"),
         "{all}"
@@ -76,10 +72,9 @@ fn cameras_and_films() {
     assert!(refused(&["--camera", "follow:unicorn"]).contains("has no object unicorn"));
     assert!(refused(&["--eye", "1,2,3"]).contains("for the free camera"));
 
-    expect(
+    reel!(
         folder,
-        0,
-        &format!("branch {trace} --at 3 --policy oracle --out b.mcap --no-cache"),
+        "branch {trace} --at 3 --policy oracle --out b.mcap --no-cache"
     );
     let film = [
         "trace",

@@ -66,11 +66,7 @@ fn the_gate_names_the_episode_and_the_call_that_change() {
     assert!(outcomes.contains(r#""call":3"#), "{outcomes}");
 
     fs::remove_file(folder.join("corpus").join(NAMES[0])).unwrap();
-    expect(
-        folder,
-        0,
-        &format!("dev gate --corpus corpus --against {this} --json"),
-    );
+    reel!(folder, "dev gate --corpus corpus --against {this} --json");
     let other = complaint(folder, 2, "dev gate --corpus corpus --against /bin/true");
     assert!(!other.is_empty());
 }

@@ -69,7 +69,7 @@ fn from_an_endpoint_to_the_objective() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     play(here, &["old", "new", "ref"]);
-    assert!(expect(here, 0, "ingest old --store store").starts_with("4 added"));
+    assert!(reel!(here, "ingest old --store store").starts_with("4 added"));
     let early = complaint(here, 2, "dataset gspo --store store");
     assert!(
         early.contains("'old', 'new'") && early.contains("reel trace logprobs add"),
@@ -84,22 +84,21 @@ fn from_an_endpoint_to_the_objective() {
     };
     let before = digests("old");
     for checkpoint in ["new", "ref"] {
-        let added = expect(
+        let added = reel!(
             here,
-            0,
-            &format!("trace logprobs add old --from {checkpoint} --policy {checkpoint}"),
+            "trace logprobs add old --from {checkpoint} --policy {checkpoint}"
         );
         assert!(added.contains("to 4 traces"), "{added}");
     }
     assert_eq!(digests("old"), before);
-    assert!(expect(here, 0, "replay old").starts_with("4 of 4 traces replay exactly"));
-    assert!(expect(here, 0, "ingest old --store store").starts_with("0 added, 4 replaced"));
+    assert!(reel!(here, "replay old").starts_with("4 of 4 traces replay exactly"));
+    assert!(reel!(here, "ingest old --store store").starts_with("0 added, 4 replaced"));
     assert!(
-        expect(here, 0, "ingest old --store store").starts_with("0 added, 0 replaced, 4 unchanged")
+        reel!(here, "ingest old --store store").starts_with("0 added, 0 replaced, 4 unchanged")
     );
 
     // the objective from the lines alone: groups are tasks, rewards are the sums of their episodes
-    let lines = listed(&expect(here, 0, "trace logprobs list old"));
+    let lines = listed(&reel!(here, "trace logprobs list old"));
     assert_eq!(lines.len(), 4 * 3);
     let mut groups: BTreeMap<String, BTreeMap<String, f64>> = BTreeMap::new();
     for path in files(&here.join("old"), "mcap") {
@@ -217,10 +216,9 @@ fn from_an_endpoint_to_the_objective() {
     );
 
     // rows for a trainer
-    expect(
+    reel!(
         here,
-        0,
-        "export rl --store store --out rl --images none --returns published",
+        "export rl --store store --out rl --images none --returns published"
     );
     let manifest: Value =
         serde_json::from_slice(&fs::read(here.join("rl/manifest.json")).unwrap()).unwrap();
@@ -254,7 +252,7 @@ fn log_probabilities_of_other_tokens_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     play(here, &["old"]);
-    let text = expect(here, 0, "trace logprobs list old");
+    let text = reel!(here, "trace logprobs list old");
     let lines = ScoredTokens::read_lines(&text, Path::new("stdout")).unwrap();
     let before: Vec<Vec<u8>> = files(&here.join("old"), "mcap")
         .iter()
@@ -309,8 +307,8 @@ fn log_probabilities_of_other_tokens_are_refused() {
     })
     .unwrap();
     fs::write(here.join("new.jsonl"), part).unwrap();
-    expect(here, 0, "trace logprobs add old --from new.jsonl");
-    expect(here, 0, "ingest old --store store");
+    reel!(here, "trace logprobs add old --from new.jsonl");
+    reel!(here, "ingest old --store store");
     let told = complaint(here, 2, "dataset gspo --store store");
     assert!(
         told.contains(&lines[0].episode_id) && told.contains("step 1") && told.contains("'new'"),

@@ -62,11 +62,7 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     episode(&folder.join("eval_output"), "m1");
-    let report = expect(
-        folder,
-        0,
-        "import real-eval eval_output --out traces --json",
-    );
+    let report = reel!(folder, "import real-eval eval_output --out traces --json");
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
         (&report["steps"], &report["end"], &report["pictures"]),
@@ -75,21 +71,21 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let trace = report["trace"].as_str().unwrap();
 
     let said = "recorded through a proxy: nothing to re-execute";
-    assert!(expect(folder, 0, &format!("trace doctor {trace}")).contains(said));
+    assert!(reel!(folder, "trace doctor {trace}").contains(said));
     assert!(expect(folder, 1, &format!("replay {trace}")).contains(said));
     assert!(expect(folder, 1, &format!("replay {trace} --explain")).contains(said));
     assert!(expect(folder, 1, &format!("replay {trace} --restored 2")).contains(said));
     assert!(expect(folder, 1, &format!("replay {trace} --outcomes")).contains(said));
     assert!(expect(folder, 1, "dev gate --corpus traces").contains("not_replayable"));
     assert!(complaint(folder, 1, &format!("trace compact {trace} --out lean")).contains(said));
-    let shown = expect(folder, 0, &format!("show {trace}"));
+    let shown = reel!(folder, "show {trace}");
     assert!(
         shown.contains("through a proxy")
             && shown.contains("Put the apple on the desk.")
             && !shown.contains("driven"),
         "{shown}"
     );
-    let pictures = expect(folder, 0, &format!("trace frames {trace} --out pictures"));
+    let pictures = reel!(folder, "trace frames {trace} --out pictures");
     assert!(
         pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"),
         "{pictures}"
@@ -97,9 +93,9 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
 
     #[cfg(feature = "analytics")]
     {
-        expect(folder, 0, "ingest traces --store store");
+        reel!(folder, "ingest traces --store store");
         let class: Value =
-            serde_json::from_str(&expect(folder, 0, "taxonomy --store store --json")).unwrap();
+            serde_json::from_str(&reel!(folder, "taxonomy --store store --json")).unwrap();
         let found = (&class["sub_class"], &class["step"], &class["evidence"]);
         assert_eq!(
             found,
@@ -207,9 +203,9 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
     );
     let trace = report["trace"].as_str().unwrap();
     let said = "recorded on a robot: nothing to re-execute";
-    assert!(expect(folder, 0, &format!("trace doctor {trace}")).contains(said));
+    assert!(reel!(folder, "trace doctor {trace}").contains(said));
     assert!(expect(folder, 1, &format!("replay {trace}")).contains(said));
-    let shown = expect(folder, 0, &format!("show {trace}"));
+    let shown = reel!(folder, "show {trace}");
     assert!(
         shown.contains("on a robot")
             && shown.contains("arrived")
@@ -219,7 +215,7 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
 
     #[cfg(feature = "analytics")]
     {
-        expect(folder, 0, "ingest traces --store store");
+        reel!(folder, "ingest traces --store store");
         let sql = "SELECT backend, policy, success, length FROM episodes";
         let rows = expect(
             folder,

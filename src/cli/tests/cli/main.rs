@@ -1,6 +1,13 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit
 //! codes scripts rely on.
 
+/// Standard output of a command that must succeed: a folder, and its arguments as one text.
+macro_rules! reel {
+    ($folder:expr, $arguments:literal) => {
+        $crate::expect($folder, 0, &format!($arguments))
+    };
+}
+
 #[cfg(feature = "service")]
 mod agents;
 mod blame;
@@ -126,15 +133,13 @@ fn first_trace(folder: &Path) -> PathBuf {
 
 /// A lean trace in which the wrong object was brought.
 fn failed_episode(folder: &Path) -> PathBuf {
-    expect(
+    reel!(
         folder,
-        0,
-        "task draw --count 1 --families FDP --seed 4 --out tasks",
+        "task draw --count 1 --families FDP --seed 4 --out tasks"
     );
-    expect(
+    reel!(
         folder,
-        0,
-        "run --tasks tasks --policy wrong-object --out traces --no-images",
+        "run --tasks tasks --policy wrong-object --out traces --no-images"
     );
     first_trace(folder)
 }
@@ -143,8 +148,8 @@ fn failed_episode(folder: &Path) -> PathBuf {
 fn the_loop_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
-    assert!(expect(folder, 0, "task check tasks").contains("4 of 4 tasks load"));
+    reel!(folder, "task draw --count 4 --seed 3 --out tasks");
+    assert!(reel!(folder, "task check tasks").contains("4 of 4 tasks load"));
     let run = [
         "run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json",
     ];
@@ -157,36 +162,25 @@ fn the_loop_end_to_end() {
         4,
         "{reports}"
     );
-    assert!(
-        expect(folder, 0, "replay traces --jobs 1").starts_with("4 of 4 traces replay exactly")
-    );
+    assert!(reel!(folder, "replay traces --jobs 1").starts_with("4 of 4 traces replay exactly"));
 
     let trace = first_trace(folder);
     let trace_name = trace.to_str().unwrap();
-    assert!(expect(folder, 0, &format!("show {trace_name}")).contains("nav_to"));
+    assert!(reel!(folder, "show {trace_name}").contains("nav_to"));
     assert!(
-        expect(
-            folder,
-            0,
-            &format!("trace frames {trace_name} --out pictures")
-        )
-        .contains("contact_sheet.png")
+        reel!(folder, "trace frames {trace_name} --out pictures").contains("contact_sheet.png")
     );
 
     // The same run again, with one worker and the tasks the other way round, gives the same bytes.
     let before = fs::read(&trace).unwrap();
-    expect(
-        folder,
-        0,
-        "run --tasks tasks --out traces --jobs 1 --reversed",
-    );
+    reel!(folder, "run --tasks tasks --out traces --jobs 1 --reversed");
     assert!(
         before == fs::read(&trace).unwrap(),
         "a trace depends on workers or order"
     );
 
     // Without pictures the trace still gives them: rendered again, the same to the pixel.
-    expect(folder, 0, "run --tasks tasks --out lean --no-images");
+    reel!(folder, "run --tasks tasks --out lean --no-images");
     let lean = folder.join("lean").join(trace.file_name().unwrap());
     expect(
         folder,
@@ -214,7 +208,7 @@ fn exit_codes_and_complaints() {
         "{policy}"
     );
 
-    expect(folder, 0, "task draw --count 1 --families FDP --out tasks");
+    reel!(folder, "task draw --count 1 --families FDP --out tasks");
     fs::write(
         folder.join("tasks/broken.yaml"),
         "scene_id: home\nepisodes: 3\n",
@@ -239,17 +233,13 @@ fn exit_codes_and_complaints() {
 fn tables_questions_and_training_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 4 --seed 3 --out tasks");
+    reel!(folder, "task draw --count 4 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
-        expect(
-            folder,
-            0,
-            &format!("run --tasks tasks --policy {policy} --out traces"),
-        );
+        reel!(folder, "run --tasks tasks --policy {policy} --out traces");
     }
-    assert!(expect(folder, 0, "ingest traces --store store").starts_with("8 added"));
+    assert!(reel!(folder, "ingest traces --store store").starts_with("8 added"));
     assert!(
-        expect(folder, 0, "ingest traces --store store")
+        reel!(folder, "ingest traces --store store")
             .starts_with("0 added, 0 replaced, 8 unchanged")
     );
     let count = expect(
@@ -266,11 +256,7 @@ fn tables_questions_and_training_rows() {
     );
     assert_eq!(count.trim(), "n\n8");
     for named in ["benchmark", "failures", "oscillations"] {
-        expect(
-            folder,
-            0,
-            &format!("query --store store --named {named} --format json"),
-        );
+        reel!(folder, "query --store store --named {named} --format json");
     }
     let refused = complaint(
         folder,
@@ -279,10 +265,9 @@ fn tables_questions_and_training_rows() {
     );
     assert!(!refused.is_empty());
 
-    let report = expect(
+    let report = reel!(
         folder,
-        0,
-        "export sft --store store --out sft --format trl --json",
+        "export sft --store store --out sft --format trl --json"
     );
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["episodes"], 4, "{report}");
@@ -290,10 +275,10 @@ fn tables_questions_and_training_rows() {
         report["examples"]["train"].as_u64().unwrap() >= 24,
         "{report}"
     );
-    let linted = expect(folder, 0, "dataset lint sft --json");
+    let linted = reel!(folder, "dataset lint sft --json");
     let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
     assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
-    let shown = expect(folder, 0, "dataset show sft --row 1 --pictures shown");
+    let shown = reel!(folder, "dataset show sft --row 1 --pictures shown");
     assert!(
         shown.contains("Last action:") && shown.contains("next action"),
         "{shown}"

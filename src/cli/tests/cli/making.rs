@@ -8,7 +8,7 @@ use crate::{complaint, expect};
 fn scenes_go_by_name_and_new_ones_are_as_good() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let listed = expect(folder, 0, "scene list --json");
+    let listed = reel!(folder, "scene list --json");
     let listed: Vec<serde_json::Value> = serde_json::from_str(&listed).unwrap();
     let trained = || {
         listed.iter().filter(|scene| {
@@ -27,16 +27,15 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
             .sum::<u64>()
             >= 157
     );
-    assert!(expect(folder, 0, "scene check S1 S7").contains("S7: 0 findings"));
+    assert!(reel!(folder, "scene check S1 S7").contains("S7: 0 findings"));
 
-    expect(
+    reel!(
         folder,
-        0,
-        "scene generate --seed 7 --rooms 5 --receptacles 9 --out flat.json",
+        "scene generate --seed 7 --rooms 5 --receptacles 9 --out flat.json"
     );
-    expect(folder, 0, "scene check flat.json");
-    expect(folder, 0, "scene plan flat.json --out flat.svg");
-    expect(folder, 0, "scene plan flat.json --out flat.png");
+    reel!(folder, "scene check flat.json");
+    reel!(folder, "scene plan flat.json --out flat.svg");
+    reel!(folder, "scene plan flat.json --out flat.png");
     let plan = fs::read_to_string(folder.join("flat.svg")).unwrap();
     assert!(
         plan.starts_with("<svg") && plan.contains("robot start"),
@@ -100,7 +99,7 @@ fn made_tasks_mean_what_they_say_and_can_be_done() {
 fn tasks_come_from_a_table_that_people_change() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task compatibility --out table.json");
+    reel!(folder, "task compatibility --out table.json");
     let generate = ["task", "generate", "--count", "4", "--seed", "1"];
     let made = |more: &[&str]| {
         expect(folder, 0, &[&generate, more].concat())
@@ -185,10 +184,9 @@ fn a_model_writes_the_table() {
         &[&asked[..], &["http://127.0.0.1:9/v1"]].concat(),
     );
     assert_eq!(table, fs::read(folder.join("table.json")).unwrap());
-    expect(
+    reel!(
         folder,
-        0,
-        "task generate --scene S3 --count 2 --compatibility table.json --out made",
+        "task generate --scene S3 --count 2 --compatibility table.json --out made"
     );
 
     let url = super::endpoint::endpoint("I would rather not.");

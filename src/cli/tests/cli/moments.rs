@@ -12,16 +12,11 @@ use crate::{complaint, expect, first_trace};
 fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "task draw --count 1 --families FDO --seed 5 --out tasks",
+        "task draw --count 1 --families FDO --seed 5 --out tasks"
     );
-    let played = expect(
-        folder,
-        0,
-        "run --tasks tasks --out traces --check-isolation",
-    );
+    let played = reel!(folder, "run --tasks tasks --out traces --check-isolation");
     assert!(
         played.contains("1 episodes are the same under another heap layout"),
         "{played}"
@@ -29,42 +24,37 @@ fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     let trace = first_trace(folder);
     let trace = trace.to_str().unwrap();
 
-    let executed = expect(folder, 0, &format!("show {trace} --at 4 --json --no-cache"));
+    let executed = reel!(folder, "show {trace} --at 4 --json --no-cache");
     for _ in 0..2 {
         assert_eq!(
-            expect(
-                folder,
-                0,
-                &format!("show {trace} --at 4 --json --cache snapshots")
-            ),
+            reel!(folder, "show {trace} --at 4 --json --cache snapshots"),
             executed
         );
     }
     assert_eq!(fs::read_dir(folder.join("snapshots")).unwrap().count(), 1);
     let state: serde_json::Value = serde_json::from_str(&executed).unwrap();
     let whole: serde_json::Value =
-        serde_json::from_str(&expect(folder, 0, &format!("show {trace} --json"))).unwrap();
+        serde_json::from_str(&reel!(folder, "show {trace} --json")).unwrap();
     assert_eq!(state["state_digest"], whole["steps"][3]["digests"]["state"]);
-    let text = expect(folder, 0, &format!("show {trace} --at 4 --cache snapshots"));
+    let text = reel!(folder, "show {trace} --at 4 --cache snapshots");
     assert!(
         text.contains(state["state_digest"].as_str().unwrap()) && text.contains("robot"),
         "{text}"
     );
 
-    expect(folder, 0, &format!("trace frames {trace} --out all"));
-    expect(
+    reel!(folder, "trace frames {trace} --out all");
+    reel!(
         folder,
-        0,
-        &format!("trace frames {trace} --out one --at 4 --cache snapshots"),
+        "trace frames {trace} --out one --at 4 --cache snapshots"
     );
     let read = |path: &str| fs::read(folder.join(path)).unwrap();
     assert!(read("one/call_004.png") == read("all/call_004.png"));
     let beyond = complaint(folder, 2, &format!("show {trace} --at 99 --no-cache"));
     assert!(beyond.contains("there is no call 99"), "{beyond}");
 
-    assert!(expect(folder, 0, &format!("replay {trace} --restored 3")).contains("exact"));
-    assert!(expect(folder, 0, &format!("replay {trace} --explain")).contains("exact"));
-    let states = expect(folder, 0, &format!("replay {trace} --state-at start:10"));
+    assert!(reel!(folder, "replay {trace} --restored 3").contains("exact"));
+    assert!(reel!(folder, "replay {trace} --explain").contains("exact"));
+    let states = reel!(folder, "replay {trace} --state-at start:10");
     assert!(states.contains("linear_velocity"), "{states}");
     for wrong in ["start", "x:1", "0:y"] {
         complaint(folder, 2, &format!("replay {trace} --state-at {wrong}"));
@@ -94,14 +84,14 @@ fn nobody_reading_on_is_no_panic() {
 fn pictures_are_dropped_and_drawn_again() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 2 --seed 6 --out tasks");
-    expect(folder, 0, "run --tasks tasks --out traces");
-    let compacted = expect(folder, 0, "trace compact traces --out lean");
+    reel!(folder, "task draw --count 2 --seed 6 --out tasks");
+    reel!(folder, "run --tasks tasks --out traces");
+    let compacted = reel!(folder, "trace compact traces --out lean");
     assert!(
         compacted.contains("2 of 2 traces") && compacted.contains("/camera/head"),
         "{compacted}"
     );
-    expect(folder, 0, "trace expand lean --out full --json");
+    reel!(folder, "trace expand lean --out full --json");
     for entry in fs::read_dir(folder.join("traces")).unwrap() {
         let (path, name) = entry
             .map(|entry| (entry.path(), entry.file_name()))
@@ -111,7 +101,7 @@ fn pictures_are_dropped_and_drawn_again() {
             "{name:?} came back other"
         );
     }
-    expect(folder, 0, "trace compact full --in-place");
-    expect(folder, 0, "replay full");
+    reel!(folder, "trace compact full --in-place");
+    reel!(folder, "replay full");
     complaint(folder, 2, "trace compact traces");
 }

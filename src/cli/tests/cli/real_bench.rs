@@ -19,7 +19,7 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
     let folder = folder.path();
     let counts = checkout::write(&data, &folder.join("REAL"), 1);
     let all: usize = counts.values().sum();
-    let text = expect(folder, 0, "task real-bench REAL --out real-bench");
+    let text = reel!(folder, "task real-bench REAL --out real-bench");
     assert!(
         text.contains(&format!("{all} of {all} tasks load")),
         "{text}"
@@ -28,7 +28,7 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
         text.contains("proven 0.744 m") && text.contains("assumed 0.850 m"),
         "which is proven, which is assumed: {text}"
     );
-    let checked = expect(folder, 0, "task check real-bench/tasks");
+    let checked = reel!(folder, "task check real-bench/tasks");
     assert!(
         checked.contains(&format!("{all} of {all} tasks load in scene ")),
         "{checked}"
@@ -48,17 +48,16 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
             fs::copy(file, to.join(file.file_name().unwrap())).unwrap();
         }
     }
-    let played = expect(
+    let played = reel!(
         folder,
-        0,
-        "run --tasks real-bench/some --no-images --out traces --json",
+        "run --tasks real-bench/some --no-images --out traces --json"
     );
     for episode in played.lines() {
         let episode: serde_json::Value = serde_json::from_str(episode).unwrap();
         assert_eq!(episode["success"], true, "{episode}");
     }
     assert!(played.lines().count() >= 8, "{played}");
-    expect(folder, 0, "replay traces");
+    reel!(folder, "replay traces");
 }
 
 #[test]
@@ -94,19 +93,14 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for scene in ["S1", "S3"] {
-        expect(
+        reel!(
             folder,
-            0,
-            &format!("task generate --scene {scene} --count 2 --seed 1 --out made"),
+            "task generate --scene {scene} --count 2 --seed 1 --out made"
         );
         // The scene comes with Reel, so it need not lie there.
         fs::remove_file(folder.join("made").join(format!("{scene}.json"))).unwrap();
     }
-    let played = expect(
-        folder,
-        0,
-        "run --tasks made --no-images --out traces --json",
-    );
+    let played = reel!(folder, "run --tasks made --no-images --out traces --json");
     let scenes: std::collections::BTreeSet<&str> = played
         .lines()
         .filter_map(|line| {
@@ -116,7 +110,7 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
         })
         .collect();
     assert_eq!((played.lines().count(), scenes.len()), (4, 2), "{played}");
-    expect(folder, 0, "replay traces");
+    reel!(folder, "replay traces");
     let refused = complaint(folder, 2, "run --tasks made --scene S7 --out traces");
     assert!(refused.contains("but the scene given is S7"), "{refused}");
 }

@@ -10,10 +10,9 @@ use crate::{complaint, expect};
 fn tasks_of_the_generator_are_written_checked_and_played() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "task generate --scene S1 --count 6 --seed 2 --format real-proc --out proc",
+        "task generate --scene S1 --count 6 --seed 2 --format real-proc --out proc"
     );
     let files: Vec<String> = fs::read_dir(folder.join("proc/S1"))
         .unwrap()
@@ -23,18 +22,17 @@ fn tasks_of_the_generator_are_written_checked_and_played() {
         files.len() > 2 && files.iter().all(|file| file.ends_with(".yaml")),
         "{files:?}"
     );
-    let checked = expect(folder, 0, "task check proc/S1 --scene proc/S1.json --json");
+    let checked = reel!(folder, "task check proc/S1 --scene proc/S1.json --json");
     let checked: Value = serde_json::from_str(&checked).unwrap();
     assert_eq!(
         (&checked["loaded"], &checked["files"]),
         (&6.into(), &6.into())
     );
-    expect(
+    reel!(
         folder,
-        0,
-        "run --tasks proc/S1 --scene proc/S1.json --policy oracle --out traces",
+        "run --tasks proc/S1 --scene proc/S1.json --policy oracle --out traces"
     );
-    expect(folder, 0, "replay traces");
+    reel!(folder, "replay traces");
 }
 
 #[test]
@@ -44,7 +42,7 @@ fn evaluation_output_reads_back_and_is_not_overwritten() {
     let golden = golden.to_str().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let told = expect(folder, 0, &format!("export real-eval {golden} --run-tag t"));
+    let told = reel!(folder, "export real-eval {golden} --run-tag t");
     assert!(
         told.starts_with("oracle: 1 episodes in eval_output, 1 finished, 1 successes"),
         "{told}"
@@ -57,11 +55,7 @@ fn evaluation_output_reads_back_and_is_not_overwritten() {
         (&results["success_rate"], &results["end_idx"]),
         (&1.0.into(), &999_999.into())
     );
-    let imported = expect(
-        folder,
-        0,
-        "import real-eval eval_output --out traces --json",
-    );
+    let imported = reel!(folder, "import real-eval eval_output --out traces --json");
     let imported: Value = serde_json::from_str(&imported).unwrap();
     assert_eq!(
         (&imported["success"], &imported["end"]),

@@ -7,12 +7,8 @@ use crate::{complaint, expect, first_trace};
 
 /// A trace, and the part of a recording of it that was killed after some steps.
 fn recorded(folder: &Path) -> (std::path::PathBuf, std::path::PathBuf) {
-    expect(folder, 0, "task draw --count 1 --families FDP --out tasks");
-    expect(
-        folder,
-        0,
-        "run --tasks tasks --out traces --durability fsync",
-    );
+    reel!(folder, "task draw --count 1 --families FDP --out tasks");
+    reel!(folder, "run --tasks tasks --out traces --durability fsync");
     let trace = first_trace(folder);
     let part = trace.with_extension("mcap.part");
     (trace, part)
@@ -24,10 +20,8 @@ fn doctor_and_recover_by_exit_code() {
     let folder = folder.path();
     let (trace, part) = recorded(folder);
     let name = trace.to_str().unwrap();
-    assert!(expect(folder, 0, "trace doctor traces").contains(": healthy, "));
-    assert!(
-        expect(folder, 0, &format!("trace recover {name}")).contains("whole, nothing to recover")
-    );
+    assert!(reel!(folder, "trace doctor traces").contains(": healthy, "));
+    assert!(reel!(folder, "trace recover {name}").contains("whole, nothing to recover"));
 
     // Torn: the doctor says where, recovery names what is lost and keeps the evidence.
     let whole = fs::read(&trace).unwrap();
@@ -56,11 +50,7 @@ fn doctor_and_recover_by_exit_code() {
 
     // Cut only in the index: everything is there. In another folder, and as JSON.
     fs::write(&trace, &whole[..whole.len() - 20]).unwrap();
-    let report = expect(
-        folder,
-        0,
-        &format!("trace recover {name} --out restored --json"),
-    );
+    let report = reel!(folder, "trace recover {name} --out restored --json");
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
         (&report["restored"], &report["end_recorded"]),
@@ -68,7 +58,7 @@ fn doctor_and_recover_by_exit_code() {
         "{report}"
     );
     let restored = report["trace"].as_str().unwrap();
-    assert!(expect(folder, 0, &format!("replay {restored}")).contains("exact"));
+    assert!(reel!(folder, "replay {restored}").contains("exact"));
 
     // A part of which nothing can be read, and a file of another program.
     fs::write(&part, b"").unwrap();
@@ -76,9 +66,7 @@ fn doctor_and_recover_by_exit_code() {
     fs::remove_file(&recovered).unwrap();
     assert!(expect(folder, 1, "trace doctor traces").contains("not healthy"));
     assert!(expect(folder, 3, "trace recover traces").contains("nothing can be restored"));
-    assert!(
-        expect(folder, 0, &format!("trace doctor {name}")).contains("nothing of the recording")
-    );
+    assert!(reel!(folder, "trace doctor {name}").contains("nothing of the recording"));
     let missing = complaint(folder, 2, "trace recover nowhere");
     assert!(
         missing.contains("no such recording or folder: nowhere"),

@@ -43,15 +43,13 @@ fn values_come_from_the_nearest_file() {
 fn scenes_are_found_in_the_folders_of_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "scene generate --seed 7 --name flat --out far/flat.json",
+        "scene generate --seed 7 --name flat --out far/flat.json"
     );
-    expect(
+    reel!(
         folder,
-        0,
-        "task generate --scene far/flat.json --count 1 --out made",
+        "task generate --scene far/flat.json --count 1 --out made"
     );
     fs::remove_file(folder.join("made/flat.json")).unwrap();
     let told = complaint(folder, 1, "task check made");
@@ -59,9 +57,9 @@ fn scenes_are_found_in_the_folders_of_the_file() {
         told.contains("scene flat") && told.contains("made/flat, "),
         "{told}"
     );
-    expect(folder, 0, "task check made --scene-dir far");
+    reel!(folder, "task check made --scene-dir far");
     fs::write(folder.join("reel.toml"), "scenes = [\"far\"]").unwrap();
-    expect(folder, 0, "task check made");
+    reel!(folder, "task check made");
 }
 
 #[test]
@@ -69,13 +67,13 @@ fn completions_and_man_pages_name_all_commands() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for shell in ["bash", "zsh", "fish"] {
-        let script = expect(folder, 0, &format!("completions {shell}"));
+        let script = reel!(folder, "completions {shell}");
         assert!(
             script.contains("recover") && script.contains("real-bench"),
             "{shell}"
         );
     }
-    expect(folder, 0, "man --out man1");
+    reel!(folder, "man --out man1");
     let page = fs::read_to_string(folder.join("man1/reel-trace-recover.1")).unwrap();
     assert!(page.contains("reel trace recover"), "{page}");
 }

@@ -39,10 +39,9 @@ fn files(folder: &Path) -> Vec<(String, String)> {
 fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "task generate --scene S3 --count 16 --seed 1 --out made",
+        "task generate --scene S3 --count 16 --seed 1 --out made"
     );
     let first = annotated(folder, &[]);
     let count = first["annotated"].as_u64().unwrap();
@@ -66,12 +65,11 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     );
     annotated(folder, &[]);
 
-    expect(
+    reel!(
         folder,
-        0,
-        "run --tasks social/S3 --scene social/S3.json --no-images --out traces",
+        "run --tasks social/S3 --scene social/S3.json --no-images --out traces"
     );
-    expect(folder, 0, "replay traces");
+    reel!(folder, "replay traces");
     expect(folder, 2, "task annotate made --out social --strategies C");
 }
 
@@ -82,10 +80,9 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(
+    reel!(
         folder,
-        0,
-        "task generate --scene S3 --count 8 --seed 1 --out made",
+        "task generate --scene S3 --count 8 --seed 1 --out made"
     );
     let scene = reel_tasks::generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;

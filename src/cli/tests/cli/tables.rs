@@ -78,7 +78,7 @@ fn a_killed_ingest_leaves_nothing_in_part_and_loses_nothing() {
         seen.iter().all(|count| [0, GOLDEN].contains(count)),
         "one commit, whole or not at all: {seen:?}"
     );
-    expect(folder, 0, "store reward --check");
+    reel!(folder, "store reward --check");
 }
 
 #[test]
@@ -99,9 +99,9 @@ fn ingests_at_a_time_lose_nothing() {
         assert!(child.wait().unwrap().success());
     }
     assert_eq!(whole(folder), GOLDEN);
-    assert!(expect(folder, 0, "store history").lines().count() >= 2);
-    assert!(expect(folder, 0, "store compact").contains("version"));
-    assert!(expect(folder, 0, "store vacuum --dry-run").contains("would be deleted"));
+    assert!(reel!(folder, "store history").lines().count() >= 2);
+    assert!(reel!(folder, "store compact").contains("version"));
+    assert!(reel!(folder, "store vacuum --dry-run").contains("would be deleted"));
     assert_eq!(whole(folder), GOLDEN);
 }
 
@@ -115,7 +115,7 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
         "name = \"mine\"\nbase = \"paper\"\n[weights]\nask = 0.25\n",
     )
     .unwrap();
-    let listed = expect(folder, 0, "store reward --diff paper mine.toml --json");
+    let listed = reel!(folder, "store reward --diff paper mine.toml --json");
     let paid = count(
         folder,
         "SELECT count(DISTINCT episode_id) FROM rewards WHERE component = 'ask'",
@@ -131,11 +131,11 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
         "{listed}"
     );
     assert!(
-        expect(folder, 0, "store reward --preset mine.toml")
+        reel!(folder, "store reward --preset mine.toml")
             .starts_with(&format!("{GOLDEN} episodes scored"))
     );
     assert!(
-        expect(folder, 0, "store reward --preset mine.toml")
+        reel!(folder, "store reward --preset mine.toml")
             .contains(&format!("{GOLDEN} had it already"))
     );
     let sums = "SELECT count(*) FROM rescored WHERE preset = 'mine'";
@@ -151,7 +151,7 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
     );
     assert!(
         recorded > 0
-            && expect(folder, 0, "store reward --preset paper")
+            && reel!(folder, "store reward --preset paper")
                 .contains(&format!("{recorded} had it already"))
     );
     assert_eq!(
@@ -162,12 +162,12 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
         rows
     );
     // from tables as from traces
-    expect(folder, 0, "store reward --preset real-trainer");
+    reel!(folder, "store reward --preset real-trainer");
     let equal = "SELECT count(*) FROM rescored r JOIN episodes e ON e.episode_id = r.episode_id \
                  WHERE r.preset = 'real-trainer' AND r.total_reward = reward(e.trace, 'real-trainer')['total_reward']";
     let ended = "SELECT count(*) FROM episodes WHERE end_reason IS NOT NULL";
     assert_eq!(count(folder, equal), count(folder, ended));
-    let listed = expect(folder, 0, "store reward --list");
+    let listed = reel!(folder, "store reward --list");
     assert!(
         ["paper", "real-repo", "real-trainer"]
             .iter()

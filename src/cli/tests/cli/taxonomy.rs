@@ -9,17 +9,15 @@ use super::{complaint, endpoint::endpoint, expect};
 
 /// Plays faulty episodes, ingests and classifies them.
 fn classified(folder: &Path, count: &str) {
-    expect(folder, 0, "task draw --count 16 --seed 1001 --out tasks");
-    expect(
+    reel!(folder, "task draw --count 16 --seed 1001 --out tasks");
+    reel!(
         folder,
-        0,
-        &format!("agent faults run --tasks tasks --episodes {count} --seed 1900000 --out faulty"),
+        "agent faults run --tasks tasks --episodes {count} --seed 1900000 --out faulty"
     );
-    expect(folder, 0, "ingest faulty --store store");
-    let table = expect(
+    reel!(folder, "ingest faulty --store store");
+    let table = reel!(
         folder,
-        0,
-        "taxonomy --store store --sankey why.svg --sankey why.png",
+        "taxonomy --store store --sankey why.svg --sankey why.png"
     );
     assert!(
         table.contains("Object Confusion") && table.contains("failures of"),
@@ -53,11 +51,10 @@ fn the_rules_find_what_was_injected() {
         refused.contains("no episode of 'rules' has a label"),
         "{refused}"
     );
-    expect(folder, 0, "store label import faulty --store store");
-    let report = expect(
+    reel!(folder, "store label import faulty --store store");
+    let report = reel!(
         folder,
-        0,
-        "taxonomy agreement --store store --with injected --baseline --json",
+        "taxonomy agreement --store store --with injected --baseline --json"
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     let macro_f1 = |index: usize| {
@@ -79,9 +76,9 @@ fn the_rules_find_what_was_injected() {
     );
 
     // the rules see no labels: the same classes without them
-    let with = expect(folder, 0, "taxonomy --store store --dry-run --json");
-    expect(folder, 0, "ingest faulty --store other");
-    let mut without: Vec<String> = expect(folder, 0, "taxonomy --store other --json")
+    let with = reel!(folder, "taxonomy --store store --dry-run --json");
+    reel!(folder, "ingest faulty --store other");
+    let mut without: Vec<String> = reel!(folder, "taxonomy --store other --json")
         .lines()
         .map(str::to_owned)
         .collect();
@@ -116,7 +113,7 @@ fn a_report_holds_everything_it_shows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     classified(folder, "8");
-    expect(folder, 0, "blame --store store");
+    reel!(folder, "blame --store store");
     let report = ["report", "--store", "store", "--out", "why.html"];
     expect(
         folder,
@@ -250,38 +247,22 @@ fn people_label_disagree_and_decide() {
         ],
         0,
     );
-    assert!(expect(folder, 0, "store label disputed --store store").starts_with("0 episodes"));
+    assert!(reel!(folder, "store label disputed --store store").starts_with("0 episodes"));
     assert!(
-        expect(folder, 0, "taxonomy agreement --store store")
-            .contains("against 'agreed': 1 episodes")
+        reel!(folder, "taxonomy agreement --store store").contains("against 'agreed': 1 episodes")
     );
 
     // out and in again, into another store
-    expect(
+    reel!(folder, "store label export --store store --out labels.csv");
+    reel!(
         folder,
-        0,
-        "store label export --store store --out labels.csv",
-    );
-    expect(
-        folder,
-        0,
-        "store label export --store store --out labels.jsonl",
+        "store label export --store store --out labels.jsonl"
     );
     for file in ["labels.csv", "labels.jsonl"] {
         let other = format!("other-{file}");
-        expect(folder, 0, &format!("ingest faulty --store {other}"));
-        expect(
-            folder,
-            0,
-            &format!("store label import {file} --store {other}"),
-        );
-        let list = |store: &str| {
-            expect(
-                folder,
-                0,
-                &format!("store label list --store {store} --json"),
-            )
-        };
+        reel!(folder, "ingest faulty --store {other}");
+        reel!(folder, "store label import {file} --store {other}");
+        let list = |store: &str| reel!(folder, "store label list --store {store} --json");
         assert_eq!(list(&other), list("store"), "{file}");
     }
     fs::write(folder.join("bad.csv"), "episode_id,class\nx,Nonsense\n").unwrap();
@@ -329,7 +310,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     let said = expect(folder, 0, &judge);
     assert!(said.starts_with("4 episodes judged"), "{said}");
     assert_eq!(classes("store"), before);
-    let labels = expect(folder, 0, "store label list --store store");
+    let labels = reel!(folder, "store label list --store store");
     assert_eq!(labels.matches("judge").count(), 4, "{labels}");
     assert!(labels.contains("it rained"), "{labels}");
     assert_eq!(
@@ -353,7 +334,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         "4",
     ];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
-    let agreement = expect(folder, 0, "taxonomy agreement --store store --with judge");
+    let agreement = reel!(folder, "taxonomy agreement --store store --with judge");
     assert!(
         agreement.contains("rules against 'judge': 4 episodes"),
         "{agreement}"
@@ -366,15 +347,13 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         .split_whitespace()
         .next()
         .unwrap();
-    expect(
+    reel!(
         folder,
-        0,
-        &format!("store label set {judged} --class Other --author ann --store store"),
+        "store label set {judged} --class Other --author ann --store store"
     );
-    let agreement = expect(
+    let agreement = reel!(
         folder,
-        0,
-        "taxonomy agreement --store store --of judge --with ann",
+        "taxonomy agreement --store store --of judge --with ann"
     );
     assert!(
         agreement.contains("judge against 'ann': 1 episodes")

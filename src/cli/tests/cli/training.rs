@@ -17,13 +17,12 @@ fn lines(text: &str) -> Vec<Value> {
 fn a_models_notes_stand_where_nothing_is_against_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
-    expect(
+    reel!(folder, "task draw --count 2 --seed 3 --out tasks");
+    reel!(
         folder,
-        0,
-        "run --tasks tasks --policy oracle --no-images --out traces",
+        "run --tasks tasks --policy oracle --no-images --out traces"
     );
-    expect(folder, 0, "ingest traces --store store");
+    reel!(folder, "ingest traces --store store");
     let bare = complaint(
         folder,
         3,
@@ -32,7 +31,7 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     assert!(bare.contains("annotate the trace first"), "{bare}");
 
     // the rules' notes are the words that the export writes by itself
-    let said = expect(folder, 0, "dataset annotate traces");
+    let said = reel!(folder, "dataset annotate traces");
     assert!(said.contains("of 2 traces annotated"), "{said}");
     let rows = |words: &str| {
         let export = [
@@ -71,10 +70,9 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     ])
     .to_string();
     let url = endpoint(&answer);
-    let said = lines(&expect(
+    let said = lines(&reel!(
         folder,
-        0,
-        &format!("dataset annotate traces --endpoint {url} --model scripted --json"),
+        "dataset annotate traces --endpoint {url} --model scripted --json"
     ));
     for trace in &said {
         let by_rules = trace["by_rules_because"].as_array().unwrap();
@@ -97,10 +95,9 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
         .count();
     assert!(calls >= 2);
     // nothing is asked twice, not even without the endpoint
-    let again = lines(&expect(
+    let again = lines(&reel!(
         folder,
-        0,
-        &format!("dataset annotate traces --endpoint {url} --model scripted --json"),
+        "dataset annotate traces --endpoint {url} --model scripted --json"
     ));
     assert!(
         again
@@ -121,17 +118,14 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
 fn rollout_groups_and_a_tokenizer() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
+    reel!(folder, "task draw --count 2 --seed 3 --out tasks");
     for seed in ["1", "2"] {
-        expect(
+        reel!(
             folder,
-            0,
-            &format!(
-                "run --tasks tasks --seed {seed} --policy wrong-object --no-images --out traces"
-            ),
+            "run --tasks tasks --seed {seed} --policy wrong-object --no-images --out traces"
         );
     }
-    expect(folder, 0, "ingest traces --store store");
+    reel!(folder, "ingest traces --store store");
     let words = r#"{"type": "WordLevel", "vocab": {"?": 0}, "unk_token": "?"}"#;
     let tokenizer = format!(
         r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {words}}}"#
@@ -172,7 +166,7 @@ fn rollout_groups_and_a_tokenizer() {
     let tasks: Vec<String> =
         serde_json::from_str(&fs::read_to_string(folder.join("rl/tasks.json")).unwrap()).unwrap();
     assert_eq!(tasks.len(), 2);
-    let linted = expect(folder, 0, "dataset lint rl --tokenizer tokenizer.json");
+    let linted = reel!(folder, "dataset lint rl --tokenizer tokenizer.json");
     assert!(linted.contains("counted by tokenizer.json"), "{linted}");
     let wrong = complaint(folder, 2, "dataset lint rl --tokenizer rl/tasks.json");
     assert!(
@@ -217,17 +211,12 @@ fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> O
 fn the_benchmarks_script_makes_the_same_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 2 --seed 3 --out tasks");
+    reel!(folder, "task draw --count 2 --seed 3 --out tasks");
     for policy in ["oracle", "wrong-object"] {
-        expect(
+        reel!(folder, "run --tasks tasks --policy {policy} --out full");
+        reel!(
             folder,
-            0,
-            &format!("run --tasks tasks --policy {policy} --out full"),
-        );
-        expect(
-            folder,
-            0,
-            &format!("run --tasks tasks --policy {policy} --no-images --out lean"),
+            "run --tasks tasks --policy {policy} --no-images --out lean"
         );
     }
     let path = |name: &str| folder.join(name).display().to_string();
@@ -256,15 +245,14 @@ fn the_benchmarks_script_makes_the_same_rows() {
 fn the_benchmarks_script_makes_the_same_tables() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, "task draw --count 2 --seed 5 --out tasks");
+    reel!(folder, "task draw --count 2 --seed 5 --out tasks");
     for policy in ["oracle", "wrong-object", "no-ask"] {
-        expect(
+        reel!(
             folder,
-            0,
-            &format!("run --tasks tasks --policy {policy} --out traces --no-images"),
+            "run --tasks tasks --policy {policy} --out traces --no-images"
         );
     }
-    expect(folder, 0, "ingest traces --store store");
+    reel!(folder, "ingest traces --store store");
     let path = |name: &str| folder.join(name).display().to_string();
     let (traces, store, rows) = (path("traces"), path("store"), path("rows"));
     let packages = "blake3, deltalake, google.protobuf, mcap, orjson, pyarrow, zstandard";
