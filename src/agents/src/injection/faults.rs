@@ -193,17 +193,21 @@ fn again(
     } else {
         gives_up.then_some(long)
     };
-    let mut inserts = one(
-        index,
-        fault,
-        at,
-        vec![PlanSegment::Do {
-            calls: deeds,
-            times,
-        }],
-        vec![finish()],
-    );
-    inserts[0].legs.insert(0, PlanSegment::each(first));
+    repeated(index, fault, at, PlanSegment::each(first), deeds, times)
+}
+
+/// One insert: first something, then calls that are repeated so many times, or until the end.
+fn repeated(
+    index: usize,
+    fault: &Fault,
+    at: Until,
+    first: PlanSegment,
+    calls: Vec<ScriptedCall>,
+    times: Option<usize>,
+) -> Vec<InsertedCalls> {
+    let calls = vec![PlanSegment::Do { calls, times }];
+    let mut inserts = one(index, fault, at, calls, vec![finish()]);
+    inserts[0].legs.insert(0, first);
     inserts
 }
 

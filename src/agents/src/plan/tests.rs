@@ -97,6 +97,22 @@ fn run(
     graph
 }
 
+fn state<'a>(
+    task: &'a Task,
+    scene: &'a Scene,
+    graph: &'a WorldGraph,
+    held: Option<&'a InstanceId>,
+    at: Option<&'a ReceptacleId>,
+) -> PlanningState<'a> {
+    PlanningState {
+        task,
+        scene,
+        graph,
+        held,
+        at,
+    }
+}
+
 fn words(intents: &[Intent]) -> String {
     intents
         .iter()
@@ -109,13 +125,7 @@ fn words(intents: &[Intent]) -> String {
 fn a_move_between_tables_reads_as_in_the_paper() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
-    let situation = PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &task.initial,
-        held: None,
-        at: None,
-    };
+    let situation = state(&task, &scene, &task.initial, None, None);
     let intents = plan(&situation).unwrap();
     assert_eq!(
         words(&intents),
@@ -128,13 +138,7 @@ fn a_move_between_tables_reads_as_in_the_paper() {
 fn doors_are_opened_with_a_free_hand_and_closed_at_the_end() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "fridge_1");
-    let situation = PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &task.initial,
-        held: None,
-        at: None,
-    };
+    let situation = state(&task, &scene, &task.initial, None, None);
     let intents = plan(&situation).unwrap();
     let expected = "go to fridge_1; open fridge_1; go to table_1; find the apple; pick it up; go to fridge_1; \
                     place it on fridge_1; close fridge_1; finish";
@@ -150,14 +154,7 @@ fn a_full_hand_before_a_closed_door_puts_down_first() {
     let mut now = task.initial.clone();
     now.remove(&"table_1".into(), &held);
     let at: ReceptacleId = "desk_1".into();
-    let intents = plan(&PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &now,
-        held: Some(&held),
-        at: Some(&at),
-    })
-    .unwrap();
+    let intents = plan(&state(&task, &scene, &now, Some(&held), Some(&at))).unwrap();
     assert!(words(&intents).starts_with(
         "place it on desk_1; go to fridge_1; open fridge_1; go to desk_1; find the apple"
     ));
@@ -171,14 +168,7 @@ fn something_outside_the_goal_goes_back_even_behind_a_door() {
     let held: InstanceId = "cup".into();
     let mut now = task.initial.clone();
     now.remove(&"fridge_1".into(), &held);
-    let intents = plan(&PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &now,
-        held: Some(&held),
-        at: None,
-    })
-    .unwrap();
+    let intents = plan(&state(&task, &scene, &now, Some(&held), None)).unwrap();
     assert_eq!(run(&intents, &now, Some(&held), None), task.goal);
 }
 
@@ -188,13 +178,7 @@ fn what_cannot_be_reached_is_named_with_the_reason() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_a", "table_1", FLOOR);
-    let situation = PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &now,
-        held: None,
-        at: None,
-    };
+    let situation = state(&task, &scene, &now, None, None);
     let error = plan(&situation).unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -204,13 +188,7 @@ fn what_cannot_be_reached_is_named_with_the_reason() {
 
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "lid_1");
-    let situation = PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &task.initial,
-        held: None,
-        at: None,
-    };
+    let situation = state(&task, &scene, &task.initial, None, None);
     assert_eq!(
         plan(&situation).unwrap_err().reason,
         "nothing can be placed on lid_1"
@@ -223,14 +201,7 @@ fn bystanders_on_the_floor_do_not_matter() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_b", "table_1", FLOOR);
-    let intents = plan(&PlanningState {
-        task: &task,
-        scene: &scene,
-        graph: &now,
-        held: None,
-        at: None,
-    })
-    .unwrap();
+    let intents = plan(&state(&task, &scene, &now, None, None)).unwrap();
     assert_eq!(calls(&intents), 8);
 }
 
@@ -276,13 +247,7 @@ fn every_state_leads_to_every_goal() {
                 let held: Option<InstanceId> = hand.map(|index: usize| objects[index].into());
                 let now = arrangement(start, hand);
                 let at: ReceptacleId = places[(start + goal) % 4].into();
-                let situation = PlanningState {
-                    task: &task,
-                    scene: &scene,
-                    graph: &now,
-                    held: held.as_ref(),
-                    at: Some(&at),
-                };
+                let situation = state(&task, &scene, &now, held.as_ref(), Some(&at));
                 let intents = plan(&situation).unwrap();
                 assert_eq!(
                     run(&intents, &now, held.as_ref(), Some(&at)),

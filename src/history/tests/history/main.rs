@@ -109,30 +109,39 @@ fn overlooked(file: &str) -> Vec<String> {
     overlooked
 }
 
+/// The files `fresh` and `last` were written when the reader was done; what they taught was mended
+/// afterwards.
 #[test]
 fn planted_false_claims_are_found() {
-    let missed = overlooked(include_str!("false.txt"));
-    assert!(
-        missed.is_empty(),
-        "{} overlooked:\n{}",
-        missed.len(),
-        missed.join("\n")
-    );
+    for file in [
+        include_str!("false.txt"),
+        include_str!("false_fresh.txt"),
+        include_str!("false_last.txt"),
+    ] {
+        let missed = overlooked(file);
+        let (count, missed_lines) = (missed.len(), missed.join("\n"));
+        assert!(missed.is_empty(), "{count} overlooked:\n{missed_lines}");
+    }
 }
 
 #[test]
 fn true_sentences_raise_no_alarm_and_most_are_understood() {
-    let (alarms, supported, all) = alarms(include_str!("true.txt"));
-    assert!(
-        alarms.is_empty(),
-        "{} false alarms:\n{}",
-        alarms.len(),
-        alarms.join("\n")
-    );
-    assert!(
-        supported * 100 >= all * 80,
-        "only {supported} of {all} are understood"
-    );
+    for (file, percent) in [
+        (include_str!("true.txt"), 80),
+        (include_str!("true_fresh.txt"), 65),
+        (include_str!("true_last.txt"), 65),
+    ] {
+        let (alarms, supported, all) = alarms(file);
+        let (count, alarm_lines) = (alarms.len(), alarms.join("\n"));
+        assert!(
+            alarms.is_empty(),
+            "{count} false alarms ({supported} of {all} understood):\n{alarm_lines}"
+        );
+        assert!(
+            supported * 100 >= all * percent,
+            "only {supported} of {all} are understood"
+        );
+    }
 }
 
 #[test]
@@ -212,43 +221,6 @@ fn a_mended_history_is_true_and_keeps_what_was() {
             1,
             "{text}: {}",
             mended.text
-        );
-    }
-}
-
-/// Batches that were written when the reader was done; what they taught was mended afterwards.
-#[test]
-fn fresh_false_claims_are_found() {
-    for file in [
-        include_str!("false_fresh.txt"),
-        include_str!("false_last.txt"),
-    ] {
-        let missed = overlooked(file);
-        assert!(
-            missed.is_empty(),
-            "{} overlooked:\n{}",
-            missed.len(),
-            missed.join("\n")
-        );
-    }
-}
-
-#[test]
-fn fresh_true_sentences_raise_no_alarm() {
-    for file in [
-        include_str!("true_fresh.txt"),
-        include_str!("true_last.txt"),
-    ] {
-        let (alarms, supported, all) = alarms(file);
-        assert!(
-            alarms.is_empty(),
-            "{} false alarms ({supported} of {all} understood):\n{}",
-            alarms.len(),
-            alarms.join("\n")
-        );
-        assert!(
-            supported * 100 >= all * 65,
-            "only {supported} of {all} are understood"
         );
     }
 }

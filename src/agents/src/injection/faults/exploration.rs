@@ -61,18 +61,7 @@ pub(super) fn turning(
     let rightly = deeds[0].clone();
     deeds.rotate_left(1);
     let times = times.map(|times| times - 1);
-    let mut inserts = one(
-        index,
-        fault,
-        at,
-        vec![PlanSegment::Do {
-            calls: deeds,
-            times,
-        }],
-        vec![finish()],
-    );
-    inserts[0].legs.insert(0, PlanSegment::one(rightly));
-    inserts
+    repeated(index, fault, at, PlanSegment::one(rightly), deeds, times)
 }
 
 pub(super) fn repeated_failure(
@@ -83,18 +72,9 @@ pub(super) fn repeated_failure(
     let to = choices::destination(draft.task).clone();
     let furniture = vec![ScriptedCall::Call(Tool::ShowReceptacles)];
     let late = fault.position >= 0.5;
-    match draft.draw(if late { 2 } else { 4 }) {
-        0 => {
-            let receptacle = unknown_receptacle(draft.scene, &to);
-            again(
-                draft,
-                index,
-                fault,
-                if late { Until::Held } else { Until::Start },
-                vec![],
-                vec![nav(&receptacle)],
-            )
-        }
+    let early = if late { Until::Held } else { Until::Start };
+    let (at, first, deed) = match draft.draw(if late { 2 } else { 4 }) {
+        0 => (early, vec![], nav(&unknown_receptacle(draft.scene, &to))),
         1 => {
             let caption = draft
                 .scene
@@ -103,43 +83,17 @@ pub(super) fn repeated_failure(
                 .unwrap_or("the place")
                 .to_owned();
             let call = ToolCall::new("nav_to", json!({ "receptacle_name": caption }));
-            again(
-                draft,
-                index,
-                fault,
-                if late { Until::Held } else { Until::Start },
-                vec![],
-                vec![ScriptedCall::Raw(call)],
-            )
+            (early, vec![], ScriptedCall::Raw(call))
         }
-        2 => {
-            let absent = ABSENT[draft.draw(ABSENT.len())];
-            again(
-                draft,
-                index,
-                fault,
-                Until::Looking,
-                vec![],
-                vec![look(absent)],
-            )
-        }
-        _ if draft.chance(50) => again(
-            draft,
-            index,
-            fault,
+        2 => (
             Until::Looking,
-            furniture,
-            vec![ScriptedCall::OpenDoorless],
+            vec![],
+            look(ABSENT[draft.draw(ABSENT.len())]),
         ),
-        _ => again(
-            draft,
-            index,
-            fault,
-            Until::Looking,
-            furniture,
-            vec![ScriptedCall::PickFurniture],
-        ),
-    }
+        _ if draft.chance(50) => (Until::Looking, furniture, ScriptedCall::OpenDoorless),
+        _ => (Until::Looking, furniture, ScriptedCall::PickFurniture),
+    };
+    again(draft, index, fault, at, first, vec![deed])
 }
 
 pub(super) fn stale_marker(
@@ -178,18 +132,14 @@ pub(super) fn stale_marker(
             vec![old(StaleMarkerTool::Place)],
         )
     };
-    let mut inserts = one(
+    repeated(
         index,
         fault,
         at,
-        vec![PlanSegment::Do {
-            calls: deeds,
-            times: Some(often),
-        }],
-        vec![finish()],
-    );
-    inserts[0].legs.insert(0, PlanSegment::each(first));
-    inserts
+        PlanSegment::each(first),
+        deeds,
+        Some(often),
+    )
 }
 
 pub(super) fn false_history(
