@@ -7,33 +7,22 @@ use reel_world::Digest;
 
 /// Every error of the crate.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum AnnotateError {
     /// A file of notes cannot be read.
     #[error(
         "cannot read the notes: {source}; annotate the trace first, or check the permissions: {path}"
     )]
-    Read {
-        /// Path of the notes file that cannot be read.
-        path: PathBuf,
-        /// The error that the operating system reported.
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     /// A file of notes cannot be written.
     #[error("cannot write the notes: {source}; check free space and permissions: {path}")]
-    Write {
-        /// Path of the notes file that cannot be written.
-        path: PathBuf,
-        /// The error that the operating system reported.
-        source: io::Error,
-    },
+    Write { path: PathBuf, source: io::Error },
     /// A line of a file of notes is none.
     #[error("line {line} is no {expected}: {message}; annotate the trace again: {path}")]
     Malformed {
-        /// Path of the notes file with the malformed line.
         path: PathBuf,
         /// Number of the malformed line, counted from 1.
         line: usize,
-        /// What should stand there.
         expected: &'static str,
         /// Parser message, or that the file is empty.
         message: String,
@@ -42,21 +31,15 @@ pub enum AnnotateError {
     #[error("the notes belong to trace {found}, not to {expected}: the trace was recorded anew; annotate it again: {path}",
         found = found.short(), expected = expected.short())]
     OtherTrace {
-        /// Path of the notes file that belongs to another trace.
         path: PathBuf,
-        /// The trace at hand.
         expected: Digest,
-        /// The trace that was annotated.
         found: Digest,
     },
     /// Some decisions have no note.
     #[error("{found} of {expected} decisions have a note; annotate the trace again: {path}")]
     Incomplete {
-        /// Path of the notes file that lacks notes.
         path: PathBuf,
-        /// Decisions of the trace.
         expected: usize,
-        /// Notes in the file.
         found: usize,
     },
     /// The model did not answer.
@@ -64,11 +47,9 @@ pub enum AnnotateError {
         "{source}; what was written so far is kept, run again to go on (decisions {from} to {to})"
     )]
     Model {
-        /// First decision that was asked about.
         from: usize,
         /// Last decision that was asked about, counted from 0.
         to: usize,
-        /// The error that the model client reported.
         source: ModelError,
     },
 }

@@ -32,39 +32,22 @@ fn runtime() -> std::io::Result<Runtime> {
 
 /// Why there is no cluster.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ClusterError {
     /// An address is none.
     #[error("'{text}' is no address of a scheduler: {reason}; give host:port or df://host:port")]
-    Address {
-        /// The text that was given as an address.
-        text: String,
-        /// What is wrong with it.
-        reason: String,
-    },
+    Address { text: String, reason: String },
     /// No scheduler can be reached at the address.
     #[error("no scheduler answers at {address}: {reason}; `reel cluster scheduler` starts one")]
-    Silent {
-        /// Address of the scheduler that did not answer.
-        address: String,
-        /// What the connection said.
-        reason: String,
-    },
+    Silent { address: String, reason: String },
     /// An executor will not do what it is asked for.
     #[error("the cluster refuses: {reason}")]
-    Refused {
-        /// The reason that the executor gave.
-        reason: String,
-    },
+    Refused { reason: String },
     /// Work failed for so long that it is given up.
     #[error(
         "the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well"
     )]
-    Lost {
-        /// Address of the scheduler that was asked.
-        address: String,
-        /// What came of it last.
-        reason: String,
-    },
+    Lost { address: String, reason: String },
     /// The user pressed Ctrl-C while the cluster was working.
     #[error("stopped; the cluster was told")]
     Stopped,
@@ -73,7 +56,6 @@ pub enum ClusterError {
     Run {
         /// What failed, as the message begins, e.g. `the scheduler ended`.
         action: &'static str,
-        /// What came of it.
         reason: String,
     },
 }

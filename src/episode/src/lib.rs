@@ -76,25 +76,20 @@ pub struct StepOutput {
 
 /// Why an episode cannot start.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum EpisodeError {
     /// The task plays in another scene.
     #[error("task {task} plays in scene {expected}, not in {found}")]
     SceneMismatch {
-        /// Id of the task that was to be played.
         task: String,
-        /// Id of the scene that the task plays in.
         expected: String,
-        /// Id of the scene that was given instead.
         found: String,
     },
     /// The snapshot is of another moment or episode.
     #[error("the snapshot has the state {found}, but after {steps} steps the state was {expected}")]
     SnapshotMismatch {
-        /// How many steps were before.
         steps: usize,
-        /// State digest in the record, after the last recorded step.
         expected: Digest,
-        /// Digest of the state that the snapshot holds.
         found: Digest,
     },
     /// The snapshot cannot be restored.

@@ -161,6 +161,7 @@ pub struct RefusedEpisode {
 
 /// Why nothing was exported.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ExportError {
     /// The store cannot be read.
     #[error(transparent)]
@@ -170,39 +171,26 @@ pub enum ExportError {
     Dataset(#[from] DatasetError),
     /// A file cannot be read or written.
     #[error("cannot write the dataset: {source}: {path}", path = path.display())]
-    Io {
-        /// The error that the operating system reported.
-        source: io::Error,
-        /// Path of the file or folder that could not be read or written.
-        path: PathBuf,
-    },
+    Io { source: io::Error, path: PathBuf },
     /// The folder holds something else.
     #[error("this folder is not empty; choose another, or delete it: {path}", path = path.display())]
-    OtherDataset {
-        /// The folder that was given for the dataset.
-        path: PathBuf,
-    },
+    OtherDataset { path: PathBuf },
     /// Returns, log-probabilities or parameters of which nothing can be computed.
     #[error("advantages: {0}")]
     Advantages(#[from] reel_reward::RewardError),
     /// Log-probabilities of which nothing can be computed.
     #[error("episode {episode_id}{}: {reason}", step.map_or_else(String::new, |step| format!(", step {step}")))]
     Logprobs {
-        /// Id of the episode whose log-probabilities do not fit.
         episode_id: String,
         /// The decision; `None` if it is about the whole episode.
         step: Option<u32>,
-        /// What is wrong, and what to do.
         reason: String,
     },
     /// No sequence of which an objective could be computed.
     #[error(
         "no episode in a group has log-probabilities of {policies}; record them with `reel bench --logprobs`, add those of other policies with `reel trace logprobs add`, and ingest the traces again"
     )]
-    NoSequences {
-        /// The policies, as they are named.
-        policies: String,
-    },
+    NoSequences { policies: String },
     /// The columns of the Parquet file cannot be built.
     #[error("columns of the dataset: {0}")]
     Columns(#[from] ::arrow::error::ArrowError),
@@ -211,12 +199,7 @@ pub enum ExportError {
     Parquet(#[from] ::parquet::errors::ParquetError),
     /// A task or scene in the tables is none.
     #[error("episode {episode_id}: {reason}; ingest the traces anew into another folder")]
-    Document {
-        /// An episode of it.
-        episode_id: String,
-        /// What is wrong with the task or scene.
-        reason: String,
-    },
+    Document { episode_id: String, reason: String },
 }
 
 /// Exports a training set from a store into an empty folder. Broken off, the same call goes on:

@@ -6,6 +6,7 @@ use reel_world::record::EndReason;
 
 /// Why a household does not do what was asked.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LiveError {
     /// A call without an episode.
     #[error("no episode runs here: 'finish' begins the next one, 'finish_with_id' a certain one")]
@@ -53,9 +54,7 @@ pub enum LiveError {
     /// A folder cannot be made.
     #[error("cannot make the folder {path}: {source}")]
     Folder {
-        /// The folder that could not be created.
         path: String,
-        /// What the system says.
         source: std::io::Error,
     },
 }

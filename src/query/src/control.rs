@@ -18,6 +18,7 @@ use crate::functions::simulator::ReplayRow;
 
 /// Why a query was stopped before its end.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum StopReason {
     /// Somebody asked for it.
     #[error("stopped; nothing was changed")]
@@ -42,14 +43,10 @@ pub enum StopReason {
     #[error(
         "stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows"
     )]
-    Rows {
-        /// Most rows that an answer may have.
-        rows: usize,
-    },
+    Rows { rows: usize },
     /// A value that no question needs.
     #[error("'{function}' would make {bytes} bytes for one row; the limit is {limit}")]
     Value {
-        /// Name of the SQL function that would make the value.
         function: String,
         /// Size that the value would have, in bytes.
         bytes: u128,

@@ -97,29 +97,21 @@ pub enum CacheScope {
 
 /// Why a query has no result.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum QueryError {
     /// The text is not exactly one read-only query.
     #[error(
         "only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}"
     )]
-    ReadOnly {
-        /// What it was instead.
-        reason: String,
-    },
+    ReadOnly { reason: String },
     /// The text is too long.
     #[error("the query has {bytes} bytes; the limit is {SQL_BYTES_MAX}")]
-    TooLong {
-        /// How long it is.
-        bytes: usize,
-    },
+    TooLong { bytes: usize },
     /// The text nests too deep.
     #[error(
         "the query has {operators} operators; the limit is {OPERATORS_MAX}: for long lists use IN (...)"
     )]
-    TooDeep {
-        /// How many operators it has.
-        operators: usize,
-    },
+    TooDeep { operators: usize },
     /// The query was cancelled or exceeded one of its limits.
     #[error("{0}")]
     Stopped(StopReason),

@@ -56,85 +56,60 @@ pub struct MintedTrace {
 
 /// Why nothing was minted. The corpus is as it was, unless `Place` says otherwise.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MintError {
     /// No reason worth the name.
     #[error(
         "a golden trace changes only for a reason; '{reason}' has fewer than {REASON_CHARS} characters: say what changed and why"
     )]
-    Reason {
-        /// The reason that was given, its whitespace collapsed to single spaces.
-        reason: String,
-    },
+    Reason { reason: String },
     /// The corpus holds no trace, and none is added.
     #[error("there is no .mcap file in {corpus}; add the first ones with --add")]
-    Empty {
-        /// Folder of the golden traces, where no trace was found.
-        corpus: PathBuf,
-    },
+    Empty { corpus: PathBuf },
     /// A trace cannot be read.
     #[error(transparent)]
     Trace(#[from] TraceError),
     /// A trace cannot be executed.
     #[error("{path}: {verdict}")]
     NotExecutable {
-        /// Path of the trace that cannot be executed.
         path: PathBuf,
-        /// Verdict that says why the trace cannot be executed.
         verdict: Box<Verdict>,
     },
     /// A trace breaks off.
     #[error("{path} has no end; play the episode again or leave it out")]
-    NoEnd {
-        /// Path of the trace that breaks off before its end.
-        path: PathBuf,
-    },
+    NoEnd { path: PathBuf },
     /// A trace of this very version gives something else.
     #[error(
         "{path} was recorded by simulator {version}, which is this one's number too, but it is not exact: {verdict}; \
          raise SIM_VERSION, or find what broke"
     )]
     SameVersion {
-        /// Path of the trace that no longer replays exactly.
         path: PathBuf,
-        /// The simulator's version for its profile.
         version: u32,
-        /// Verdict of the failed replay, usually with the first difference.
         verdict: Box<Verdict>,
     },
     /// A trace to add does not replay.
     #[error("{path} is not exact and cannot be added: {verdict}")]
     NotExact {
-        /// Path of the recorded trace that was to be added.
         path: PathBuf,
-        /// What a replay found.
         verdict: Box<Verdict>,
     },
     /// Something else stands where a trace should go.
     #[error("{path} stands there already; give the new one another name")]
-    Taken {
-        /// Path in the corpus that is already occupied.
-        path: PathBuf,
-    },
+    Taken { path: PathBuf },
     /// The operating system refused while everything still stood where it was.
     #[error("cannot {action} {path}: {source}; nothing was changed in the corpus")]
     Io {
         /// Operation that failed, as a verb, e.g. `read` or `copy`.
         action: &'static str,
-        /// The file or folder.
         path: PathBuf,
-        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The operating system refused while files took their places.
     #[error(
         "cannot write {path}: {source}; nothing is lost, but some traces are new and some old: mint again"
     )]
-    Place {
-        /// Path in the corpus that the new file could not be moved to.
-        path: PathBuf,
-        /// The error that the operating system reported for the move.
-        source: io::Error,
-    },
+    Place { path: PathBuf, source: io::Error },
 }
 
 /// The traces of a corpus, sorted; those of older simulators in `v<N>/` are no part of it.

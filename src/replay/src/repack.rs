@@ -9,13 +9,11 @@ use crate::{Verdict, player::config, replay_with, verify_trace};
 
 /// Why a trace is left as it is.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum RepackError {
     /// Its pictures could not be brought back, or not these.
     #[error("its pictures cannot be made again: {verdict}")]
-    NotExact {
-        /// Verdict of the replay, or of the input check before it.
-        verdict: Box<Verdict>,
-    },
+    NotExact { verdict: Box<Verdict> },
     /// It cannot be written.
     #[error(transparent)]
     Trace(#[from] TraceError),

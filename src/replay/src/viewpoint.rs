@@ -31,6 +31,7 @@ pub enum Viewpoint {
 
 /// A viewpoint that cannot be.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ViewpointError {
     /// No camera of this name.
     #[error("no camera is called '{0}'; there are head, top-down, free and follow:OBJECT")]
@@ -47,21 +48,13 @@ pub enum ViewpointError {
     /// No object of the task has this name.
     #[error("task {task} has no object {name}; there are {known}")]
     NoObject {
-        /// Id of the task whose objects were searched.
         task: String,
-        /// What was asked for.
         name: String,
-        /// Instance ids of all objects of the task, comma-separated.
         known: String,
     },
     /// Several of that name.
     #[error("several objects are called {name}: {found}")]
-    Several {
-        /// What was asked for.
-        name: String,
-        /// Instance ids of the objects that match the name, comma-separated.
-        found: String,
-    },
+    Several { name: String, found: String },
 }
 
 impl Viewpoint {

@@ -213,29 +213,19 @@ impl Default for Limits {
 
 /// What is wrong with a configuration.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ConfigError {
     /// The file cannot be read.
     #[error("cannot read {path}: {source}", path = path.display())]
-    Read {
-        /// Path of the configuration file that cannot be read.
-        path: PathBuf,
-        /// The error that the operating system reported.
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     /// It is no configuration.
     #[error("{path}: {message}", path = path.display())]
-    Syntax {
-        /// Path of the configuration file that cannot be parsed.
-        path: PathBuf,
-        /// What is wrong, and where.
-        message: String,
-    },
+    Syntax { path: PathBuf, message: String },
     /// A value that cannot be.
     #[error("{key}: {message}")]
     Value {
         /// Dotted key of the value, e.g. `limits.sessions`.
         key: &'static str,
-        /// What is wrong with it.
         message: String,
     },
     /// The tasks or the scene cannot be loaded.

@@ -74,6 +74,7 @@ impl App {
 
 /// Why a service does not start.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ServeError {
     /// The configuration is wrong.
     #[error(transparent)]
@@ -89,9 +90,7 @@ pub enum ServeError {
     /// The address cannot be taken.
     #[error("cannot listen on {address}: {source}")]
     Listen {
-        /// Address on which the server cannot listen.
         address: SocketAddr,
-        /// The error that the operating system reported.
         source: io::Error,
     },
     /// The data folder cannot be used.

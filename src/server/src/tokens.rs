@@ -61,6 +61,7 @@ struct File {
 
 /// Why tokens cannot be had.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum TokenError {
     /// The file cannot be read or written.
     #[error("cannot {action} {path}: {source}", path = path.display())]
@@ -69,17 +70,11 @@ pub enum TokenError {
         action: &'static str,
         /// Path of the token file, e.g. `tokens.toml`.
         path: PathBuf,
-        /// The error that the operating system reported.
         source: io::Error,
     },
     /// It is no file of tokens.
     #[error("{path} is no file of tokens: {message}", path = path.display())]
-    Syntax {
-        /// Path of the token file that cannot be parsed.
-        path: PathBuf,
-        /// Error message of the TOML parser, with its place in the file.
-        message: String,
-    },
+    Syntax { path: PathBuf, message: String },
     /// A name that is taken.
     #[error("there is a token called '{0}' already; revoke it first")]
     Taken(String),

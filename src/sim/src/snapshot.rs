@@ -32,31 +32,21 @@ pub struct Snapshot {
 
 /// Why a snapshot cannot be restored.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SnapshotError {
     /// Taken by another simulator.
     #[error(
         "the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it can be made again"
     )]
-    OtherSimulator {
-        /// The version that took it.
-        found: u32,
-    },
+    OtherSimulator { found: u32 },
     /// The bytes cannot be decoded, or their content does not fit the task.
     #[error("the snapshot is damaged ({problem}); delete it, it can be made again")]
-    Damaged {
-        /// The decoder's message, or what does not fit the task.
-        problem: String,
-    },
+    Damaged { problem: String },
     /// Of another task, scene or seed.
     #[error(
         "the snapshot is of another episode: it has the state {expected}, restored it is {found}"
     )]
-    OtherEpisode {
-        /// Digest of the state it was taken of.
-        expected: Digest,
-        /// Digest of the restored state.
-        found: Digest,
-    },
+    OtherEpisode { expected: Digest, found: Digest },
 }
 
 impl Snapshot {

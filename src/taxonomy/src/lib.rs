@@ -27,21 +27,15 @@ pub use stored::{StoredClass, baseline, stored_classes};
 
 /// What can go wrong with rules and labels.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum TaxonomyError {
     /// A rule file is no rule.
     #[error("rule '{rule}': {reason}; docs/taxonomy.md shows what a rule looks like")]
-    Rule {
-        /// Which one: its file's name.
-        rule: String,
-        /// What is wrong with the rule, in words.
-        reason: String,
-    },
+    Rule { rule: String, reason: String },
     /// A file cannot be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     Io {
-        /// The rule file or folder that cannot be read.
         path: PathBuf,
-        /// The error that the operating system reported.
         source: std::io::Error,
     },
     /// The rules cannot be asked.
@@ -49,10 +43,5 @@ pub enum TaxonomyError {
     Query(#[from] reel_query::QueryError),
     /// A label is none.
     #[error("{place}: {reason}")]
-    Label {
-        /// Where: file and line.
-        place: String,
-        /// What is wrong, and what would be right.
-        reason: String,
-    },
+    Label { place: String, reason: String },
 }

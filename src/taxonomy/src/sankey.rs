@@ -38,27 +38,20 @@ pub struct Sankey {
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SankeyError {
     /// The scale is outside [`Sankey::SCALES`], or not a number.
     #[error(
         "a Sankey diagram cannot be drawn at scale {found}: choose one from {smallest} to {largest}"
     )]
     Scale {
-        /// The scale asked for.
         found: f32,
-        /// The smallest there is.
         smallest: f32,
-        /// The largest there is.
         largest: f32,
     },
     /// There is no memory for a picture of this size.
     #[error("a picture of {width_px} x {height_px} pixels is too large: choose a smaller scale")]
-    Size {
-        /// Width of the PNG at the requested scale, in pixels.
-        width_px: u32,
-        /// Height of the PNG at the requested scale, in pixels.
-        height_px: u32,
-    },
+    Size { width_px: u32, height_px: u32 },
     /// The PNG could not be written.
     #[error("the diagram could not be encoded as PNG: {0}")]
     Encoding(#[from] ::png::EncodingError),

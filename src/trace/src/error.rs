@@ -6,6 +6,7 @@ use reel_world::{Digest, LogprobError};
 
 /// Every error of this crate.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum TraceError {
     /// The operating system refused.
     #[error(
@@ -14,9 +15,7 @@ pub enum TraceError {
     Io {
         /// The operation that failed, e.g. `create`, `read` or `write`.
         action: &'static str,
-        /// Path of the trace or recording that the operation concerned.
         path: PathBuf,
-        /// The error that the operating system or the MCAP library reported.
         source: io::Error,
     },
     /// A recording could not be continued.
@@ -29,7 +28,6 @@ pub enum TraceError {
         part: PathBuf,
         /// How many steps are acknowledged; none: not even the start.
         steps: Option<u32>,
-        /// The I/O error that stopped the recording.
         source: io::Error,
     },
     /// Somebody is writing this recording.
@@ -42,22 +40,14 @@ pub enum TraceError {
     #[error(
         "cannot recover {of}: another file is in the way, and it does not hold these steps; choose a folder with --out: {path}"
     )]
-    TargetExists {
-        /// What should be recovered.
-        of: PathBuf,
-        /// What is in the way.
-        path: PathBuf,
-    },
+    TargetExists { of: PathBuf, path: PathBuf },
     /// A file that recovery wrote because it could restore nothing.
     #[error(
         "nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}"
     )]
     NothingRestored {
-        /// Path of the file that the recovery wrote.
         path: PathBuf,
-        /// Name of the recording.
         source_name: String,
-        /// Everything that was lost, in words, one item a line.
         lost: String,
     },
     /// A recording of this name was left unfinished.
@@ -77,7 +67,6 @@ pub enum TraceError {
         "the trace has {found} bytes, more than the limit of {limit}; raise the limit if it is yours: {path}"
     )]
     TooLarge {
-        /// Path of the file that exceeds the limit.
         path: PathBuf,
         /// Largest file that the reader accepts, in bytes.
         limit: u64,
@@ -86,22 +75,15 @@ pub enum TraceError {
     },
     /// Not an MCAP file.
     #[error("not an MCAP file: it does not begin with the magic bytes: {path}")]
-    NotMcap {
-        /// Path of the file that is not MCAP.
-        path: PathBuf,
-    },
+    NotMcap { path: PathBuf },
     /// The file ends too early.
     #[error(
         "the trace is torn at byte {offset}: {lost}; {steps_readable} steps are readable, recover them: {path}"
     )]
     Torn {
-        /// Path of the torn trace or recording.
         path: PathBuf,
-        /// Where what is whole ends.
         offset: u64,
-        /// How many steps are whole.
         steps_readable: u32,
-        /// What is missing or cut off there, in words.
         lost: String,
     },
     /// A checksum or a record of the container is wrong.
@@ -109,11 +91,9 @@ pub enum TraceError {
         "the trace is damaged at byte {offset}: {problem}; take another copy or record it again: {path}"
     )]
     Damaged {
-        /// Path of the damaged trace or recording.
         path: PathBuf,
         /// Byte offset of the damaged record or chunk; 0 for an attachment that does not parse.
         offset: u64,
-        /// What is wrong with that record, in words.
         problem: String,
     },
     /// A message is not what its schema says, or is missing, twice or in the wrong place.
@@ -121,19 +101,15 @@ pub enum TraceError {
         "{topic} at byte {offset} does not belong in a trace: {problem}; it was changed or written by another program: {path}"
     )]
     Message {
-        /// Path of the trace with the unexpected message.
         path: PathBuf,
-        /// Byte offset of the record at fault, or of the chunk that holds it.
         offset: u64,
         /// Topic of the message's channel, e.g. `/tool/call`.
         topic: String,
-        /// What is wrong with the message, in words.
         problem: String,
     },
     /// Something that every trace holds is not there.
     #[error("the trace holds no {part}; it was cut or written by another program: {path}")]
     Missing {
-        /// Path of the trace that is incomplete.
         path: PathBuf,
         /// What the trace lacks, e.g. `end of the episode` or `task.json`.
         part: &'static str,
@@ -143,45 +119,35 @@ pub enum TraceError {
         "{attachment} is not the one of this episode (expected digest {expected}, found {found}): {path}"
     )]
     Attachment {
-        /// Path of the trace that the attachment belongs to.
         path: PathBuf,
         /// Name of the attachment: `task.json` or `scene.json`.
         attachment: &'static str,
-        /// Digest in the header.
         expected: Digest,
-        /// Digest of the attachment's actual content.
         found: Digest,
     },
     /// A record is not what was recorded: the hash chain does not hold.
     #[error("the hash chain breaks at {}: expected {expected}, found {found}; the records were changed: {path}", position(*.step))]
     ChainBroken {
-        /// Path of the trace whose hash chain breaks.
         path: PathBuf,
         /// The step; none: the start.
         step: Option<u32>,
-        /// What the records before and here give.
         expected: Digest,
-        /// The chain digest that the record itself states.
         found: Digest,
     },
     /// A picture cannot be read or is not the recorded one.
     #[error("the picture of {} {problem}; it was changed or damaged: {path}", position(*.step))]
     Image {
-        /// Path of the trace with the faulty image.
         path: PathBuf,
         /// The step; none: the start.
         step: Option<u32>,
-        /// What is wrong with it.
         problem: String,
     },
     /// Log-probabilities that are not of the recorded tokens.
     #[error("log-probabilities of step {step} are refused: {source}: {path}")]
     Logprobs {
-        /// The trace that they should be added to.
         path: PathBuf,
         /// Number of the decision, from 0.
         step: u32,
-        /// What is wrong with them.
         source: LogprobError,
     },
     /// A decision without recorded tokens.
@@ -189,7 +155,6 @@ pub enum TraceError {
         "step {step} has no recorded tokens to score; record the episode with `reel bench --logprobs`: {path}"
     )]
     NoTokens {
-        /// Path of the trace that has no such decision.
         path: PathBuf,
         /// Number of the decision, from 0.
         step: u32,
@@ -199,21 +164,16 @@ pub enum TraceError {
         "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel trace logprobs list` shows the form: {path}"
     )]
     ScoredLine {
-        /// Path of the file of log-probabilities.
         path: PathBuf,
         /// Line of the file, counted from 1.
         line: u32,
-        /// What the parser says.
         problem: String,
     },
     /// The recorder was called out of turn.
     #[error("cannot record {record}: {expected} comes next: {path}")]
     UnexpectedCall {
-        /// Path of the recording in progress.
         path: PathBuf,
-        /// What should be recorded.
         record: String,
-        /// What the recorder waits for.
         expected: String,
     },
 }

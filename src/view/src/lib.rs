@@ -26,6 +26,7 @@ pub use video::{Video, VideoSegment};
 
 /// Why an episode cannot be shown.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ViewError {
     /// A picture of the trace is damaged.
     #[error(transparent)]
@@ -38,16 +39,8 @@ pub enum ViewError {
     Gif(#[from] gif::EncodingError),
     /// A film is too large.
     #[error("a GIF has at most 65,535 x 65,535 pixels, not {width} x {height}")]
-    VideoSize {
-        /// Width of the film that is too large, in pixels.
-        width: usize,
-        /// Height of the film that is too large, in pixels.
-        height: usize,
-    },
+    VideoSize { width: usize, height: usize },
     /// The Rerun recording cannot be made.
     #[error("cannot make the Rerun recording: {reason}")]
-    Rerun {
-        /// The error message of the Rerun library.
-        reason: String,
-    },
+    Rerun { reason: String },
 }

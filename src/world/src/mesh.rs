@@ -119,6 +119,7 @@ impl fmt::Debug for Texture {
 
 /// Why something is no mesh.
 #[derive(Clone, PartialEq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MeshDefect {
     /// The mesh has no triangles, so there is nothing to draw.
     #[error("it has no triangles")]
@@ -128,9 +129,7 @@ pub enum MeshDefect {
     TooMany {
         /// What there is too much of, e.g. `triangles` or `materials`.
         kind: &'static str,
-        /// How many there are.
         found: usize,
-        /// How many there may be.
         limit: usize,
         /// What to do about it, e.g. to decimate the mesh.
         advice: &'static str,
@@ -150,31 +149,21 @@ pub enum MeshDefect {
         triangle: usize,
         /// What the triangle refers to: `vertex` or `material`.
         kind: &'static str,
-        /// The index that is out of range.
         index: usize,
-        /// How many there are.
         count: usize,
     },
     /// Too large or too small to compute with.
     #[error("its longest side is {found} units, which is not between {:e} and {:e}; scale it to metres", EXTENT[0], EXTENT[1])]
-    Extent {
-        /// Length of the longest side, in the mesh's own units.
-        found: f32,
-    },
+    Extent { found: f32 },
     /// Lines and points only.
     #[error("all of its {triangles} triangles have no area")]
-    NoArea {
-        /// How many there are.
-        triangles: usize,
-    },
+    NoArea { triangles: usize },
     /// Lists that do not belong together.
     #[error("it has {found} {kind} for {expected} vertices")]
     Lengths {
         /// Which list has the wrong length: `normals`, `texture points` or `colours`.
         kind: &'static str,
-        /// How many there are.
         found: usize,
-        /// How many there should be.
         expected: usize,
     },
     /// The bytes of a texture do not match its width and height.
@@ -184,9 +173,7 @@ pub enum MeshDefect {
         texture: usize,
         /// Length of the texture's data, in bytes.
         bytes: usize,
-        /// Width that the texture declares, in pixels.
         width: u32,
-        /// Height that the texture declares, in pixels.
         height: u32,
     },
     /// A material with a texture or a triangle with a material that is not there.

@@ -65,65 +65,43 @@ pub struct Injection {
 
 /// Why a task does not admit an injection.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum InjectionError {
     /// The kind wants an instruction that leaves open what is meant.
     #[error("{kind}: the instruction is precise; take a task with an underspecified one")]
-    Precise {
-        /// Kind that needs an underspecified instruction.
-        kind: FaultKind,
-    },
+    Precise { kind: FaultKind },
     /// The kind wants an instruction that says what is meant.
     #[error(
         "{kind}: the instruction is underspecified, so a wrong object would be a question not asked; take a precise task"
     )]
-    Underspecified {
-        /// Kind that needs a precise instruction.
-        kind: FaultKind,
-    },
+    Underspecified { kind: FaultKind },
     /// No object that could be taken by that fault.
     #[error("{kind}: the task has no object that could be taken by it")]
-    NoObject {
-        /// Kind for which the task has no suitable object.
-        kind: FaultKind,
-    },
+    NoObject { kind: FaultKind },
     /// No receptacle that the target could be put on by that fault.
     #[error("{kind}: the scene has no receptacle for it; the destination is {destination}")]
     NoReceptacle {
-        /// Kind for which the scene has no suitable receptacle.
         kind: FaultKind,
-        /// Where the target has to go.
         destination: ReceptacleId,
     },
     /// No door stands in the way.
     #[error("{kind}: no closed door is between {source_id} and {destination}")]
     NoDoor {
-        /// Kind that needs a closed door on the way.
         kind: FaultKind,
-        /// Where the target stands.
         source_id: ReceptacleId,
-        /// Where it has to go.
         destination: ReceptacleId,
     },
     /// What is done by that fault cannot be undone.
     #[error("{kind}: it ends the episode and cannot be repaired")]
-    NotRepairable {
-        /// Kind that was to be repaired although it ends the episode.
-        kind: FaultKind,
-    },
+    NotRepairable { kind: FaultKind },
     /// One fault keeps the other from coming about.
     #[error("{first} and {second} exclude each other in this order or at all")]
-    Conflict {
-        /// Kind of one of the two conflicting faults.
-        first: FaultKind,
-        /// Kind of the fault that conflicts with the first.
-        second: FaultKind,
-    },
+    Conflict { first: FaultKind, second: FaultKind },
     /// A number is out of its range.
     #[error(
         "{kind}: position {position} must be within 0..=1 and strength {strength} within 1..=3"
     )]
     Range {
-        /// Kind of the fault with the value out of range.
         kind: FaultKind,
         /// Position as requested, formatted as text; valid is 0 to 1.
         position: String,

@@ -9,39 +9,24 @@ use crate::lint::RowLocation;
 
 /// Why a dataset does not open.
 #[derive(thiserror::Error, Debug)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum LintError {
     /// The path cannot be read.
     #[error("cannot read {}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// A folder without a file of rows.
     #[error("no .json, .jsonl or .parquet file with training rows: name the folder that holds them: {}", path.display())]
-    NoRows {
-        /// The folder that was searched for files of rows.
-        path: PathBuf,
-    },
+    NoRows { path: PathBuf },
     /// None of the six formats.
     #[error("not a training set: {found}; expected {expected}: {}", path.display())]
     NotRecognised {
-        /// Path of the file whose format was not recognised.
         path: PathBuf,
-        /// What its first rows are like.
         found: String,
-        /// What would have been understood.
         expected: &'static str,
     },
     /// Not a Parquet file, or a torn one.
     #[error("not a whole Parquet file: {source}: {}", path.display())]
-    Parquet {
-        /// Path of the file that cannot be read as Parquet.
-        path: PathBuf,
-        /// What the reader said.
-        source: ParquetError,
-    },
+    Parquet { path: PathBuf, source: ParquetError },
 }
 
 /// A row that cannot be read; the rows after it can.

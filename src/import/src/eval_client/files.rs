@@ -29,35 +29,25 @@ const DESCRIPTION: &[&str] = &[
 
 /// Why a run cannot go on.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum EvalError {
     /// The server does not end episodes.
     #[error("the server lists no tool `finish`; the evaluation gets its tasks from it")]
     NoFinish,
     /// The server did not answer a call of `finish` as a task or an end.
     #[error("`finish` failed: {what}; see the server's log")]
-    Finish {
-        /// The text that the server sent instead.
-        what: String,
-    },
+    Finish { what: String },
     /// `finish` did not answer with a task.
     #[error(
         "`finish` answered no task ({what}); expected a JSON object with task_id, or the end of the evaluation"
     )]
-    NoTask {
-        /// What is wrong with it.
-        what: String,
-    },
+    NoTask { what: String },
     /// A trace that cannot be read.
     #[error(transparent)]
     Trace(#[from] reel_trace::TraceError),
     /// A file cannot be written.
     #[error("cannot write: {source}; check free space and permissions: {path}")]
-    Write {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the operating system reports.
-        source: io::Error,
-    },
+    Write { path: PathBuf, source: io::Error },
 }
 
 /// The folder of an episode.

@@ -4,21 +4,16 @@ use std::{io, path::PathBuf};
 
 /// Every error of this crate. None holds the key.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ModelError {
     /// The address cannot be one.
     #[error(
         "the base url of the endpoint is wrong: {problem}; give it up to /v1, like http://localhost:8000/v1"
     )]
-    BaseUrl {
-        /// Why the text is not a valid base URL.
-        problem: &'static str,
-    },
+    BaseUrl { problem: &'static str },
     /// No key where it should be.
     #[error("no key: set the environment variable {variable}, or name another one")]
-    NoKey {
-        /// The variable that was looked at.
-        variable: String,
-    },
+    NoKey { variable: String },
     /// A key that cannot be sent.
     #[error(
         "the key is empty or holds characters that cannot be sent; check the environment variable it comes from"
@@ -27,53 +22,35 @@ pub enum ModelError {
     /// Nobody answers at the address.
     #[error("cannot connect ({problem}) after {tries}; is the endpoint running, and its address right? {url}", tries = tries(*attempts))]
     Connect {
-        /// The URL that the client could not connect to.
         url: String,
-        /// How often it was tried.
         attempts: u32,
-        /// The error that the HTTP transport reported.
         problem: String,
     },
     /// The connection broke off.
     #[error("the connection broke off ({problem}) after {tries}; see the endpoint's log: {url}", tries = tries(*attempts))]
     Cut {
-        /// The URL whose connection broke off during the exchange.
         url: String,
-        /// How often it was tried.
         attempts: u32,
-        /// What was seen of it.
         problem: String,
     },
     /// The TLS connection could not be established.
     #[error(
         "no secure connection ({problem}); check the endpoint's certificate and this machine's root certificates: {url}"
     )]
-    Tls {
-        /// The URL whose TLS connection could not be established.
-        url: String,
-        /// The TLS error that the HTTP transport reported.
-        problem: String,
-    },
+    Tls { url: String, problem: String },
     /// It takes too long.
     #[error("no answer within {timeout_s} s after {tries}; allow more time, or ask for fewer tokens: {url}", tries = tries(*attempts))]
     Timeout {
-        /// The URL that did not answer within the time limit.
         url: String,
-        /// How often it was tried.
         attempts: u32,
-        /// What one try may take.
         timeout_s: f64,
     },
     /// The endpoint says no.
     #[error("the endpoint answers {status} after {tries}: {excerpt}; {hint}: {url}", tries = tries(*attempts), hint = hint(*status))]
     Status {
-        /// The URL that answered with an error status.
         url: String,
-        /// How often it was tried.
         attempts: u32,
-        /// HTTP status code of the endpoint's answer.
         status: u16,
-        /// The beginning of what it says.
         excerpt: String,
     },
     /// What came is no answer of a chat.
@@ -81,9 +58,7 @@ pub enum ModelError {
         "not the answer of a chat completion: {problem}; does the address speak the OpenAI protocol? {url}: {excerpt}"
     )]
     Answer {
-        /// The URL whose answer could not be read.
         url: String,
-        /// What is wrong with it.
         problem: String,
         /// Beginning of the answer's body; it never holds the API key.
         excerpt: String,
@@ -91,11 +66,8 @@ pub enum ModelError {
     /// A reply cannot be kept, or a call not logged.
     #[error("cannot {action}: {source}; check the disk and the permissions: {path}", path = path.display())]
     Write {
-        /// What was to be done.
         action: &'static str,
-        /// The file or folder that could not be written.
         path: PathBuf,
-        /// The error that the operating system reported.
         source: io::Error,
     },
 }

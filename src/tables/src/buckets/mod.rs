@@ -29,39 +29,25 @@ pub use remote::{Buckets, UploadOutcome};
 
 /// Why a file of a bucket cannot be had, or sent.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum BucketError {
     /// A name is no name of a file or folder of a bucket.
     #[error(
         "this names no file or folder of a bucket: {reason}; write s3://bucket/folder/file: {name}"
     )]
-    Name {
-        /// The name or URL as the caller gave it.
-        name: String,
-        /// What is wrong with it.
-        reason: String,
-    },
+    Name { name: String, reason: String },
     /// The environment describes no store that can be used.
     #[error("the environment's settings of S3 cannot be used: {reason}: {name}")]
-    Settings {
-        /// URL whose bucket was to be opened.
-        name: String,
-        /// What is wrong with them.
-        reason: String,
-    },
+    Settings { name: String, reason: String },
     /// There is no such file.
     #[error("no such file in the bucket: {name}")]
-    NotFound {
-        /// Name of the file that the bucket does not have.
-        name: String,
-    },
+    NotFound { name: String },
     /// The store refuses, or cannot be reached, also when it was asked again.
     #[error("cannot {action}: {reason}: {name}")]
     Store {
         /// The action that failed, as words for the message, e.g. `read`.
         action: &'static str,
-        /// What came of it.
         reason: String,
-        /// With which file or folder.
         name: String,
     },
     /// A file of this machine cannot be read or written.
@@ -69,9 +55,7 @@ pub enum BucketError {
     Io {
         /// The action that failed, as words for the message, e.g. `read`.
         action: &'static str,
-        /// The error that the operating system reported.
         source: io::Error,
-        /// The local file, or the name of the bucket file whose copy could not be kept.
         path: PathBuf,
     },
 }

@@ -92,21 +92,16 @@ pub struct Commit {
 
 /// Why the store cannot be read or written.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum StoreError {
     /// The location holds no store; `reel ingest` creates one.
     #[error("no tables here; fill them with `reel ingest`: {location}")]
-    NoStore {
-        /// Folder or URL in which no store was found.
-        location: String,
-    },
+    NoStore { location: String },
     /// The store does not have the version that was asked for.
     #[error("there is no version {version}; the newest is {newest}: {location}")]
     NoVersion {
-        /// The one asked for.
         version: u64,
-        /// Number of the newest version of the store.
         newest: u64,
-        /// Folder or URL of the store without that version.
         location: String,
     },
     /// A file of this version is gone.
@@ -114,47 +109,32 @@ pub enum StoreError {
         "version {version} needs a file that is gone, perhaps vacuumed: {file}; open another version or ingest anew: {location}"
     )]
     Missing {
-        /// Number of the version that needs the missing file.
         version: u64,
         /// Name of the table and path of the missing file, as `table/file`.
         file: String,
-        /// Folder or URL of the store that lacks the file.
         location: String,
     },
     /// The location cannot be understood or reached.
     #[error("cannot use this store: {reason}: {location}")]
-    Location {
-        /// Why the location is invalid or cannot be opened.
-        reason: String,
-        /// The folder, URL or path that cannot be used.
-        location: String,
-    },
+    Location { reason: String, location: String },
     /// The columns are not those of this version of Reel.
     #[error(
         "the columns of '{table}' are those of another version of Reel; ingest the traces anew into another folder: {location}"
     )]
     OtherColumns {
-        /// Name of the table whose columns differ.
         table: &'static str,
-        /// Folder or URL of the store whose columns differ.
         location: String,
     },
     /// Others wrote all the time.
     #[error(
         "others keep writing to this store: gave up after {tries} tries; nothing of this step was written: {location}"
     )]
-    Busy {
-        /// How often it was tried.
-        tries: u32,
-        /// Folder or URL of the store that others keep writing to.
-        location: String,
-    },
+    Busy { tries: u32, location: String },
     /// A file or folder cannot be read or written.
     #[error("cannot {action}: {source}: {path}", path = path.display())]
     Io {
         /// The action that failed, as words for the message, e.g. `make the folder`.
         action: &'static str,
-        /// The error that the operating system reported.
         source: io::Error,
         /// The file or folder; empty if the threads could not be started.
         path: PathBuf,
@@ -162,19 +142,12 @@ pub enum StoreError {
     /// Delta Lake or the object store fails.
     #[error("the tables cannot be read or written: {source}: {location}")]
     Delta {
-        /// The error that Delta Lake or the object store reported.
         source: Box<DeltaTableError>,
-        /// Folder or URL of the store that failed.
         location: String,
     },
     /// A Parquet file cannot be read or written.
     #[error("part of a table: {source}: {path}")]
-    Parquet {
-        /// The error that the Parquet reader or writer reported.
-        source: ParquetError,
-        /// Path of the Parquet file within its table.
-        path: String,
-    },
+    Parquet { source: ParquetError, path: String },
     /// A task or scene in the tables is none.
     #[error(
         "the {problem} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}"
@@ -182,19 +155,14 @@ pub enum StoreError {
     Document {
         /// Which kind of document is damaged: `task` or `scene`.
         problem: &'static str,
-        /// Digest of the canonical JSON, by which the document was looked up.
         digest: String,
-        /// Why the document cannot be used: missing, or the parser's message.
         reason: String,
     },
     /// Rows that came from another machine are none.
     #[error(
         "rows that another machine read cannot be used: {reason}; both have to be the same build of reel"
     )]
-    Wire {
-        /// Why the transferred rows cannot be decoded, in words.
-        reason: String,
-    },
+    Wire { reason: String },
     /// Columns of different parts do not fit together.
     #[error("rows of the tables: {0}")]
     Arrow(#[from] ArrowError),

@@ -77,6 +77,7 @@ pub fn parse(kind: MeshFormat, bytes: &[u8], beside: &dyn SiblingFiles) -> Resul
 
 /// Why a file is no mesh of ours.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MeshError {
     /// Not what its name says.
     #[error("{0}")]
@@ -89,7 +90,6 @@ pub enum MeshError {
     Line {
         /// Number of the line in the file, from 1.
         line: usize,
-        /// What is wrong with it.
         problem: String,
     },
     /// The mesh or a file that it needs exceeds a limit.
@@ -97,9 +97,7 @@ pub enum MeshError {
     TooLarge {
         /// The unit that is counted, e.g. `vertices` or `bytes`.
         what: &'static str,
-        /// How many there are, or at least.
         found: usize,
-        /// How many there may be.
         limit: usize,
         /// What to change in the file, e.g. `join them`.
         advice: &'static str,
@@ -112,13 +110,11 @@ pub enum MeshError {
     In {
         /// Name of the file as it is written there, or e.g. `image 3` if it is embedded.
         file: String,
-        /// What is wrong there.
         reason: Box<MeshError>,
     },
     /// A file that it names cannot be read.
     #[error("the file {file} cannot be read ({why})")]
     Missing {
-        /// Name of the file that cannot be read.
         file: String,
         /// Why the file cannot be read, e.g. the operating system's message.
         why: String,
@@ -127,10 +123,7 @@ pub enum MeshError {
     #[error(
         "it names {file}, which is not in its folder; put it beside the mesh and name it without a path"
     )]
-    Outside {
-        /// The path as the mesh names it, at most 200 characters of it.
-        file: String,
-    },
+    Outside { file: String },
 }
 
 impl MeshError {

@@ -44,39 +44,26 @@ const BUILT_IN: [(&str, &str); 7] = [
 
 /// Why a scene cannot be made or drawn.
 #[derive(Clone, PartialEq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SceneError {
     /// Too many rooms, or none.
     #[error("a scene has 1 to {most} rooms, not {asked}")]
-    Rooms {
-        /// Number of rooms that was asked for.
-        asked: usize,
-        /// So many are possible.
-        most: usize,
-    },
+    Rooms { asked: usize, most: usize },
     /// Too many receptacles, or none.
     #[error("a scene of {rooms} rooms has 1 to {most} receptacles, not {asked}")]
     Receptacles {
-        /// In so many rooms.
         rooms: usize,
-        /// Number of receptacles that was asked for.
         asked: usize,
-        /// So many are possible.
         most: usize,
     },
     /// No flat was found.
     #[error(
         "no flat was found in {tries} tries for these rooms and this furniture; another seed or less furniture may do"
     )]
-    NoFlat {
-        /// After so many tries.
-        tries: usize,
-    },
+    NoFlat { tries: usize },
     /// A picture cannot be encoded.
     #[error("cannot encode the floor plan: {reason}")]
-    Png {
-        /// What the encoder says.
-        reason: String,
-    },
+    Png { reason: String },
 }
 
 /// The names of the scenes that come along.

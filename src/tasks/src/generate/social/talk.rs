@@ -16,6 +16,7 @@ use super::{
 
 /// What speaks against questions in a plan.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Objection {
     /// The list of questions for the plan is empty.
     #[error("there is no question")]
@@ -25,47 +26,28 @@ pub enum Objection {
     Strategy {
         /// Name of the strategy, `A` or `B`.
         strategy: &'static str,
-        /// What is asked about.
         about: &'static str,
     },
     /// It comes at the wrong time.
     #[error("the question about the {about} cannot come before step {index}")]
-    Place {
-        /// What is asked about.
-        about: &'static str,
-        /// Index of the plan step before which the question was to come.
-        index: usize,
-    },
+    Place { about: &'static str, index: usize },
     /// Not a question, or of more than one line, or far too long.
     #[error("the text {text:?} cannot be said")]
-    Unspeakable {
-        /// The question or instruction that cannot be spoken.
-        text: String,
-    },
+    Unspeakable { text: String },
     /// It speaks an identifier.
     #[error("the text {text:?} speaks the identifier {id}")]
-    Identifier {
-        /// The question or instruction that contains the identifier.
-        text: String,
-        /// The identifier that the text must not contain.
-        id: String,
-    },
+    Identifier { text: String, id: String },
     /// What was told before leaves fewer than two possible, or not the right one.
     #[error("before the question about the {about} {possible:?} are possible")]
     Unneeded {
-        /// What is asked about.
         about: &'static str,
-        /// Ids of the objects or receptacles that are possible before the question.
         possible: Vec<String>,
     },
     /// The answer does not leave the right one alone.
     #[error("after {reply:?} about the {about} {possible:?} are possible")]
     Unsettled {
-        /// What was asked about.
         about: &'static str,
-        /// The simulated user's reply to the question.
         reply: String,
-        /// Ids of the objects or receptacles still possible after the reply.
         possible: Vec<String>,
     },
     /// It was left open before, and nothing asks about it.

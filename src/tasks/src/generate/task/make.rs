@@ -55,6 +55,7 @@ pub enum Placing {
 
 /// Why nothing can be made.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum MakeError {
     /// No family has one of the types.
     #[error(
@@ -63,16 +64,11 @@ pub enum MakeError {
     NothingWanted,
     /// Two scenes have one name.
     #[error("two scenes are called {scene_id}; tasks are named after their scene")]
-    SameScene {
-        /// The scene id that two of the scenes share.
-        scene_id: String,
-    },
+    SameScene { scene_id: String },
     /// The worker threads cannot be started.
     #[error("{jobs} worker threads cannot be started; ask for fewer")]
     Threads {
-        /// Number of worker threads that was asked for.
         jobs: usize,
-        /// The error that the thread pool reported when it was built.
         source: rayon::ThreadPoolBuildError,
     },
 }
