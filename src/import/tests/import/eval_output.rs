@@ -1,10 +1,6 @@
 //! Traces as files of the evaluation client, and back.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{fs, path::Path, sync::Arc};
 
 use reel_import::{
     ImportOptions,

@@ -2,11 +2,7 @@
 //! parameters, and where the right answer is known.
 
 use reel_vectors::golden_traces;
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{fs, path::Path, process::Command};
 
 use reel_query::{Format, Parameters, QuerySession, format, named};
 use reel_reward::Preset;

@@ -12,7 +12,6 @@ use play::Play;
 use reel_query::QuerySession;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
-use reel_trace::Images;
 
 /// A failed episode as it was classified.
 #[derive(Debug)]
