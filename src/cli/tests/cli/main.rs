@@ -41,8 +41,6 @@ mod tables;
 mod taxonomy;
 #[cfg(feature = "analytics")]
 mod training;
-#[cfg(feature = "analytics")]
-mod walkthrough;
 
 use std::{
     fs,
