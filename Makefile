@@ -85,7 +85,9 @@ real-contract: ## hold every answer, payload, reward and file against what REAL'
 
 docs: ## build the guides as a book in out/book (installs mdbook where it is missing)
 	command -v mdbook >/dev/null || cargo install --locked mdbook
-	mdbook build
+	PATH="$$PATH:$$HOME/.cargo/bin" mdbook build
+	@# links that leave docs/ lead into the checkout
+	sed -i -E 's#href="\.\./#href="@@/#g; s,href="@@/([^"#]*)\.html,href="@@/\1.md,g; s#"@@/#"../../#g' out/book/*.html
 
 lint: ## check format and lints
 	cargo fmt --all --check
