@@ -108,18 +108,3 @@ pub fn write(path: &Path, trace: &Trace) -> PathBuf {
     recorder.end(trace.end.as_ref().unwrap()).unwrap();
     path.to_owned()
 }
-
-/// The scene and tasks of REAL-Bench, or `None` where the benchmark is not there.
-pub fn real_bench() -> Option<(Arc<Scene>, Vec<Arc<Task>>)> {
-    let path = crate::real_bench()?;
-    let scene = reel_tasks::scene::load(&path.join("s7_scene.json"))
-        .unwrap()
-        .scene;
-    let tasks: Vec<_> = reel_tasks::load(&path.join("tasks"), &scene)
-        .tasks
-        .into_iter()
-        .map(Arc::new)
-        .collect();
-    assert_eq!(tasks.len(), 180);
-    Some((Arc::new(scene), tasks))
-}

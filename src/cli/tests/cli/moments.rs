@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::{complaint, expect, first_trace};
+use crate::{complaint, first_trace};
 
 #[test]
 fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {

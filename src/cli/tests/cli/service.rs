@@ -48,7 +48,7 @@ fn the_published_contract_to_the_letter() {
 
 #[test]
 fn nothing_privileged_reaches_a_policy() {
-    script("service/leaks.py", "--episodes 40");
+    script("service/leaks.py", &["--episodes", "40"]);
 }
 
 #[test]
