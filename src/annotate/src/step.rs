@@ -5,8 +5,9 @@ use std::borrow::Cow;
 
 use reel_trace::Trace;
 use reel_world::{
-    ErrorCode, InstanceId, ObjectInstance, Task, ToolSpec, language,
+    ErrorCode, InstanceId, ObjectInstance, Task, ToolCall, ToolSpec, language,
     record::{MarkerTarget, StepRecord},
+    value_text,
 };
 use serde_json::Value;
 
@@ -95,7 +96,7 @@ impl<'a> Step<'a> {
         }
         Step {
             tool: record.tool_name(),
-            argument: argument(&record.input.call.arguments),
+            argument: argument(&record.input.call),
             error: record.outcome.error,
             outcome: &record.outcome.text,
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
@@ -169,18 +170,13 @@ impl Call<'_> {
     }
 }
 
-fn argument(arguments: &Value) -> Option<Cow<'_, str>> {
-    let text = |value: &'_ Value| match value {
-        Value::String(text) => text.clone(),
-        other => other.to_string(),
-    };
-    match arguments {
+/// All arguments: the words about a call that is none of the tools repeat what it was given.
+fn argument(call: &ToolCall) -> Option<Cow<'_, str>> {
+    match &call.arguments {
         Value::Null => None,
-        Value::Object(map) => match map.values().next() {
-            None => None,
-            Some(Value::String(only)) if map.len() == 1 => Some(Cow::Borrowed(only)),
-            Some(_) => Some(map.values().map(text).collect::<Vec<_>>().join(", ").into()),
-        },
-        other => Some(text(other).into()),
+        Value::Object(_) => call
+            .values()
+            .reduce(|all, next| format!("{all}, {next}").into()),
+        other => Some(value_text(other)),
     }
 }

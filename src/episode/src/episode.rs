@@ -11,7 +11,7 @@ use reel_sim::{
 };
 use reel_world::{
     Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool,
-    WorldGraph, ask_reply, chain, invariants,
+    ToolText, WorldGraph, ask_reply, chain, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord,
         StateDigests, StepInput, StepRecord, UserReply,
@@ -24,7 +24,8 @@ use crate::{
 use records::{chain_of, digests, end, header, observe, observers};
 
 /// What a policy is told whose answer holds no call.
-const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
+const NO_CALL: &str =
+    "the answer holds no call that can be read. Answer with one call of one of the tools.";
 
 /// A running episode: simulator, user, rewards and the records so far.
 pub struct Episode {
@@ -157,7 +158,7 @@ impl Episode {
         detail: Detail,
     ) -> (Episode, StartRecord, Frame) {
         check_stage(&stage, &config);
-        let header = header(&config);
+        let header = header(&config, &stage);
         let mut simulator = Simulator::new(stage, config.profile, config.seed);
         simulator.set_detail(detail);
         let frame = simulator.capture_frame();
@@ -240,7 +241,8 @@ impl Episode {
             let _ = rewarder.step(step);
             observe(&mut user, step);
         }
-        let (header, graphs) = (header(&config), simulator.graphs());
+        let header = header(&config, simulator.stage());
+        let graphs = simulator.graphs();
         let mut episode = Episode {
             header,
             simulator,
@@ -273,8 +275,9 @@ impl Episode {
         snapshot: &Snapshot,
         detail: Detail,
     ) -> Result<Episode, EpisodeError> {
-        chain::relink(&header(&config), &mut start, &mut steps);
-        let mut episode = Self::resume(config, start, steps, snapshot)?;
+        let stage = prepare_task(&config.scene, &config.task, &config.meshes)?;
+        chain::relink(&header(&config, &stage), &mut start, &mut steps);
+        let mut episode = Self::resume_on(stage, config, start, steps, snapshot)?;
         episode.simulator.set_detail(detail);
         Ok(episode)
     }
@@ -351,15 +354,16 @@ impl Episode {
         let profile = self.config.profile;
         let parsed = profile.tool(&input.call);
         let (result, reply) = match &parsed {
-            _ if self.ended.is_some() => (
-                refused(ErrorCode::EpisodeOver, "The episode is over."),
-                None,
-            ),
+            _ if self.ended.is_some() => {
+                (ToolResult::new(ToolText::EpisodeOver.outcome(&[])), None)
+            }
             _ if profile.is_published() && !is_runners(&parsed) && !says_no_call(&input) => {
                 self.dispatch_published(&input)
             }
             Ok(tool) => self.dispatch(tool, &input),
-            Err(_) if says_no_call(&input) => (refused(ErrorCode::UnparsableOutput, NO_CALL), None),
+            Err(_) if says_no_call(&input) => {
+                (ToolResult::new(ToolText::NoCall.outcome(&[&NO_CALL])), None)
+            }
             Err(error) => (refused(error.code(), &error.to_string()), None),
         };
         let graphs = self.simulator.graphs();
@@ -506,7 +510,7 @@ impl Episode {
                     .unwrap_or_else(|| self.user.answer(question));
                 (said(reply.text.clone()), Some(reply))
             }
-            Tool::Finish => (said("Episode finished."), None),
+            Tool::Finish => (ToolResult::new(ToolText::Finished.outcome(&[])), None),
             Tool::Lifecycle(Lifecycle::ListTasks) => (
                 said(serde_json::json!([self.config.task.task_id]).to_string()),
                 None,

@@ -1,12 +1,14 @@
 //! What was there and what was done, as plain data: from a task and its records, or from rows of
 //! anybody's table. Never judges.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use reel_world::{
-    Door, DoorState, ErrorCode, GraphEvent, Scene, Task, ToolCall, ToolSpec, WorldGraph,
+    Door, DoorState, ErrorCode, GraphEvent, Scene, Task, ToolCall, ToolSpec, ToolText, WorldGraph,
     record::{MarkerTarget, StepRecord},
+    tool_text::read_numbered,
 };
 
 /// What was there before the first decision.
@@ -181,82 +183,31 @@ impl StepFacts {
 
     /// What a bare call and the text of its outcome tell; everything else is left open.
     pub fn from_call(step: u32, call: &ToolCall, text: &str) -> Self {
-        let spec = ToolSpec::by_name(&call.name);
-        let argument = match (&call.arguments, spec.and_then(|spec| spec.argument)) {
-            (Value::Object(map), Some(argument)) => {
-                map.get(argument.name).or_else(|| map.values().next())
-            }
-            (Value::Object(map), None) => map.values().next(),
+        let tool = ToolSpec::by_name(&call.name).map_or(call.name.as_str(), |spec| spec.paper_name);
+        let argument = call.argument().or_else(|| call.values().next());
+        let error = ErrorCode::from_message(text);
+        let receptacle = || match tool {
+            "nav_to" | "place" | "open" | "close" => ToolText::success(tool)?.value(text),
             _ => None,
         };
-        let tool = spec.map_or(call.name.as_str(), |spec| spec.paper_name);
-        let error = failure(text).map(ErrorCode::as_str);
-        let told = |before: &str| {
-            text.split_once(before)
-                .map(|(_, rest)| rest.trim_end().trim_end_matches('.').to_owned())
-        };
-        let receptacle = match tool {
-            "nav_to" => told("Arrived at "),
-            "place" => told("Placed the object on "),
-            "open" | "close" => told("d the door of "),
-            _ => None,
-        };
-        let marked = |line: &str| {
-            let (number, name) = line.trim().split_once(": ")?;
-            Some(MarkerFacts {
-                number: number.parse().ok()?,
-                object: None,
-                receptacle: Some(name.to_owned()),
-            })
+        let marked = |(number, item): (u32, &str)| MarkerFacts {
+            number,
+            object: None,
+            receptacle: (tool == "show_receptacles").then(|| item.to_owned()),
         };
         Self {
             step,
             tool: tool.to_owned(),
-            argument: argument.map(|value| {
-                value
-                    .as_str()
-                    .map_or_else(|| value.to_string(), str::to_owned)
-            }),
-            error: error.map(str::to_owned),
+            argument: argument.map(Cow::into_owned),
+            error: error.map(|code| code.as_str().to_owned()),
             reply: (tool == "ask" && error.is_none() && !text.is_empty()).then(|| text.to_owned()),
-            receptacle: receptacle.filter(|_| error.is_none()),
-            markers: if tool == "show_receptacles" {
-                text.lines().filter_map(marked).collect()
+            receptacle: receptacle().filter(|_| error.is_none()).map(str::to_owned),
+            markers: if matches!(tool, "show_receptacles" | "walk_around") {
+                read_numbered(text).map(marked).collect()
             } else {
                 Vec::new()
             },
             ..Self::default()
         }
     }
-}
-
-/// The error that an outcome's text tells of, by the words of docs/spec.md#published-texts.
-fn failure(text: &str) -> Option<ErrorCode> {
-    const WORDS: [(&str, ErrorCode); 21] = [
-        ("not found in the scene", ErrorCode::UnknownReceptacle),
-        ("non-occluded position", ErrorCode::NoViewpoint),
-        ("No landmark selected", ErrorCode::NoLandmark),
-        ("there is no object on the", ErrorCode::NothingFound),
-        ("No object matching", ErrorCode::NothingFound),
-        ("No receptacle is in view", ErrorCode::NothingFound),
-        ("No marker map available", ErrorCode::NoMarkerMap),
-        ("not found in the marker map", ErrorCode::UnknownMarker),
-        ("is not in view", ErrorCode::MarkerNotInView),
-        ("already holding", ErrorCode::AlreadyHolding),
-        ("is not graspable", ErrorCode::NotGraspable),
-        ("is out of reach", ErrorCode::OutOfReach),
-        ("No object in the inventory", ErrorCode::NothingHeld),
-        ("not a valid placement surface", ErrorCode::NotASurface),
-        ("is closed. Use", ErrorCode::DoorClosed),
-        ("no free spot", ErrorCode::NoFreeSpot),
-        ("has no door", ErrorCode::NoDoor),
-        ("The hand is not free", ErrorCode::HandNotFree),
-        ("not recognized.", ErrorCode::UnknownTool),
-        (": missing argument '", ErrorCode::BadArguments),
-        ("Error executing", ErrorCode::BackendError),
-    ];
-    WORDS
-        .iter()
-        .find(|(words, _)| text.contains(words))
-        .map(|(_, code)| *code)
 }

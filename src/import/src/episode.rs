@@ -3,7 +3,8 @@
 
 use reel_reward::{Preset, metrics, rewards};
 use reel_world::{
-    AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, ToolCall, WorldGraph, chain,
+    AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
+    chain,
     record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value};
@@ -295,11 +296,12 @@ fn record(
         .get("CURRENT_MARKER_MAP")
         .and_then(Value::as_object)
         .map(Map::len);
-    let mut outcome = outcome::outcome(&call, read.text.as_deref(), marked);
+    let tool = Tool::parse(&call).ok();
+    let mut outcome = outcome::outcome(&call, tool.as_ref(), read.text.as_deref(), marked);
     if read.failed && outcome.is_ok() {
         outcome.error = Some(reel_world::ErrorCode::BackendError);
     }
-    let reply = outcome::reply(&call, &outcome);
+    let reply = outcome::reply(tool.as_ref(), &outcome);
     let mut policy = read.raw.map(response::parse);
     if let Some(latency_ns) = latency_ns(&read.time, step, files) {
         policy.get_or_insert_default().latency_ns = Some(latency_ns);
@@ -315,6 +317,7 @@ fn record(
             step,
             CallObservation {
                 input,
+                tool,
                 outcome,
                 reply,
                 frame,

@@ -308,7 +308,7 @@ fn find(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Imp
 }
 
 /// What lies in a folder, sorted.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let listed = fs::read_dir(folder).and_then(|entries| {
         entries
             .map(|entry| Ok(entry?.path()))

@@ -62,6 +62,8 @@ pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
 pub struct CallObservation {
     /// The call that the policy made, as the input of a step.
     pub input: StepInput,
+    /// The tool that the call means; `None` if it is none of ours.
+    pub tool: Option<Tool>,
     /// What the policy got.
     pub outcome: Outcome,
     /// What the user answered.
@@ -151,11 +153,11 @@ pub fn record(
 ) -> StepRecord {
     let CallObservation {
         input,
+        tool,
         outcome,
         reply,
         frame,
     } = shown;
-    let tool = Tool::parse(&input.call).ok();
     let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
     let changed = match (&before.graph, &after.graph) {
         (Some(before), Some(after)) => after.difference(before),

@@ -1,23 +1,26 @@
 //! What the texts of the published server mean (docs/spec.md#published-texts): error codes, and the
 //! answer to an `ask`.
 
-use reel_world::{ErrorCode, Outcome, Tool, ToolCall, ask_reply, record::UserReply};
+use reel_world::{
+    ErrorCode, Lifecycle, Outcome, Tool, ToolCall, ToolText, ask_reply, record::UserReply,
+};
 
-/// Tools whose success is told in words; all others answer with a picture alone.
-const WORDS: &[&str] = &["walk_around", "ask", "finish", "list_receptacles"];
-/// Tools that find nothing where they leave an empty marker map.
-const SEARCHES: &[&str] = &["show_object_by_category", "show_receptacles"];
-
-/// The outcome of a call: `text` is none where the result was a picture alone, `marked` how many
-/// markers there are after it.
-pub fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>) -> Outcome {
-    let tool = Tool::parse(call).ok().map(|tool| tool.paper_name());
-    let error = match text {
-        None if tool.is_some_and(|tool| SEARCHES.contains(&tool)) && marked == Some(0) => {
+/// The outcome of a call of a tool (`None` if it is none of ours): `text` is none where the result
+/// was a picture alone, `marked` how many markers there are after it.
+pub fn outcome(
+    call: &ToolCall,
+    tool: Option<&Tool>,
+    text: Option<&str>,
+    marked: Option<usize>,
+) -> Outcome {
+    let error = match (text, tool) {
+        (None, Some(Tool::ShowObjectByCategory { .. } | Tool::ShowReceptacles))
+            if marked == Some(0) =>
+        {
             Some(ErrorCode::NothingFound)
         }
-        None => None,
-        Some(text) => error(call, tool, text),
+        (None, _) => None,
+        (Some(text), _) => error(call, tool, text),
     };
     Outcome {
         text: text.unwrap_or_default().to_owned(),
@@ -26,36 +29,32 @@ pub fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>) -> Ou
 }
 
 /// The answer to an `ask`, in words; none where nobody answered.
-pub fn reply(call: &ToolCall, outcome: &Outcome) -> Option<UserReply> {
-    if Tool::parse(call).ok()?.paper_name() != "ask" || !outcome.is_ok() {
-        return None;
-    }
-    ask_reply(&outcome.text)
+pub fn reply(tool: Option<&Tool>, outcome: &Outcome) -> Option<UserReply> {
+    let asked = matches!(tool, Some(Tool::Ask { .. }));
+    (asked && outcome.is_ok())
+        .then(|| ask_reply(&outcome.text))
+        .flatten()
 }
 
-fn error(call: &ToolCall, tool: Option<&str>, text: &str) -> Option<ErrorCode> {
+fn error(call: &ToolCall, tool: Option<&Tool>, text: &str) -> Option<ErrorCode> {
     if call.name.is_empty() {
         return Some(ErrorCode::UnparsableOutput);
     }
-    if let Some(trace) = text.strip_prefix("Error executing ") {
+    if ToolText::Exception.begins(text) {
         // The server reads arguments without looking whether they are there.
-        let asked_wrongly = Tool::parse(call).is_err() || trace.contains("KeyError: ");
+        let asked_wrongly = tool.is_none() || text.contains("KeyError: ");
         return Some(if asked_wrongly {
             ErrorCode::BadArguments
         } else {
             ErrorCode::BackendError
         });
     }
-    if tool == Some("ask") {
-        // An answer that names an error is an answer like any other to the published server.
-        return None;
-    }
-    let known = ErrorCode::from_message(text);
     match tool {
-        None => Some(known.unwrap_or(ErrorCode::BackendError)),
-        Some("finish" | "list_receptacles") => None,
-        Some(tool) if WORDS.contains(&tool) => known,
-        Some(_) => Some(known.unwrap_or(ErrorCode::BackendError)),
+        // An answer that names an error is an answer like any other to the published server.
+        Some(Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(Lifecycle::ListReceptacles)) => None,
+        Some(Tool::WalkAround) => ErrorCode::from_message(text),
+        // All others tell of success by a picture alone.
+        _ => ErrorCode::from_message(text).or(Some(ErrorCode::BackendError)),
     }
 }
 
@@ -66,87 +65,21 @@ mod tests {
 
     use super::*;
 
+    fn made(name: &str, arguments: Value, text: Option<&str>, marked: Option<usize>) -> Outcome {
+        let call = ToolCall::new(name, arguments);
+        outcome(&call, Tool::parse(&call).ok().as_ref(), text, marked)
+    }
+
     fn code(name: &str, arguments: Value, text: &str) -> Option<ErrorCode> {
-        outcome(&ToolCall::new(name, arguments), Some(text), None).error
+        made(name, arguments, Some(text), None).error
     }
 
     #[test]
-    fn every_published_text_has_its_code() {
+    fn a_published_text_has_its_code() {
         let marker = || json!({"marker_id": "1"});
-        let receptacle = || json!({"receptacle_name": "x"});
+        let handler = "Error executing pick: Traceback ...";
+        let asked_wrongly = format!("{handler}\nKeyError: 'marker_id'\n");
         let cases = [
-            (
-                "navigate_to",
-                receptacle(),
-                "Receptacle x not found in the scene.",
-                ErrorCode::UnknownReceptacle,
-            ),
-            (
-                "navigate_to",
-                receptacle(),
-                "Object x has no valid navigable component.",
-                ErrorCode::NoViewpoint,
-            ),
-            (
-                "navigate_to",
-                receptacle(),
-                "Cannot compute bounding box for x.",
-                ErrorCode::NoViewpoint,
-            ),
-            (
-                "navigate_to",
-                receptacle(),
-                "Cannot find a non-occluded position to navigate to x.",
-                ErrorCode::NoViewpoint,
-            ),
-            (
-                "explore_receptacle",
-                json!({}),
-                "No landmark selected. Use 'navigate_to' first.",
-                ErrorCode::NoLandmark,
-            ),
-            (
-                "explore_receptacle",
-                json!({}),
-                "Seems there is no object on the x's top shelf to observe.",
-                ErrorCode::NothingFound,
-            ),
-            (
-                "focus_on",
-                marker(),
-                "No marker map available. Use 'find_objects' or 'explore_receptacle' first.",
-                ErrorCode::NoMarkerMap,
-            ),
-            (
-                "focus_on",
-                marker(),
-                "Marker ID 1 not found in the marker map.",
-                ErrorCode::UnknownMarker,
-            ),
-            (
-                "focus_on",
-                marker(),
-                "Object x is not available. Cannot focus on it.",
-                ErrorCode::MarkerNotInView,
-            ),
-            (
-                "focus_on",
-                marker(),
-                "Object x has no graspable component. Cannot focus on it.",
-                ErrorCode::NotGraspable,
-            ),
-            (
-                "focus_on",
-                marker(),
-                "No camera position available. Use 'navigate_to' first.",
-                ErrorCode::NoLandmark,
-            ),
-            (
-                "pick",
-                marker(),
-                "You are already holding 'x'. Place it before picking another object.",
-                ErrorCode::AlreadyHolding,
-            ),
             (
                 "pick",
                 marker(),
@@ -154,34 +87,10 @@ mod tests {
                 ErrorCode::NotGraspable,
             ),
             (
-                "place",
-                marker(),
-                "No object in the inventory to place.",
-                ErrorCode::NothingHeld,
-            ),
-            (
-                "place",
-                marker(),
-                "'x' is not a valid placement surface.",
-                ErrorCode::NotASurface,
-            ),
-            (
-                "place",
-                marker(),
-                "Furniture x has no top_shelf component.",
-                ErrorCode::NotASurface,
-            ),
-            (
-                "place",
-                marker(),
-                "The door of 'x' is closed. Use 'open' first.",
-                ErrorCode::DoorClosed,
-            ),
-            (
-                "open",
-                marker(),
-                "No marker map available.",
-                ErrorCode::NoMarkerMap,
+                "explore_receptacle",
+                json!({}),
+                "No landmark selected. Use 'navigate_to' first.",
+                ErrorCode::NoLandmark,
             ),
             (
                 "grab",
@@ -192,15 +101,10 @@ mod tests {
             (
                 "pick",
                 json!({}),
-                "Error executing pick: Traceback ...\nKeyError: 'marker_id'\n",
+                asked_wrongly.as_str(),
                 ErrorCode::BadArguments,
             ),
-            (
-                "find_objects",
-                json!({"target_category": "a"}),
-                "Error executing find_objects: Traceback ...",
-                ErrorCode::BackendError,
-            ),
+            ("pick", marker(), handler, ErrorCode::BackendError),
             (
                 "pick",
                 marker(),
@@ -245,20 +149,17 @@ mod tests {
 
     #[test]
     fn a_search_that_marks_nothing_found_nothing() {
-        let find = ToolCall::new("find_objects", json!({"target_category": "apple"}));
-        assert_eq!(
-            outcome(&find, None, Some(0)).error,
-            Some(ErrorCode::NothingFound)
-        );
-        assert!(outcome(&find, None, Some(2)).is_ok() && outcome(&find, None, None).is_ok());
-        assert!(
-            outcome(
-                &ToolCall::new("pick", json!({"marker_id": 1})),
+        let find = |marked| {
+            made(
+                "find_objects",
+                json!({"target_category": "apple"}),
                 None,
-                Some(0)
+                marked,
             )
-            .is_ok()
-        );
+        };
+        assert_eq!(find(Some(0)).error, Some(ErrorCode::NothingFound));
+        assert!(find(Some(2)).is_ok() && find(None).is_ok());
+        assert!(made("pick", json!({"marker_id": 1}), None, Some(0)).is_ok());
     }
 
     #[test]
@@ -267,7 +168,13 @@ mod tests {
             "ask",
             json!({"target_category": "clock", "target_description": "red"}),
         );
-        let said = |text: &str| reply(&ask, &outcome(&ask, Some(text), None));
+        let tool = Tool::parse(&ask).ok();
+        let said = |text: &str| {
+            reply(
+                tool.as_ref(),
+                &outcome(&ask, tool.as_ref(), Some(text), None),
+            )
+        };
         let canonical = r#"{"target_category": "clock", "target_description": "A red clock.", "source": "task_metadata"}"#;
         assert_eq!(
             said(canonical),
@@ -287,7 +194,7 @@ mod tests {
             said(r#"{"error": "simulated_user_context_unavailable"}"#),
             None
         );
-        let pick = ToolCall::new("pick", json!({"marker_id": 1}));
-        assert_eq!(reply(&pick, &Outcome::ok("The red one.")), None);
+        let pick = Tool::Pick { marker: 1 };
+        assert_eq!(reply(Some(&pick), &Outcome::ok("The red one.")), None);
     }
 }

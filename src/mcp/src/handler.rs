@@ -194,16 +194,14 @@ impl ToolServer {
         &self,
         session: &str,
         call: ToolCall,
+        tool: Option<Tool>,
         reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
     ) -> CallToolResult {
         let profile = self.profile();
-        let (tool, begun) = (call.name.clone(), Instant::now());
-        let known = self
-            .profile()
-            .tool(&call)
-            .map_or("unknown", |tool| tool.paper_name());
-        let said = self.request(session, call, reply, context).await;
+        let (name, begun) = (call.name.clone(), Instant::now());
+        let known = tool.as_ref().map_or("unknown", Tool::paper_name);
+        let said = self.request(session, call, tool, reply, context).await;
         let outcome = match &said {
             Ok(Response::CallMade(made)) if !made.step.outcome.is_ok() => "error",
             Ok(_) => "ok",
@@ -214,7 +212,7 @@ impl ToolServer {
             Err(error) => {
                 // Not in its own words: they may hold the policy's.
                 tracing::info!(session, known, "refused");
-                response::refuse(profile, &tool, &error)
+                response::refuse(profile, &name, &error)
             }
         };
         if let Some(watch) = &self.options.watch {
@@ -228,20 +226,20 @@ impl ToolServer {
         &self,
         session: &str,
         call: ToolCall,
+        tool: Option<Tool>,
         reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
     ) -> Result<Response, LiveError> {
         let setup = self.pool.setup().clone();
-        let tool = self.profile().tool(&call);
         let published = self.profile().is_published();
         match &tool {
-            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles))
+            Some(Tool::Lifecycle(Lifecycle::ListReceptacles))
                 if (!published || !self.runs(session))
                     && let Some(scene) = setup.scenes.only() =>
             {
                 return Ok(Response::Receptacles(scene.clone()));
             }
-            Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => {
+            Some(Tool::Lifecycle(Lifecycle::ListTasks)) => {
                 return Ok(Response::Tasks(response::ids(&setup.tasks)));
             }
             _ => {}
@@ -258,14 +256,14 @@ impl ToolServer {
                 Response::EpisodeStarted(Box::new(begun), scene)
             };
             match tool {
-                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles))
+                Some(Tool::Lifecycle(Lifecycle::ListReceptacles))
                     if !published || !household.is_running() =>
                 {
                     Ok(Response::Receptacles(
                         household.scene().cloned().ok_or(LiveError::NoEpisode)?,
                     ))
                 }
-                Ok(Tool::Finish) => {
+                Some(Tool::Finish) => {
                     if household.is_running() {
                         household.call(StepInput::from_call(call))?;
                     }
@@ -273,7 +271,7 @@ impl ToolServer {
                         .begin_next()?
                         .map_or(Response::Completed, said_begun))
                 }
-                Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => {
+                Some(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => {
                     household.begin(&task_id).map(said_begun)
                 }
                 _ => {
@@ -457,14 +455,18 @@ impl ServerHandler for ToolServer {
             .map_or_else(|| json!({}), Value::Object);
         let call = ToolCall::new(request.name.clone(), arguments);
         let work = async {
-            let reply = match self.profile().tool(&call) {
-                Ok(Tool::Ask { question }) => {
-                    self.ask_person(&session, &question, &request, &context)
+            let tool = self.profile().tool(&call).ok();
+            let reply = match &tool {
+                Some(Tool::Ask { question }) => {
+                    self.ask_person(&session, question, &request, &context)
                         .await?
                 }
                 _ => None,
             };
-            Ok(self.answer(&session, call, reply, &context).await.into())
+            Ok(self
+                .answer(&session, call, tool, reply, &context)
+                .await
+                .into())
         };
         // A cancelled call was not made, or is on tape as a whole.
         tokio::select! {

@@ -11,7 +11,7 @@ use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
-    Task, Tool, ToolCall, chain,
+    Task, Tool, ToolCall, ToolText, chain,
     record::{
         EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord,
         StepInput, StepRecord,
@@ -23,8 +23,6 @@ use crate::{ProxyEvent, Setup, tap::ToolResultContent};
 
 /// What is not known: a task, a scene.
 const UNKNOWN: &str = "unknown";
-/// What the published server's texts begin with when a tool stumbled.
-const STUMBLED: &str = "Error executing ";
 
 /// The episodes of one session.
 pub(crate) struct Episodes {
@@ -260,14 +258,22 @@ impl Episodes {
             .as_ref()
             .map(Vec::len)
             .filter(|_| shown.contains_key("CURRENT_MARKER_MAP"));
+        let tool = Tool::parse(&input.call).ok();
         let outcome = match told {
             _ if tells_another => Outcome::ok(""),
             Some(error) => failed(&error, answer),
-            None => outcome(&input.call, answer, debug_info.is_some(), marked),
+            None => outcome(
+                &input.call,
+                tool.as_ref(),
+                answer,
+                debug_info.is_some(),
+                marked,
+            ),
         };
-        let reply = reel_import::reply(&input.call, &outcome);
+        let reply = reel_import::reply(tool.as_ref(), &outcome);
         let shown = CallObservation {
             input,
+            tool,
             outcome,
             reply,
             frame: picture.and_then(Picture::digests),
@@ -549,6 +555,7 @@ impl Playing {
 /// its tools are failures; others say with `isError` what is one.
 fn outcome(
     call: &ToolCall,
+    tool: Option<&Tool>,
     answer: &ToolResultContent,
     published: bool,
     marked: Option<usize>,
@@ -560,9 +567,10 @@ fn outcome(
         .filter(|text| !text.is_empty())
         .collect();
     let text = texts.join("\n");
-    if published || text.starts_with(STUMBLED) {
+    if published || ToolText::Exception.begins(&text) {
         return reel_import::outcome(
             call,
+            tool,
             Some(text.as_str()).filter(|text| !text.is_empty()),
             marked,
         );
@@ -570,13 +578,8 @@ fn outcome(
     if answer.failed {
         return failed(&text, answer);
     }
-    let unknown = Tool::parse(call).is_err();
     Outcome {
-        error: if unknown {
-            None
-        } else {
-            ErrorCode::from_message(&text)
-        },
+        error: tool.and_then(|_| ErrorCode::from_message(&text)),
         text,
     }
 }

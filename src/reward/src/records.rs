@@ -1,10 +1,9 @@
 //! Records as facts, and the reasons that people read. The one place of this crate that knows both.
 
 use reel_world::{
-    ErrorCode, GraphEvent, Scene, Task, ToolSpec,
+    ErrorCode, GraphEvent, Scene, Task,
     record::{Marker, MarkerTarget, RewardTerm, StartRecord, StepRecord},
 };
-use serde_json::Value;
 
 use crate::{
     Rewarder,
@@ -243,7 +242,11 @@ impl TaskFacts {
 
 fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
     let error = step.outcome.error.map(ErrorCode::as_str);
-    let called = facts.called(step.tool_name(), error, argument(step).as_deref());
+    let called = facts.called(
+        step.tool_name(),
+        error,
+        step.input.call.argument().as_deref(),
+    );
     StepHead {
         trainer_reading: facts.trainer_reading(&called, &step.outcome.text),
         error: step.outcome.error.map(ErrorCode::class),
@@ -261,14 +264,5 @@ fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
             .map(|object| facts.object(object.as_str())),
         reply: step.reply.as_ref().map(|reply| facts.text(&reply.text)),
         ..called
-    }
-}
-
-/// The argument of a call as text, as the tables hold it.
-fn argument(step: &StepRecord) -> Option<String> {
-    let key = ToolSpec::by_name(&step.input.call.name)?.argument?.name;
-    match step.input.call.arguments.get(key)? {
-        Value::String(text) => Some(text.clone()),
-        other => Some(other.to_string()),
     }
 }

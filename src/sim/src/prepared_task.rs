@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use reel_world::{Meshes, Scene, Task};
+use reel_world::{Digest, Meshes, Scene, Task};
 
 use crate::{
     math,
@@ -17,6 +17,8 @@ use crate::{
 pub struct PreparedTask {
     pub(crate) scene: Arc<Scene>,
     pub(crate) task: Arc<Task>,
+    scene_digest: Digest,
+    task_digest: Digest,
     pub(crate) model: SceneModel,
     /// In the order of the task's objects.
     pub(crate) object_models: Box<[ObjectModel]>,
@@ -69,6 +71,8 @@ impl PreparedTask {
             .collect();
         Arc::new(Self {
             nav: NavMap::new(&model),
+            scene_digest: Digest::of_json(&*scene),
+            task_digest: Digest::of_json(&*task),
             scene,
             task,
             model,
@@ -87,6 +91,16 @@ impl PreparedTask {
     /// The task of the episode, shared by all simulators of this stage.
     pub fn task(&self) -> &Arc<Task> {
         &self.task
+    }
+
+    /// Digest of the task's document, as headers of traces name it.
+    pub fn task_digest(&self) -> Digest {
+        self.task_digest
+    }
+
+    /// Digest of the scene's document, as headers of traces name it.
+    pub fn scene_digest(&self) -> Digest {
+        self.scene_digest
     }
 
     /// What objects look like that are no primitives, by asset.

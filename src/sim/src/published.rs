@@ -6,8 +6,7 @@
 //! (no reach, no view), and a call that is refused takes time, too.
 
 use reel_world::{
-    DoorState, ErrorCode, InstanceId, Outcome, Profile, ReceptacleId, ToolCall,
-    outcome::EXCEPTION,
+    DoorState, ErrorCode, InstanceId, Outcome, Profile, ReceptacleId, ToolCall, ToolText,
     record::{Marker, MarkerTarget},
 };
 use serde_json::Value;
@@ -20,6 +19,7 @@ use crate::{
     render::{Detail, OverlayMark, Region},
     simulator::Simulator,
     skills::Primitive,
+    tools::skill_failed,
 };
 
 /// Physics steps before the first call of an episode.
@@ -53,12 +53,18 @@ const TRACEBACK: &str = "Traceback (most recent call last):";
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum PublishedError {
     /// The tool says no.
-    Refused(ErrorCode, String),
+    Refused(Outcome),
     /// The published handler dies of an exception, with this last line.
     Exception(ErrorCode, String),
 }
 
 use PublishedError::{Exception, Refused};
+
+impl From<Outcome> for PublishedError {
+    fn from(outcome: Outcome) -> Self {
+        Refused(outcome)
+    }
+}
 
 /// An argument that a published handler reads.
 ///
@@ -118,10 +124,7 @@ impl Simulator {
             "place" => self.put(call, given),
             "open" => self.turn_door(call, DoorState::Open, given),
             "close" => self.turn_door(call, DoorState::Closed, given),
-            name => Err(Refused(
-                ErrorCode::UnknownTool,
-                format!("Action '{name}' not recognized."),
-            )),
+            name => Err(ToolText::UnknownTool.outcome(&[&name]).into()),
         };
         result.unwrap_or_else(|refusal| self.refuse(&call.name, refusal))
     }
@@ -165,14 +168,15 @@ impl Simulator {
 
     fn refuse(&mut self, tool: &str, refusal: PublishedError) -> ToolResult {
         match refusal {
-            Refused(code, text) => {
+            Refused(outcome) => {
                 self.run(IDLE_STEPS);
+                ToolResult::new(outcome)
+            }
+            Exception(code, last) => {
+                let trace = format_args!("{TRACEBACK}\n{last}");
+                let text = ToolText::Exception.text(&[&tool, &trace]);
                 ToolResult::new(Outcome::error(code, text))
             }
-            Exception(code, last) => ToolResult::new(Outcome::error(
-                code,
-                format!("{EXCEPTION}{tool}: {TRACEBACK}\n{last}"),
-            )),
         }
     }
 
@@ -192,30 +196,17 @@ impl Simulator {
         self.clear_markers();
         let name = python_text(argument(call, "receptacle_name")?);
         let id = ReceptacleId::from(name.as_str());
-        let unknown = || {
-            Refused(
-                ErrorCode::UnknownReceptacle,
-                format!("Receptacle {name} not found in the scene."),
-            )
-        };
+        let unknown = || ToolText::UnknownReceptacle.outcome(&[&name]);
         let index = self.furniture_index(&id).ok_or_else(unknown)?;
         if !self.has_shelf(index) && self.stage.door_of[index].is_none() {
-            return Err(Refused(
-                ErrorCode::NoViewpoint,
-                format!("Object {name} has no valid navigable component."),
-            ));
+            return Err(ToolText::NotNavigable.outcome(&[&name]).into());
         }
         let perception = self.stage.perception.clone();
         let viewpoint = self.stage.model.furniture[index]
             .present
             .then(|| perception.viewpoint(self, index))
             .flatten();
-        let blocked = || {
-            Refused(
-                ErrorCode::NoViewpoint,
-                format!("Cannot find a non-occluded position to navigate to {name}."),
-            )
-        };
+        let blocked = || ToolText::NoWay.outcome(&[&format_args!("navigate to {name}")]);
         self.go(&given.noise.arrive(viewpoint.ok_or_else(blocked)?, |base| {
             self.stage.nav.standable(base)
         }));
@@ -228,40 +219,22 @@ impl Simulator {
     }
 
     fn explore(&mut self) -> Result<ToolResult, PublishedError> {
-        let none = || {
-            Refused(
-                ErrorCode::NoLandmark,
-                "No landmark selected. Use 'navigate_to' first.".to_owned(),
-            )
-        };
+        let none = || ToolText::NoLandmark.outcome(&[&"navigate_to"]);
         let id = self.stage.model.furniture[self.landmark.ok_or_else(none)?]
             .id
             .clone();
         let objects = self.contents(&id);
         if objects.is_empty() {
-            let text = format!("Seems there is no object on the {id}'s top shelf to observe.");
-            return Err(Refused(ErrorCode::NothingFound, text));
+            return Err(ToolText::Empty.outcome(&[&id]).into());
         }
-        let category = |object: &InstanceId| {
-            &self
-                .stage
-                .task
-                .object(object)
-                .expect("an object of the task")
-                .category
-        };
-        let line = |(number, object): (usize, &InstanceId)| {
-            format!("\n\t{number}: a(an) {}.", category(object))
-        };
-        let lines: String = (1..).zip(&objects).map(line).collect();
-        let text = format!("I found the following object(s): {lines}\n");
+        let outcome = self.contents_text(1, &objects);
         self.set_markers(
             (1..).zip(objects.iter().cloned().map(MarkerTarget::Object)),
             true,
         );
         self.run(IDLE_STEPS);
         Ok(ToolResult {
-            outcome: Outcome::ok(text),
+            outcome,
             listed: objects,
             receptacle: Some(id),
             ..self.plain()
@@ -323,16 +296,12 @@ impl Simulator {
         call: &ToolCall,
         given: CallContext<'_>,
     ) -> Result<ToolResult, PublishedError> {
-        let target = self.marked_thing(
-            call,
-            "No marker map available. Use 'find_objects' or 'explore_receptacle' first.",
-        )?;
+        let target = self.marked_thing(call, &["find_objects", "explore_receptacle"])?;
         let MarkerTarget::Object(instance) = target else {
-            let text = format!(
-                "Object {} has no graspable component. Cannot focus on it.",
-                name_of(&target)
-            );
-            return Err(Refused(ErrorCode::NotGraspable, text));
+            let advice = " Cannot focus on it.";
+            return Err(ToolText::NoGraspablePart
+                .outcome(&[&name_of(&target), &advice])
+                .into());
         };
         let index = self
             .object_index(&instance)
@@ -340,12 +309,11 @@ impl Simulator {
         let close_up = self.stage.perception.clone().close_up(self, index);
         if self.landmark.is_none() {
             let lacking = if close_up.is_some() {
-                "orientation"
+                ToolText::NoOrientation
             } else {
-                "position"
+                ToolText::NoPosition
             };
-            let text = format!("No camera {lacking} available. Use 'navigate_to' first.");
-            return Err(Refused(ErrorCode::NoLandmark, text));
+            return Err(lacking.outcome(&[&"navigate_to"]).into());
         }
         match close_up {
             Some(viewpoint) => self.go(&given
@@ -373,23 +341,20 @@ impl Simulator {
         given: CallContext<'_>,
     ) -> Result<ToolResult, PublishedError> {
         if let Some(held) = self.held() {
-            let text = format!(
-                "You are already holding '{held}'. Place it before picking another object."
-            );
-            return Err(Refused(ErrorCode::AlreadyHolding, text));
+            return Err(ToolText::AlreadyHolding.outcome(&[held]).into());
         }
-        let missing = "No marker map available. Use 'find_objects', 'explore_receptacle' or 'highlight_receptacles' first.";
-        let target = self.marked_thing(call, missing)?;
+        let makers = [
+            "find_objects",
+            "explore_receptacle",
+            "highlight_receptacles",
+        ];
+        let target = self.marked_thing(call, &makers)?;
         let MarkerTarget::Object(instance) = target else {
-            let text = format!("Object {} has no graspable component.", name_of(&target));
-            return Err(Refused(ErrorCode::NotGraspable, text));
+            return Err(ToolText::NoGraspablePart
+                .outcome(&[&name_of(&target), &""])
+                .into());
         };
-        succeeds(
-            given,
-            Primitive::Pick,
-            "pick",
-            "the gripper closed on nothing",
-        )?;
+        succeeds(given, Primitive::Pick, "pick", "closed on nothing")?;
         let index = self
             .object_index(&instance)
             .expect("markers stand for objects of the task");
@@ -413,41 +378,23 @@ impl Simulator {
         call: &ToolCall,
         given: CallContext<'_>,
     ) -> Result<ToolResult, PublishedError> {
-        let target = self.marked_thing(
-            call,
-            "No marker map available. Use 'highlight_receptacles' first.",
-        )?;
-        let empty = || {
-            Refused(
-                ErrorCode::NothingHeld,
-                "No object in the inventory to place.".to_owned(),
-            )
-        };
-        let held = self.held.ok_or_else(empty)?;
+        let target = self.marked_thing(call, &["highlight_receptacles"])?;
+        let held = self
+            .held
+            .ok_or_else(|| ToolText::NothingHeld.outcome(&[]))?;
         let name = name_of(&target).to_owned();
         let id = match target {
             MarkerTarget::Receptacle(id) if !name.starts_with(LID) => id,
-            _ => {
-                return Err(Refused(
-                    ErrorCode::NotASurface,
-                    format!("'{name}' is not a valid placement surface."),
-                ));
-            }
+            _ => return Err(ToolText::NotASurface.outcome(&[&name]).into()),
         };
         let index = self
             .furniture_index(&id)
             .expect("markers stand for receptacles of the scene");
         if self.registry.door(&id) == Some(DoorState::Closed) {
-            return Err(Refused(
-                ErrorCode::DoorClosed,
-                format!("The door of '{name}' is closed. Use 'open' first."),
-            ));
+            return Err(ToolText::DoorClosed.outcome(&[&name]).into());
         }
         if !self.has_shelf(index) {
-            return Err(Refused(
-                ErrorCode::NotASurface,
-                format!("Furniture {name} has no top_shelf component."),
-            ));
+            return Err(ToolText::NoShelf.outcome(&[&name]).into());
         }
         if self.landmark.is_none() {
             let last = "TypeError: cannot unpack non-iterable NoneType object".to_owned();
@@ -457,7 +404,7 @@ impl Simulator {
             given,
             Primitive::place(self.door_state(index)),
             "place",
-            "the gripper did not let go of the object",
+            "did not let go of the object",
         )?;
         let instance = self.stage.task.objects[held].instance.clone();
         let [x, y, _] = self.robot.camera;
@@ -486,7 +433,7 @@ impl Simulator {
         wanted: DoorState,
         given: CallContext<'_>,
     ) -> Result<ToolResult, PublishedError> {
-        let target = self.marked_thing(call, "No marker map available.")?;
+        let target = self.marked_thing(call, &[])?;
         let MarkerTarget::Receptacle(id) = target else {
             self.run(DOOR_STEPS);
             return Ok(self.plain());
@@ -502,7 +449,7 @@ impl Simulator {
             } else {
                 (Primitive::Close, "close")
             };
-            succeeds(given, primitive, verb, "the gripper slipped off the handle")?;
+            succeeds(given, primitive, verb, "slipped off the handle")?;
             self.physics.drive_door(door, open);
             self.registry
                 .receptacles
@@ -517,25 +464,15 @@ impl Simulator {
         })
     }
 
-    /// What the marker of a call stands for.
-    fn marked_thing(&self, call: &ToolCall, missing: &str) -> Result<MarkerTarget, PublishedError> {
-        if !self.has_marker_map {
-            return Err(Refused(ErrorCode::NoMarkerMap, missing.to_owned()));
-        }
+    /// What the marker of a call stands for; `makers` make a marker map.
+    fn marked_thing(
+        &self,
+        call: &ToolCall,
+        makers: &[&str],
+    ) -> Result<MarkerTarget, PublishedError> {
+        self.check_marker_map(makers)?;
         let number = python_text(argument(call, "marker_id")?);
-        let found = self
-            .markers
-            .iter()
-            .find(|marker| marker.id.to_string() == number);
-        let unknown = || {
-            Refused(
-                ErrorCode::UnknownMarker,
-                format!("Marker ID {number} not found in the marker map."),
-            )
-        };
-        found
-            .map(|marker| marker.target.clone())
-            .ok_or_else(unknown)
+        Ok(self.marker(number, makers)?)
     }
 
     /// Whether something can be put on it; a lid has the shelf, and is refused for what it is.
@@ -620,16 +557,10 @@ fn succeeds(
     tool: &str,
     what: &str,
 ) -> Result<(), PublishedError> {
-    let failed = || {
-        Refused(
-            ErrorCode::SkillFailed,
-            format!("{EXCEPTION}{tool}: {what}."),
-        )
-    };
     if given.noise.succeeds(primitive) {
         Ok(())
     } else {
-        Err(failed())
+        Err(skill_failed(tool, what).into())
     }
 }
 

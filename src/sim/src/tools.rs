@@ -4,12 +4,13 @@
 //! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers
 //! and categories, never instances, assets or poses. A failed call changes nothing.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, fmt::Display};
 
 use reel_world::{
-    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool,
-    ToolSpec, language,
+    DoorState, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool, ToolSpec,
+    ToolText, language,
     record::{Lookup, Marker, MarkerTarget},
+    tool_text::{numbered, use_first},
 };
 
 use crate::{
@@ -56,10 +57,6 @@ impl ToolResult {
             receptacle: None,
         }
     }
-
-    fn error(code: ErrorCode, text: impl Into<String>) -> Self {
-        Self::new(Outcome::error(code, text))
-    }
 }
 
 /// What a call is a function of, besides itself and the state.
@@ -80,9 +77,6 @@ impl Default for CallContext<'_> {
         }
     }
 }
-
-/// A failed call, before it is told.
-type ToolFailure = (ErrorCode, String);
 
 impl Simulator {
     /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles`
@@ -106,27 +100,17 @@ impl Simulator {
                 Ok(ToolResult::new(Outcome::ok("")))
             }
         };
-        result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
+        result.unwrap_or_else(ToolResult::new)
     }
 
     fn nav_to(
         &mut self,
         receptacle: &ReceptacleId,
         luck: &ActuationNoise,
-    ) -> Result<ToolResult, ToolFailure> {
-        let unknown = || {
-            (
-                ErrorCode::UnknownReceptacle,
-                format!("Receptacle {receptacle} not found in the scene."),
-            )
-        };
+    ) -> Result<ToolResult, Outcome> {
+        let unknown = || ToolText::UnknownReceptacle.outcome(&[receptacle]);
         let index = self.furniture_index(receptacle).ok_or_else(unknown)?;
-        let hidden = || {
-            (
-                ErrorCode::NoViewpoint,
-                format!("Cannot find a non-occluded position to navigate to {receptacle}."),
-            )
-        };
+        let hidden = || ToolText::NoWay.outcome(&[&format_args!("navigate to {receptacle}")]);
         if !self.stage.model.furniture[index].present {
             return Err(hidden());
         }
@@ -139,19 +123,16 @@ impl Simulator {
         self.landmark = Some(index);
         self.clear_markers();
         self.run(NAV_SETTLE_STEPS);
-        let mut result = self.seen(format!("Arrived at {receptacle}."));
+        let mut result = self.seen(ToolText::Arrived.outcome(&[receptacle]));
         result.receptacle = Some(receptacle.clone());
         Ok(result)
     }
 
-    fn walk_around(&mut self) -> Result<ToolResult, ToolFailure> {
+    fn walk_around(&mut self) -> Result<ToolResult, Outcome> {
         let nav = self.name("nav_to");
-        let landmark = self.landmark.ok_or_else(|| {
-            (
-                ErrorCode::NoLandmark,
-                format!("No landmark selected. Use '{nav}' first."),
-            )
-        })?;
+        let landmark = self
+            .landmark
+            .ok_or_else(|| ToolText::NoLandmark.outcome(&[&nav]))?;
         let id = self.stage.model.furniture[landmark].id.clone();
         let hidden = self.door_state(landmark) == Some(DoorState::Closed);
         let here = |index: &usize| !hidden && self.support_of(*index) == Some(Some(landmark));
@@ -161,23 +142,12 @@ impl Simulator {
             .collect();
         if objects.is_empty() {
             self.clear_markers();
-            let text = format!("Seems there is no object on the {id}'s top shelf to observe.");
-            return Err((ErrorCode::NothingFound, text));
+            return Err(ToolText::Empty.outcome(&[&id]));
         }
-        let mut text = String::from("I found the following object(s): ");
-        for (number, object) in (0..).zip(&objects) {
-            let category = &self
-                .stage
-                .task
-                .object(object)
-                .expect("what lies here is an object of the task")
-                .category;
-            text.push_str(&format!("\n\t{number}: a(an) {category}."));
-        }
-        text.push('\n');
+        let contents = self.contents_text(0, &objects);
         let targets = objects.iter().cloned().map(MarkerTarget::Object);
         self.set_markers((0..).zip(targets), true);
-        let mut result = ToolResult::new(Outcome::ok(text));
+        let mut result = ToolResult::new(contents);
         result.frame = Some(self.capture_frame());
         result.listed = objects;
         result.receptacle = Some(id);
@@ -188,7 +158,7 @@ impl Simulator {
         &mut self,
         query: &str,
         lookup: Option<&Lookup>,
-    ) -> Result<ToolResult, ToolFailure> {
+    ) -> Result<ToolResult, Outcome> {
         self.update_visible();
         let in_view = self.objects_in_view();
         let category = |index: &usize| &self.stage.task.objects[*index].category;
@@ -207,24 +177,17 @@ impl Simulator {
         let found: Vec<usize> = found.collect();
         if found.is_empty() {
             self.clear_markers();
-            return Err((
-                ErrorCode::NothingFound,
-                format!("No object matching '{query}' is in view."),
-            ));
+            return Err(ToolText::NoMatch.outcome(&[&query]));
         }
         let instance =
             |index: &usize| MarkerTarget::Object(self.stage.task.objects[*index].instance.clone());
         let targets: Vec<MarkerTarget> = found.iter().map(instance).collect();
         self.set_markers((1..).zip(targets), true);
-        let text = format!(
-            "Found {} object(s) matching '{query}': {}.",
-            found.len(),
-            numbers(&self.markers)
-        );
-        Ok(self.seen(text))
+        let numbers: Vec<String> = (1..=found.len()).map(|id| format!("marker {id}")).collect();
+        Ok(self.seen(ToolText::Found.outcome(&[&found.len(), &query, &numbers.join(", ")])))
     }
 
-    fn show_receptacles(&mut self) -> Result<ToolResult, ToolFailure> {
+    fn show_receptacles(&mut self) -> Result<ToolResult, Outcome> {
         self.update_visible();
         let sights = self.sights();
         let mut found: Vec<(u64, usize)> = (0..self.stage.model.furniture.len())
@@ -236,33 +199,22 @@ impl Simulator {
         found.sort_unstable();
         if found.is_empty() {
             self.clear_markers();
-            return Err((
-                ErrorCode::NothingFound,
-                "No receptacle is in view.".to_owned(),
-            ));
+            return Err(ToolText::NoReceptacle.outcome(&[]));
         }
-        let receptacle = |(_, index): &(u64, usize)| {
-            MarkerTarget::Receptacle(self.stage.model.furniture[*index].id.clone())
-        };
-        let targets: Vec<MarkerTarget> = found.iter().map(receptacle).collect();
+        let receptacle = |(_, index): &(u64, usize)| self.stage.model.furniture[*index].id.clone();
+        let ids: Vec<ReceptacleId> = found.iter().map(receptacle).collect();
+        let lines = numbered((1..).zip(&ids));
+        let targets = ids.into_iter().map(MarkerTarget::Receptacle);
         self.set_markers((1..).zip(targets), false);
-        let lines = self.markers.iter().map(|marker| match &marker.target {
-            MarkerTarget::Receptacle(id) => format!("\n\t{}: {id}", marker.id),
-            MarkerTarget::Object(_) => unreachable!("only receptacles were marked"),
-        });
-        let text = format!("Receptacles in view: {}\n", lines.collect::<String>());
-        Ok(self.seen(text))
+        Ok(self.seen(ToolText::ReceptaclesInView.outcome(&[&lines])))
     }
 
-    fn gaze_at(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
+    fn gaze_at(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Outcome> {
         let (show, walk) = (
             self.name("show_object_by_category"),
             self.name("walk_around"),
         );
-        let target = self.marker(
-            number,
-            &format!("No marker map available. Use '{show}' or '{walk}' first."),
-        )?;
+        let target = self.marker(number, &[show, walk])?;
         let (viewpoint, object, receptacle) = match &target {
             MarkerTarget::Object(instance) => {
                 let index = self
@@ -298,41 +250,30 @@ impl Simulator {
                 (viewpoint, None, Some(id.clone()))
             }
         };
-        let text =
-            || format!("Cannot find a non-occluded position to look at marker {number} from.");
-        let viewpoint = viewpoint.ok_or_else(|| (ErrorCode::NoViewpoint, text()))?;
+        let hidden = || ToolText::NoWay.outcome(&[&format_args!("look at marker {number} from")]);
+        let viewpoint = viewpoint.ok_or_else(hidden)?;
         self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.run(GAZE_SETTLE_STEPS);
         if !self.markers_persist {
             self.markers.retain(|marker| marker.id == number);
         }
-        let mut result = self.seen(format!("Looking at marker {number}."));
+        let mut result = self.seen(ToolText::LookingAt.outcome(&[&number]));
         result.object = object;
         result.receptacle = receptacle;
         Ok(result)
     }
 
-    fn pick(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
+    fn pick(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Outcome> {
         if let Some(held) = self.held {
             let category = &self.stage.task.objects[held].category;
-            let text = format!(
-                "You are already holding '{category}'. Place it before picking another object."
-            );
-            return Err((ErrorCode::AlreadyHolding, text));
+            return Err(ToolText::AlreadyHolding.outcome(&[category]));
         }
         let [show, walk, receptacles] =
             ["show_object_by_category", "walk_around", "show_receptacles"]
                 .map(|tool| self.name(tool));
-        let missing =
-            format!("No marker map available. Use '{show}', '{walk}' or '{receptacles}' first.");
-        let instance = match self.marker(number, &missing)? {
+        let instance = match self.marker(number, &[show, walk, receptacles])? {
             MarkerTarget::Object(instance) => instance,
-            MarkerTarget::Receptacle(id) => {
-                return Err((
-                    ErrorCode::NotGraspable,
-                    format!("Object {id} is not graspable. Cannot pick it up."),
-                ));
-            }
+            MarkerTarget::Receptacle(id) => return Err(ToolText::NotGraspable.outcome(&[&id])),
         };
         let index = self
             .object_index(&instance)
@@ -350,12 +291,10 @@ impl Simulator {
         let distance_m = distance_2d(self.robot.base, [position[0], position[1]]);
         if distance_m > REACH_M + REACH_SLACK_M {
             let gaze = self.name("gaze_at");
-            let text =
-                format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
-            return Err((ErrorCode::OutOfReach, text));
+            return Err(ToolText::OutOfReach.outcome(&[&format_args!("Marker {number}"), &gaze]));
         }
         if !luck.succeeds(Primitive::Pick) {
-            return Err(skill_failed("pick", "the gripper closed on nothing"));
+            return Err(skill_failed("pick", "closed on nothing"));
         }
         let receptacle = self
             .support_of(index)
@@ -366,70 +305,46 @@ impl Simulator {
         }
         self.physics.remove_object(index);
         self.held = Some(index);
-        let mut result = self.seen(format!("Picked up the object with marker {number}."));
+        let mut result = self.seen(ToolText::PickedUp.outcome(&[&number]));
         result.object = Some(instance);
         result.receptacle = receptacle;
         Ok(result)
     }
 
-    fn place(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, ToolFailure> {
-        let held = self.held.ok_or_else(|| {
-            (
-                ErrorCode::NothingHeld,
-                "No object in the inventory to place.".to_owned(),
-            )
-        })?;
+    fn place(&mut self, number: u32, luck: &ActuationNoise) -> Result<ToolResult, Outcome> {
+        let held = self
+            .held
+            .ok_or_else(|| ToolText::NothingHeld.outcome(&[]))?;
         let receptacles = self.name("show_receptacles");
-        let id = match self.marker(
-            number,
-            &format!("No marker map available. Use '{receptacles}' first."),
-        )? {
+        let id = match self.marker(number, &[receptacles])? {
             MarkerTarget::Receptacle(id) => id,
             MarkerTarget::Object(_) => {
-                let text = format!("'marker {number}' is not a valid placement surface.");
-                return Err((ErrorCode::NotASurface, text));
+                return Err(ToolText::NotASurface.outcome(&[&format_args!("marker {number}")]));
             }
         };
         let index = self
             .furniture_index(&id)
             .expect("markers stand for receptacles of the scene");
         if !self.placeable(index) {
-            return Err((
-                ErrorCode::NotASurface,
-                format!("'{id}' is not a valid placement surface."),
-            ));
+            return Err(ToolText::NotASurface.outcome(&[&id]));
         }
         if self.door_state(index) == Some(DoorState::Closed) {
-            return Err((
-                ErrorCode::DoorClosed,
-                format!("The door of '{id}' is closed. Use 'open' first."),
-            ));
+            return Err(ToolText::DoorClosed.outcome(&[&id]));
         }
         let surface = self.stage.model.furniture[index].surface;
         if placement::distance_to_surface(&surface, self.robot.base) > REACH_M + REACH_SLACK_M {
             let nav = self.name("nav_to");
-            return Err((
-                ErrorCode::OutOfReach,
-                format!("'{id}' is out of reach. Use '{nav}' to approach it first."),
-            ));
+            return Err(ToolText::OutOfReach.outcome(&[&format_args!("'{id}'"), &nav]));
         }
         let obstacles: Vec<[[f32; 3]; 2]> = (0..self.stage.task.objects.len())
             .filter_map(|object| self.physics.object_bounds(object))
             .collect();
         let half = self.stage.object_models[held].half;
-        let full = || {
-            (
-                ErrorCode::NoFreeSpot,
-                format!("There is no free spot on '{id}' for the held object."),
-            )
-        };
+        let full = || ToolText::NoFreeSpot.outcome(&[&id]);
         let pose =
             placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
         if !luck.succeeds(Primitive::place(self.door_state(index))) {
-            return Err(skill_failed(
-                "place",
-                "the gripper did not let go of the object",
-            ));
+            return Err(skill_failed("place", "did not let go of the object"));
         }
         let instance = self.stage.task.objects[held].instance.clone();
         self.physics
@@ -437,7 +352,7 @@ impl Simulator {
         self.registry.add(&id, &instance);
         self.held = None;
         self.run(PLACE_SETTLE_STEPS);
-        let mut result = self.seen(format!("Placed the object on {id}."));
+        let mut result = self.seen(ToolText::Placed.outcome(&[&id]));
         result.object = Some(instance);
         result.receptacle = Some(id);
         Ok(result)
@@ -448,20 +363,16 @@ impl Simulator {
         number: u32,
         open: bool,
         luck: &ActuationNoise,
-    ) -> Result<ToolResult, ToolFailure> {
+    ) -> Result<ToolResult, Outcome> {
         let (verb, done) = if open {
-            ("open", "Opened")
+            ("open", ToolText::Opened)
         } else {
-            ("close", "Closed")
+            ("close", ToolText::Closed)
         };
-        let id = match self.marker(number, "No marker map available.")? {
+        let no_door = |what: &dyn Display| ToolText::NoDoor.outcome(&[what, &verb]);
+        let id = match self.marker(number, &[])? {
             MarkerTarget::Receptacle(id) => id,
-            MarkerTarget::Object(_) => {
-                return Err((
-                    ErrorCode::NoDoor,
-                    format!("Marker {number} has no door. Cannot {verb} it."),
-                ));
-            }
+            MarkerTarget::Object(_) => return Err(no_door(&format_args!("Marker {number}"))),
         };
         let index = self
             .furniture_index(&id)
@@ -470,31 +381,23 @@ impl Simulator {
             self.stage.door_of[index],
             &self.stage.model.furniture[index].door,
         ) else {
-            return Err((
-                ErrorCode::NoDoor,
-                format!("'{id}' has no door. Cannot {verb} it."),
-            ));
+            return Err(no_door(&format_args!("'{id}'")));
         };
         if self.held.is_some() {
-            let text =
-                format!("The hand is not free. Place the held object before you {verb} '{id}'.");
-            return Err((ErrorCode::HandNotFree, text));
+            return Err(ToolText::HandNotFree.outcome(&[&verb, &id]));
         }
         if distance_2d(self.robot.base, [model.center[0], model.center[1]])
             > REACH_M + 2.0 * REACH_SLACK_M
         {
             let nav = self.name("nav_to");
-            return Err((
-                ErrorCode::OutOfReach,
-                format!("'{id}' is out of reach. Use '{nav}' to approach it first."),
-            ));
+            return Err(ToolText::OutOfReach.outcome(&[&format_args!("'{id}'"), &nav]));
         }
         if !luck.succeeds(if open {
             Primitive::Open
         } else {
             Primitive::Close
         }) {
-            return Err(skill_failed(verb, "the gripper slipped off the handle"));
+            return Err(skill_failed(verb, "slipped off the handle"));
         }
         self.physics.drive_door(door, open);
         self.run(DOOR_SETTLE_STEPS);
@@ -505,19 +408,30 @@ impl Simulator {
                 DoorState::Closed
             });
         }
-        let mut result = self.seen(format!("{done} the door of {id}."));
+        let mut result = self.seen(done.outcome(&[&id]));
         result.receptacle = Some(id);
         Ok(result)
     }
 
     /// Takes the picture with the current markers in it.
-    fn seen(&mut self, text: String) -> ToolResult {
+    fn seen(&mut self, outcome: Outcome) -> ToolResult {
         let mut frame = self.capture_frame();
         self.draw_markers(&mut frame);
         ToolResult {
             frame: Some(frame),
-            ..ToolResult::new(Outcome::ok(text))
+            ..ToolResult::new(outcome)
         }
+    }
+
+    /// What lies on a receptacle, numbered from `first`.
+    pub(crate) fn contents_text(&self, first: u32, objects: &[InstanceId]) -> Outcome {
+        let category = |object: &InstanceId| {
+            let object = self.stage.task.object(object);
+            let category = &object.expect("an object of the task").category;
+            format!("a(an) {category}.")
+        };
+        let lines = numbered((first..).zip(objects.iter().map(category)));
+        ToolText::Contents.outcome(&[&lines])
     }
 
     /// Objects in the last picture, from left to right.
@@ -535,20 +449,29 @@ impl Simulator {
         found.into_iter().map(|(_, index)| index).collect()
     }
 
-    fn marker(&self, number: u32, missing: &str) -> Result<MarkerTarget, ToolFailure> {
-        if !self.has_marker_map {
-            return Err((ErrorCode::NoMarkerMap, missing.to_owned()));
+    /// Fails if there is no marker map; `tools` make one.
+    pub(crate) fn check_marker_map(&self, tools: &[&str]) -> Result<(), Outcome> {
+        if self.has_marker_map {
+            return Ok(());
         }
-        let found = self.markers.iter().find(|marker| marker.id == number);
-        let unknown = || {
-            (
-                ErrorCode::UnknownMarker,
-                format!("Marker ID {number} not found in the marker map."),
-            )
-        };
+        Err(ToolText::NoMarkerMap.outcome(&[&use_first(tools)]))
+    }
+
+    /// What a marker stands for; `tools` make a marker map.
+    pub(crate) fn marker(
+        &self,
+        number: impl Display,
+        tools: &[&str],
+    ) -> Result<MarkerTarget, Outcome> {
+        self.check_marker_map(tools)?;
+        let wanted = number.to_string();
+        let found = self
+            .markers
+            .iter()
+            .find(|marker| marker.id.to_string() == wanted);
         found
             .map(|marker| marker.target.clone())
-            .ok_or_else(unknown)
+            .ok_or_else(|| ToolText::UnknownMarker.outcome(&[&number]))
     }
 
     pub(crate) fn set_markers(
@@ -583,25 +506,11 @@ impl Simulator {
     }
 }
 
-fn not_in_view(number: u32) -> ToolFailure {
-    (
-        ErrorCode::MarkerNotInView,
-        format!("The object with marker {number} is not in view."),
-    )
+fn not_in_view(number: u32) -> Outcome {
+    ToolText::NotInView.outcome(&[&number])
 }
 
 /// As the robot's tool server tells of an exception (docs/spec.md#skill-reliability).
-fn skill_failed(tool: &str, what: &str) -> ToolFailure {
-    (
-        ErrorCode::SkillFailed,
-        format!("Error executing {tool}: {what}."),
-    )
-}
-
-fn numbers(markers: &[Marker]) -> String {
-    let numbers: Vec<String> = markers
-        .iter()
-        .map(|marker| format!("marker {}", marker.id))
-        .collect();
-    numbers.join(", ")
+pub(crate) fn skill_failed(tool: &str, what: &str) -> Outcome {
+    ToolText::SkillFailed.outcome(&[&tool, &what])
 }

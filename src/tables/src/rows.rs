@@ -14,7 +14,7 @@ use arrow::array::RecordBatch;
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
-    ToolSpec, WorldGraph, canonical_json,
+    WorldGraph, canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
@@ -267,7 +267,7 @@ pub(crate) struct Step<'a> {
     pub(crate) tool: &'a str,
     pub(crate) call_name: &'a str,
     pub(crate) arguments: String,
-    pub(crate) argument: Option<String>,
+    pub(crate) argument: Option<Cow<'a, str>>,
     pub(crate) text: Cow<'a, str>,
     pub(crate) error_code: Option<&'static str>,
     pub(crate) error_class: Option<&'static str>,
@@ -294,7 +294,7 @@ pub(crate) struct Step<'a> {
     pub(crate) reasoning: Option<&'a str>,
     pub(crate) history: Option<&'a str>,
     pub(crate) plan: Option<&'a str>,
-    pub(crate) question: Option<String>,
+    pub(crate) question: Option<Cow<'a, str>>,
     pub(crate) reply: Option<&'a str>,
     pub(crate) reply_source: Option<Value>,
     pub(crate) raw: Option<&'a str>,
@@ -341,7 +341,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             tool: record.tool_name(),
             call_name: &record.input.call.name,
             arguments: canonical_json(&record.input.call.arguments),
-            argument: argument(record),
+            argument: record.input.call.argument(),
             text: record.outcome.text.as_str().into(),
             error_code: record.outcome.error.map(|code| code.as_str()),
             error_class: record.outcome.error.map(|code| match code.class() {
@@ -504,19 +504,15 @@ fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
     })
 }
 
-fn argument(record: &StepRecord) -> Option<String> {
-    let key = ToolSpec::by_name(&record.input.call.name)?.argument?.name;
-    match record.input.call.arguments.get(key)? {
-        Value::String(text) => Some(text.clone()),
-        other => Some(other.to_string()),
-    }
-}
-
-fn question(record: &StepRecord) -> Option<String> {
+fn question(record: &StepRecord) -> Option<Cow<'_, str>> {
     if record.tool_name() != "ask" {
         return None;
     }
-    argument(record).or_else(|| Some(canonical_json(&record.input.call.arguments)))
+    let call = &record.input.call;
+    Some(
+        call.argument()
+            .unwrap_or_else(|| canonical_json(&call.arguments).into()),
+    )
 }
 
 #[derive(Serialize)]

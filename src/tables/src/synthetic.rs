@@ -8,7 +8,8 @@ use std::{fmt::Write as _, sync::Arc};
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
 use reel_world::{
-    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json, record::Backend,
+    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json,
+    record::Backend, value_text,
 };
 use serde_json::{Value, json};
 
@@ -503,10 +504,7 @@ impl<'a> Play<'a, '_> {
             tool,
             call_name: tool,
             arguments: canonical_json(&arguments),
-            argument: argument.map(|value| match value {
-                Value::String(text) => text,
-                number => number.to_string(),
-            }),
+            argument: argument.map(|value| value_text(&value).into_owned().into()),
             text: text.into().into(),
             error_code: None,
             error_class: None,

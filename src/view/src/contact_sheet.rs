@@ -118,14 +118,9 @@ fn lines(text: &str, lines_max: usize) -> Vec<String> {
 
 /// The tool and the values of its arguments.
 fn call(record: &StepRecord) -> String {
-    let values: Vec<String> = match record.input.call.arguments.as_object() {
-        Some(map) => map
-            .values()
-            .map(|value| value.as_str().map_or(value.to_string(), str::to_owned))
-            .collect(),
-        None => Vec::new(),
-    };
-    format!("{} {}", record.input.call.name, values.join(", "))
+    let call = &record.input.call;
+    let values: Vec<_> = call.values().collect();
+    format!("{} {}", call.name, values.join(", "))
 }
 
 /// What the agent was told, an error by its code.

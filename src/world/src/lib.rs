@@ -43,6 +43,7 @@ pub mod logprobs;
 pub mod mesh;
 pub mod outcome;
 pub mod record;
+pub mod tool_text;
 
 pub use ask_context::{
     AskContext, ask_answer, ask_context, ask_context_of_episode, ask_error, ask_reply,
@@ -60,7 +61,8 @@ pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
 pub use spaced_json::spaced_json;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
-pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};
+pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec, value_text};
+pub use tool_text::ToolText;
 
 /// One physics step, in seconds (docs/spec.md#episode).
 pub const DT_S: f32 = 1.0 / 240.0;

@@ -5,6 +5,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::ToolText;
+
 /// How bad an error is; the reward's `safe` term reads it (paper, Detailed Reward Configuration).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -96,66 +98,17 @@ error_codes! {
 }
 
 impl ErrorCode {
-    /// What a text of the published server or of ours says went wrong; none where it says of no
-    /// failure that is known. Never ask it of what a user answered.
+    /// What the text of a tool says went wrong; `None` if it tells of no failure that is known.
     pub fn from_message(text: &str) -> Option<Self> {
-        TOLD.iter()
-            .find(|(part, _)| text.contains(part))
-            .map(|(_, code)| *code)
+        ToolText::failure(text)?.code()
     }
 }
-
-/// What the texts of failures hold (docs/spec.md#published-texts).
-const TOLD: &[(&str, ErrorCode)] = &[
-    (": the gripper ", ErrorCode::SkillFailed),
-    (EXCEPTION, ErrorCode::BackendError),
-    ("Input validation error", ErrorCode::BadArguments),
-    ("No tool selected", ErrorCode::UnparsableOutput),
-    ("not found in the scene", ErrorCode::UnknownReceptacle),
-    (
-        "Cannot find a non-occluded position",
-        ErrorCode::NoViewpoint,
-    ),
-    ("Cannot compute bounding box", ErrorCode::NoViewpoint),
-    ("no valid navigable component", ErrorCode::NoViewpoint),
-    ("No landmark selected", ErrorCode::NoLandmark),
-    ("No camera position available", ErrorCode::NoLandmark),
-    ("No camera orientation available", ErrorCode::NoLandmark),
-    ("Seems there is no object", ErrorCode::NothingFound),
-    ("No object matching", ErrorCode::NothingFound),
-    ("No receptacle is in view", ErrorCode::NothingFound),
-    ("not found in the marker map", ErrorCode::UnknownMarker),
-    ("No marker map available", ErrorCode::NoMarkerMap),
-    ("is not in view", ErrorCode::MarkerNotInView),
-    (
-        "is not available. Cannot focus on it",
-        ErrorCode::MarkerNotInView,
-    ),
-    ("You are already holding", ErrorCode::AlreadyHolding),
-    ("has no graspable component", ErrorCode::NotGraspable),
-    ("is not graspable", ErrorCode::NotGraspable),
-    ("No object in the inventory", ErrorCode::NothingHeld),
-    ("is not a valid placement surface", ErrorCode::NotASurface),
-    ("has no top_shelf component", ErrorCode::NotASurface),
-    ("Target furniture ", ErrorCode::NotASurface),
-    ("is closed. Use", ErrorCode::DoorClosed),
-    ("is out of reach", ErrorCode::OutOfReach),
-    ("There is no free spot", ErrorCode::NoFreeSpot),
-    ("has no door", ErrorCode::NoDoor),
-    ("The hand is not free", ErrorCode::HandNotFree),
-    ("not recognized", ErrorCode::UnknownTool),
-    ("The episode is over", ErrorCode::EpisodeOver),
-];
 
 impl fmt::Display for ErrorCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
     }
 }
-
-/// How a text begins that a handler of the published servers died with. It comes without an image
-/// and without the state.
-pub const EXCEPTION: &str = "Error executing ";
 
 /// The result of a tool call as the policy reads it.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
@@ -184,9 +137,10 @@ impl Outcome {
         }
     }
 
-    /// Whether a published server's handler died of the call.
+    /// Whether a published server's handler died of the call; then it comes without an image and
+    /// without the state.
     pub fn is_exception(&self) -> bool {
-        self.text.starts_with(EXCEPTION)
+        ToolText::Exception.begins(&self.text)
     }
 
     /// Whether the call did what it should.

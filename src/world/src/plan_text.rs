@@ -25,6 +25,18 @@ const ABOUT_OBJECT: [(&str, &str); 4] = [
 const SEPARATOR: &str = " - ";
 
 impl PlanStep {
+    /// A step with arguments that are texts.
+    pub fn new(action: &str, args: &[(&str, &str)]) -> Self {
+        let args = args
+            .iter()
+            .map(|(key, value)| ((*key).to_owned(), Value::from(*value)))
+            .collect();
+        Self {
+            action: action.to_owned(),
+            args,
+        }
+    }
+
     /// An argument that is a text; surrounding blanks do not belong to it. `None` if it is absent,
     /// empty or no text.
     pub fn text_argument(&self, name: &str) -> Option<&str> {

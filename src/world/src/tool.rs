@@ -1,12 +1,12 @@
 //! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under
 //! both name sets (docs/spec.md#tools).
 
-use std::fmt;
+use std::{borrow::Cow, fmt};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::{ErrorCode, ReceptacleId};
+use crate::{ErrorCode, ReceptacleId, ToolText};
 
 /// A call as the policy made it; kept as it came, valid or not.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
@@ -25,6 +25,28 @@ impl ToolCall {
             name: name.into(),
             arguments,
         }
+    }
+
+    /// The value of the argument that the tool takes, as text: the column `argument` of tables.
+    /// `None` if the tool is unknown, takes no argument or did not get it.
+    pub fn argument(&self) -> Option<Cow<'_, str>> {
+        let argument = ToolSpec::by_name(&self.name)?.argument?;
+        self.arguments.get(argument.name).map(value_text)
+    }
+
+    /// The values of all arguments as texts, whatever their names: what people read of a call, and
+    /// the only reading of a call that is none of the tools.
+    pub fn values(&self) -> impl Iterator<Item = Cow<'_, str>> {
+        let map = self.arguments.as_object();
+        map.into_iter().flat_map(Map::values).map(value_text)
+    }
+}
+
+/// A value as text: a string as it is, all else as JSON.
+pub fn value_text(value: &Value) -> Cow<'_, str> {
+    match value {
+        Value::String(text) => Cow::Borrowed(text),
+        other => Cow::Owned(other.to_string()),
     }
 }
 
@@ -220,13 +242,13 @@ pub enum Lifecycle {
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 pub enum CallError {
     /// No tool of this name.
-    #[error("Action '{name}' not recognized.")]
+    #[error("{}", ToolText::UnknownTool.text(&[name]))]
     UnknownTool {
         /// The tool name that the policy called.
         name: String,
     },
     /// The arguments are no JSON object.
-    #[error("{tool}: arguments must be a JSON object, found {found}")]
+    #[error("{}", ToolText::NotAnObject.text(&[tool, found]))]
     NotAnObject {
         /// Name of the tool, as the policy called it.
         tool: &'static str,
@@ -234,7 +256,7 @@ pub enum CallError {
         found: &'static str,
     },
     /// An argument is missing.
-    #[error("{tool}: missing argument '{argument}'")]
+    #[error("{}", ToolText::MissingArgument.text(&[tool, argument]))]
     Missing {
         /// Name of the tool, as the policy called it.
         tool: &'static str,
@@ -242,7 +264,7 @@ pub enum CallError {
         argument: &'static str,
     },
     /// An argument has the wrong type.
-    #[error("{tool}: argument '{argument}' must be {expected}, found {found}")]
+    #[error("{}", ToolText::WrongType.text(&[tool, argument, expected, found]))]
     WrongType {
         /// Name of the tool, as the policy called it.
         tool: &'static str,

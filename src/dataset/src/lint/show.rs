@@ -3,6 +3,8 @@
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
+use reel_world::value_text;
+
 use crate::lint::{AssistantTurn, Example, Image, ImageHeader, ImageSource, Part};
 
 /// The turns of an example as text; the JSON of answers is laid out line by line.
@@ -24,13 +26,7 @@ pub fn show(example: &Example) -> String {
         .iter()
         .filter(|(_, value)| value.is_string() || value.is_number() || value.is_boolean());
     for (key, value) in facts {
-        let _ = writeln!(
-            text,
-            "  {key}: {}",
-            value
-                .as_str()
-                .map_or_else(|| value.to_string(), str::to_owned)
-        );
+        let _ = writeln!(text, "  {key}: {}", value_text(value));
     }
     if let Some(tools) = &example.tools {
         let _ = writeln!(text, "\n== tools ==\n{tools:#}");

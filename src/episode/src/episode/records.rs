@@ -46,7 +46,8 @@ pub(super) fn observe(user: &mut RuleUser, step: &StepRecord) {
     user.observe_held(step.held.as_ref());
 }
 
-pub(super) fn header(config: &EpisodeConfig) -> EpisodeHeader {
+/// The header of an episode on a stage, which knows the digests of its task and scene.
+pub(super) fn header(config: &EpisodeConfig, stage: &PreparedTask) -> EpisodeHeader {
     let mut header = EpisodeHeader {
         episode_id: String::new(),
         run_id: config.run_id.clone(),
@@ -58,8 +59,8 @@ pub(super) fn header(config: &EpisodeConfig) -> EpisodeHeader {
         task_id: config.task.task_id.clone(),
         family: config.task.family,
         scene_id: config.scene.scene_id.clone(),
-        task_digest: Digest::of_json(&*config.task),
-        scene_digest: Digest::of_json(&*config.scene),
+        task_digest: stage.task_digest(),
+        scene_digest: stage.scene_digest(),
         seed: config.seed,
         sim_version: sim_version(config.profile),
         build: String::new(),

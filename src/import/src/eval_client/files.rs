@@ -7,6 +7,7 @@ use std::{
 };
 
 use base64::{Engine, engine::general_purpose::STANDARD};
+use reel_world::value_text;
 use serde_json::{Map, Value, json};
 
 use super::{Decision, ToolResult, names::path_component};
@@ -59,14 +60,11 @@ impl EpisodeFiles {
     /// Of a task: by its benchmark id, else family and id, else id.
     pub fn of(out: &Path, task: &Map<String, Value>, slug: &str) -> Self {
         let of = |key: &str| task.get(key).filter(|value| !value.is_null());
-        let text = |value: &Value| {
-            value
-                .as_str()
-                .map_or_else(|| value.to_string(), str::to_owned)
-        };
         let id = match (of("benchmark_task_id"), of("family"), of("task_id")) {
             (Some(id), _, _) => id.clone(),
-            (None, Some(family), Some(id)) => json!(format!("{}/{}", text(family), text(id))),
+            (None, Some(family), Some(id)) => {
+                json!(format!("{}/{}", value_text(family), value_text(id)))
+            }
             (None, _, id) => id.cloned().unwrap_or_default(),
         };
         let scene = path_component(task.get("scene_id").unwrap_or(&Value::Null));

@@ -649,11 +649,12 @@ impl Step {
     }
 
     fn shown(self, frame: Option<FrameDigests>) -> CallObservation {
-        let outcome = self.outcome();
+        let tool = Tool::parse(&self.call).ok();
+        let outcome = self.outcome(tool.as_ref());
         let asks = is_tool(&self.call, "ask");
         // An answer of which nobody says from whom it is came from a person: this is no simulation.
         let of_result = || {
-            outcome::reply(&self.call, &outcome).map(|reply| UserReply {
+            outcome::reply(tool.as_ref(), &outcome).map(|reply| UserReply {
                 source: UserSource::Human,
                 ..reply
             })
@@ -666,6 +667,7 @@ impl Step {
         };
         CallObservation {
             input,
+            tool,
             outcome,
             reply,
             frame,
@@ -674,7 +676,7 @@ impl Step {
 
     /// What the call came to. An error code of Reel's is taken, and so are the published server's
     /// words; else what moves the robot failed by its skill.
-    fn outcome(&self) -> Outcome {
+    fn outcome(&self, tool: Option<&Tool>) -> Outcome {
         let Some((_, answer)) = &self.answer else {
             return match &self.reply {
                 Some(reply) if is_tool(&self.call, "ask") => Outcome::ok(reply.text.clone()),
@@ -682,10 +684,7 @@ impl Step {
                 _ => Outcome::error(ErrorCode::BackendError, NO_RESULT),
             };
         };
-        let tool = Tool::parse(&self.call)
-            .ok()
-            .map(|tool| tool.paper_name())
-            .or(self.skill);
+        let tool = tool.map(Tool::paper_name).or(self.skill);
         let told = || {
             ErrorCode::from_message(&answer.text).filter(|_| tool.is_some_and(|tool| tool != "ask"))
         };

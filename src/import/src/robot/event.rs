@@ -6,6 +6,7 @@ use reel_trace::robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency};
 use reel_world::{
     ToolCall, ToolSpec,
     record::{PolicyOutput, UserReply, UserSource},
+    value_text,
 };
 use serde_json::{Map, Value, json};
 
@@ -383,9 +384,7 @@ impl<'a> EntryMessage<'a> {
 
 /// A text as it is, anything else as JSON.
 fn words(value: &Value) -> String {
-    value
-        .as_str()
-        .map_or_else(|| value.to_string(), str::to_owned)
+    value_text(value).into_owned()
 }
 
 fn number(value: &Value) -> Option<f64> {

@@ -8,7 +8,7 @@ use std::{
 
 use saphyr::{LoadableYamlNode, Yaml};
 
-use crate::{ImportError, ImportLoss};
+use crate::{ImportError, ImportLoss, layout::list};
 
 /// Deepest folder under the one given.
 const FOLDERS_MAX: usize = 8;
@@ -225,21 +225,6 @@ fn refused(path: &Path) -> Option<String> {
 
 fn is(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|found| found == extension)
-}
-
-/// What lies in a folder, sorted.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let listed = fs::read_dir(folder).and_then(|entries| {
-        entries
-            .map(|entry| Ok(entry?.path()))
-            .collect::<io::Result<Vec<_>>>()
-    });
-    let mut paths = listed.map_err(|source| ImportError::List {
-        path: folder.to_owned(),
-        source,
-    })?;
-    paths.sort();
-    Ok(paths)
 }
 
 #[cfg(test)]

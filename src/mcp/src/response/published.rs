@@ -4,8 +4,7 @@
 
 use reel_live::{CallResult, LiveError, PrivilegedState};
 use reel_world::{
-    Frame, Profile,
-    outcome::EXCEPTION,
+    Frame, Profile, ToolText,
     record::{Marker, MarkerTarget},
 };
 use rmcp::model::{CallToolResult, ContentBlock};
@@ -43,9 +42,8 @@ pub(super) fn say(profile: Profile, said: &Response) -> CallToolResult {
 }
 
 pub(super) fn refuse(tool: &str, error: &LiveError) -> CallToolResult {
-    CallToolResult::success(vec![ContentBlock::text(format!(
-        "{EXCEPTION}{tool}: {error}"
-    ))])
+    let text = ToolText::Exception.text(&[&tool, error]);
+    CallToolResult::success(vec![ContentBlock::text(text)])
 }
 
 fn call(made: &CallResult) -> Vec<ContentBlock> {

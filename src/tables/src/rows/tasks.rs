@@ -29,9 +29,10 @@ pub(super) struct TaskRow<'a> {
 }
 
 pub(super) fn task_row(task: &Task) -> TaskRow<'_> {
+    let document = canonical_json(task);
     TaskRow {
         task_id: &task.task_id,
-        task_digest: Digest::of_json(task).to_string(),
+        task_digest: Digest::of(document.as_bytes()).to_string(),
         family: task.family.as_str(),
         task_type: task.task_type.as_deref(),
         scene_id: &task.scene_id,
@@ -61,7 +62,7 @@ pub(super) fn task_row(task: &Task) -> TaskRow<'_> {
             .collect(),
         object_count: task.objects.len(),
         objects: objects(task),
-        task: canonical_json(task),
+        task: document,
     }
 }
 
@@ -133,8 +134,9 @@ pub(super) struct ReceptacleRow<'a> {
 }
 
 pub(super) fn scene_row(scene: &Scene) -> SceneRow<'_> {
+    let document = canonical_json(scene);
     SceneRow {
-        scene_digest: Digest::of_json(scene).to_string(),
+        scene_digest: Digest::of(document.as_bytes()).to_string(),
         scene_id: &scene.scene_id,
         rooms: scene.rooms.iter().map(|room| room.name.as_str()).collect(),
         receptacles: scene
@@ -149,7 +151,7 @@ pub(super) fn scene_row(scene: &Scene) -> SceneRow<'_> {
                 captions: receptacle.captions.keys().map(String::as_str).collect(),
             })
             .collect(),
-        scene: canonical_json(scene),
+        scene: document,
     }
 }
 

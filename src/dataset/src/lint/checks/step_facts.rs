@@ -5,7 +5,7 @@
 //! docs/spec.md#published-texts; an outcome in other words is unknown, never guessed.
 
 use reel_history::{EpisodeFacts, MarkerFacts, ReceptacleFacts, StepFacts};
-use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
+use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec, ToolText};
 use serde_json::Value;
 
 use crate::lint::Call;
@@ -107,20 +107,13 @@ impl StepFactsBuilder {
         );
         self.step += 1;
         let tool = ToolSpec::by_name(&call.name).map(|spec| spec.paper_name);
-        let error = if tool == Some("ask") {
-            None
-        } else {
-            ErrorCode::from_message(outcome)
-        };
-        match (tool, error) {
-            (None, None) => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
-            (_, Some(code)) => deed.error = Some(code.as_str().to_owned()),
-            (Some(tool), None) => {
-                let success = SUCCESSES
-                    .iter()
-                    .find(|(name, _)| *name == tool)
-                    .map_or("", |(_, text)| text);
-                if !outcome.is_empty() && !outcome.trim_start().starts_with(success) {
+        match tool {
+            // What a user answers may have the words of a failure.
+            _ if deed.error.is_some() && tool != Some("ask") => {}
+            None => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
+            Some(tool) => {
+                let succeeded = |text: ToolText| text.begins(outcome.trim_start());
+                if !outcome.is_empty() && !ToolText::success(tool).is_none_or(succeeded) {
                     return None;
                 }
                 self.done(tool, outcome, &mut deed);
@@ -132,43 +125,21 @@ impl StepFactsBuilder {
     }
 
     fn done(&mut self, tool: &str, outcome: &str, deed: &mut StepFacts) {
-        let named = |title: &str| {
-            outcome
-                .trim()
-                .strip_prefix(title)
-                .map(|id| id.trim_end_matches('.').to_owned())
-        };
         match tool {
             "nav_to" => {
                 deed.receptacle.clone_from(&deed.argument);
                 self.markers.clear();
             }
-            "show_receptacles" | "walk_around" => {
-                let mark = |line: &str| {
-                    let (number, id) = line.trim().split_once(": ")?;
-                    let receptacle = (tool == "show_receptacles").then(|| id.to_owned());
-                    Some(MarkerFacts {
-                        number: number.parse().ok()?,
-                        object: None,
-                        receptacle,
-                    })
-                };
-                self.markers = outcome.lines().filter_map(mark).collect();
-            }
+            "show_receptacles" | "walk_around" => self.markers.clone_from(&deed.markers),
             "show_object_by_category" => self.markers.clear(),
             "pick" => self.holding = true,
-            "place" => {
-                self.holding = false;
-                deed.receptacle = named("Placed the object on ");
-            }
+            "place" => self.holding = false,
             "open" | "close" => {
                 let (to, from) = if tool == "open" {
                     (DoorState::Open, DoorState::Closed)
                 } else {
                     (DoorState::Closed, DoorState::Open)
                 };
-                deed.receptacle =
-                    named("Opened the door of ").or_else(|| named("Closed the door of "));
                 let change = |id: &String| GraphEvent::Door {
                     receptacle: id.as_str().into(),
                     from,
@@ -184,16 +155,3 @@ impl StepFactsBuilder {
 
 /// What the hand holds, of which rows tell no more.
 const HELD: &str = "held";
-
-/// How a success begins, by tool; `ask` and `finish` may say anything.
-const SUCCESSES: &[(&str, &str)] = &[
-    ("nav_to", "Arrived at"),
-    ("walk_around", "I found the following"),
-    ("show_object_by_category", "Found "),
-    ("show_receptacles", "Receptacles in view"),
-    ("gaze_at", "Looking at"),
-    ("pick", "Picked up"),
-    ("place", "Placed "),
-    ("open", "Opened "),
-    ("close", "Closed "),
-];
