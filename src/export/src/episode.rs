@@ -92,10 +92,11 @@ pub(crate) struct StepRow<'a> {
     visible_objects: Vec<VisibleRow<'a>>,
 }
 
+/// What a policy gives the tokens of a decision.
 #[derive(Deserialize)]
-struct PolicyLogprobs {
-    policy: String,
-    logprobs: Vec<f64>,
+pub(crate) struct PolicyLogprobs {
+    pub policy: String,
+    pub logprobs: Vec<f64>,
 }
 
 #[derive(Deserialize)]

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     AnnotationSource, ExportError, RolloutOptions, Selection,
+    episode::PolicyLogprobs,
     rollouts::{self, GroupReturn},
     select::{self, SkipCounts, count},
 };
@@ -222,12 +223,6 @@ struct StepRow {
     tokens: Option<Vec<String>>,
     #[serde(default)]
     logprobs: Vec<PolicyLogprobs>,
-}
-
-#[derive(Deserialize)]
-struct PolicyLogprobs {
-    policy: String,
-    logprobs: Vec<f64>,
 }
 
 /// An episode that is in a group.

@@ -8,8 +8,8 @@ use std::{fmt::Write as _, sync::Arc};
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
 use reel_world::{
-    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json,
-    record::Backend, value_text,
+    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json, record::Backend,
+    value_text,
 };
 use serde_json::{Value, json};
 

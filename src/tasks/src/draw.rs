@@ -8,7 +8,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use reel_world::{
     AssetId, Family, InstanceId, ObjectInstance, PlanStep, Receptacle, ReceptacleId, Scene, Task,
 };
-use serde_json::Value;
 
 use crate::{
     library::{self, LibraryObject},
@@ -329,11 +328,11 @@ impl<'a> Draft<'a> {
     /// The plan in the words of the published ones: some receptacles alike are visited first.
     fn plan(&self, stream: &mut Stream) -> Vec<PlanStep> {
         let at = |action: &str, place: &ReceptacleId| {
-            step(action, &[("receptacle_name", place.as_str())])
+            PlanStep::new(action, &[("receptacle_name", place.as_str())])
         };
         let about = |action: &str| match self.family {
-            Family::FDO => step(action, &[("target_category", &self.target.category)]),
-            _ => step(
+            Family::FDO => PlanStep::new(action, &[("target_category", &self.target.category)]),
+            _ => PlanStep::new(
                 action,
                 &[
                     ("target_category", &self.target.category),
@@ -381,16 +380,5 @@ fn confuses(family: Family, target: &LibraryObject, other: &LibraryObject) -> bo
         Family::FDP | Family::FDO => false,
         Family::FODP => other.category == target.category && other.asset != target.asset,
         Family::SUL => other.purpose == target.purpose && other.category != target.category,
-    }
-}
-
-fn step(action: &str, args: &[(&str, &str)]) -> PlanStep {
-    let args = args
-        .iter()
-        .map(|(key, value)| ((*key).to_owned(), Value::from(*value)))
-        .collect();
-    PlanStep {
-        action: action.to_owned(),
-        args,
     }
 }

@@ -8,7 +8,7 @@ use reel_world::{
     AssetId, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Task, language,
 };
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::{
     describe,
@@ -542,7 +542,7 @@ impl<'a> Draft<'a> {
     /// The plan in the words of the published ones: some receptacles alike are visited first.
     fn plan(&self, name: &str, stream: &mut Stream) -> Vec<PlanStep> {
         let at = |action: &str, site: usize| {
-            step(
+            PlanStep::new(
                 action,
                 &[("receptacle_name", self.site(site).receptacle.id.as_str())],
             )
@@ -559,7 +559,7 @@ impl<'a> Draft<'a> {
             if self.moved.len() > 1 {
                 args.push(("instance", instance.as_str()));
             }
-            step(action, &args)
+            PlanStep::new(action, &args)
         };
         let DraftSpec { src, dest, .. } = self.wanted;
         let mut detour = |index: usize| -> Vec<PlanStep> {
@@ -687,16 +687,5 @@ fn likeness(a: &LibraryObject, b: &LibraryObject) -> f64 {
         1.0
     } else {
         a.intersection(&b).count() as f64 / all as f64
-    }
-}
-
-fn step(action: &str, args: &[(&str, &str)]) -> PlanStep {
-    let args = args
-        .iter()
-        .map(|(key, value)| ((*key).to_owned(), Value::from(*value)))
-        .collect();
-    PlanStep {
-        action: action.to_owned(),
-        args,
     }
 }
