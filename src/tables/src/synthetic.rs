@@ -3,13 +3,13 @@
 //! codes are possible ones. No trace lies behind them, their digests are empty, and their rewards are
 //! plausible, not computed.
 
-use std::{fmt::Write as _, sync::Arc};
+use std::sync::Arc;
 
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
 use reel_world::{
-    Digest, ErrorClass, ErrorCode, Scene, Skills, Task, ToolSpec, canonical_json, record::Backend,
-    value_text,
+    Digest, ErrorClass, Outcome, Scene, Skills, Task, ToolSpec, ToolText, canonical_json,
+    record::Backend, tool_text::numbered, value_text,
 };
 use serde_json::{Value, json};
 
@@ -242,7 +242,7 @@ impl<'a> Play<'a, '_> {
             self.ask();
         }
         if self.chance.share() < 0.5 {
-            self.call("gaze_at", Some(json!(1)), "Looking at marker 1.");
+            self.call("gaze_at", Some(json!(1)), ToolText::LookingAt.text(&[&1]));
         }
         match script {
             Script::Oscillates => {
@@ -262,9 +262,8 @@ impl<'a> Play<'a, '_> {
                 self.pick(true);
                 self.nav(dest);
                 let tries = 1 + self.chance.below(3);
-                let text = format!("The door of '{dest}' is closed. Use 'open' first.");
-                (0..tries)
-                    .for_each(|_| self.fails("place", json!(2), ErrorCode::DoorClosed, &text));
+                let failure = ToolText::DoorClosed.outcome(&[&dest]);
+                (0..tries).for_each(|_| self.fails("place", json!(2), &failure));
                 self.end();
                 return false;
             }
@@ -280,7 +279,8 @@ impl<'a> Play<'a, '_> {
         };
         self.nav(place);
         if self.chance.share() < 0.6 {
-            let text = format!("Receptacles in view: \n\t2: {place}\n");
+            let line = numbered([(2, place)].into_iter());
+            let text = ToolText::ReceptaclesInView.text(&[&line]);
             self.call("show_receptacles", None, text);
         }
         self.place(place);
@@ -304,17 +304,12 @@ impl<'a> Play<'a, '_> {
                 2 => self.show(),
                 3 => self.walk_around(),
                 4 => {
-                    let text = "Marker ID 7 not found in the marker map.";
-                    self.fails("pick", json!(7), ErrorCode::UnknownMarker, text);
+                    let failure = ToolText::UnknownMarker.outcome(&[&7]);
+                    self.fails("pick", json!(7), &failure);
                 }
                 _ => {
-                    let text = "Receptacle shelf_99 not found in the scene.";
-                    self.fails(
-                        "nav_to",
-                        json!("shelf_99"),
-                        ErrorCode::UnknownReceptacle,
-                        text,
-                    );
+                    let failure = ToolText::UnknownReceptacle.outcome(&[&"shelf_99"]);
+                    self.fails("nav_to", json!("shelf_99"), &failure);
                 }
             }
         }
@@ -327,18 +322,21 @@ impl<'a> Play<'a, '_> {
     fn nav(&mut self, place: &'a str) {
         self.path_m += 0.5 + self.chance.share() as f32 * 4.0;
         self.at = place;
-        self.call("nav_to", Some(json!(place)), format!("Arrived at {place}."));
+        self.call(
+            "nav_to",
+            Some(json!(place)),
+            ToolText::Arrived.text(&[&place]),
+        );
         let like = receptacle_like(self.task, self.scene, &place.into());
         let step = self.last();
         (step.receptacle, step.receptacle_like) = (Some(place), Some(like));
     }
 
     fn walk_around(&mut self) {
-        let mut text = String::from("I found the following object(s): ");
-        for (number, object) in self.task.objects.iter().take(3).enumerate() {
-            let _ = write!(text, "\n\t{number}: a(an) {}.", object.category);
-        }
-        self.call("walk_around", None, text + "\n");
+        let objects = self.task.objects.iter().take(3);
+        let lines = objects.map(|object| format!("a(an) {}.", object.category));
+        let text = ToolText::Contents.text(&[&numbered((0..).zip(lines))]);
+        self.call("walk_around", None, text);
     }
 
     fn show(&mut self) {
@@ -355,7 +353,8 @@ impl<'a> Play<'a, '_> {
             .collect();
         let first = self.candidates == 0;
         self.candidates = self.candidates.max(1 + self.chance.below(3));
-        let text = format!("Found {} object(s) matching '{category}'.", seen.len());
+        let numbers: Vec<String> = (1..=seen.len()).map(|id| format!("marker {id}")).collect();
+        let text = ToolText::Found.text(&[&seen.len(), &category, &numbers.join(", ")]);
         self.call("show_object_by_category", Some(json!(category)), text);
         let step = self.last();
         step.markers = seen.len();
@@ -400,11 +399,7 @@ impl<'a> Play<'a, '_> {
             receptacle_like(self.task, self.scene, &at.into()),
         );
         self.held = Some(object);
-        self.call(
-            "pick",
-            Some(json!(1)),
-            "Picked up the object with marker 1.",
-        );
+        self.call("pick", Some(json!(1)), ToolText::PickedUp.text(&[&1]));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(at));
         (step.goal_object, step.goal_receptacle) = (Some(goal), Some(false));
@@ -434,11 +429,7 @@ impl<'a> Play<'a, '_> {
             object_like(self.task, &object.into()),
             receptacle_like(self.task, self.scene, &place.into()),
         );
-        self.call(
-            "place",
-            Some(json!(2)),
-            format!("Placed the object on {place}."),
-        );
+        self.call("place", Some(json!(2)), ToolText::Placed.text(&[&place]));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
         (step.goal_object, step.goal_receptacle, step.put_back) =
@@ -453,9 +444,10 @@ impl<'a> Play<'a, '_> {
         });
     }
 
-    fn fails(&mut self, tool: &'static str, argument: Value, code: ErrorCode, text: &str) {
-        self.call(tool, Some(argument), text);
+    fn fails(&mut self, tool: &'static str, argument: Value, failure: &Outcome) {
+        self.call(tool, Some(argument), failure.text.as_str());
         let step = self.last();
+        let code = failure.error.expect("a failure has a code");
         let (class, value) = match code.class() {
             ErrorClass::Severe => ("severe", -0.5),
             ErrorClass::Moderate => ("moderate", -0.3),
