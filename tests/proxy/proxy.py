@@ -453,7 +453,7 @@ def test_pictures_of_any_size():
             (trace,), left_out = recorder.traces(), kind == "image/gif"
             out = recorder.out / "pictures"
             code, said, error = reel("trace", "frames", trace, "--out", out)
-            assert ("1 pictures left out" in recorder.stop()) == left_out and ("image/gif" in recorder.log.read_text()) == left_out
+            assert ("1 images left out" in recorder.stop()) == left_out and ("image/gif" in recorder.log.read_text()) == left_out
             if left_out:
                 continue
             assert code == 0, said + error

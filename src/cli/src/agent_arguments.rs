@@ -94,7 +94,7 @@ impl AgentArguments {
                 let url = self
                     .endpoint
                     .as_deref()
-                    .context("--endpoint is missing: where the model is")?;
+                    .context("--endpoint is missing: the address of the model")?;
                 let mut endpoint = Endpoint::new(url, model);
                 endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
                 endpoint.temperature = self.temperature;
@@ -113,7 +113,7 @@ impl AgentArguments {
                 let model = self
                     .model
                     .as_deref()
-                    .with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
+                    .with_context(|| format!("{} needs --endpoint and --model", self.agent))?;
                 Some((style, client(model, self.max_tokens, self.logprobs)?))
             }
             None if self.logprobs => bail!("--logprobs needs an agent that a model drives"),

@@ -33,7 +33,7 @@ impl Model {
         let endpoint = self
             .endpoint
             .as_ref()
-            .context("--endpoint is missing: where the model is")?;
+            .context("--endpoint is missing: the address of the model")?;
         let mut endpoint = Endpoint::new(endpoint, model);
         endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
         let client = Client::new(endpoint, Arc::new(RealClock))?;

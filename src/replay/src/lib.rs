@@ -116,7 +116,7 @@ impl std::fmt::Display for Verdict {
             } => {
                 write!(
                     f,
-                    "exact: {calls} calls, {physics_steps} physics steps, {pictures} pictures"
+                    "exact: {calls} calls, {physics_steps} physics steps, {pictures} frames"
                 )
             }
             Verdict::Diverged { divergence } => write!(f, "DIVERGED {divergence}"),

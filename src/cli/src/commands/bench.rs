@@ -125,7 +125,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         )
     })?;
     if arguments.prices.is_some() && arguments.prices().is_none() {
-        bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
+        bail!("--prices takes two numbers, of a million input and output tokens, like 0.5,1.5");
     }
     let tasks = arguments.tasks.as_deref().expect("clap demands it");
     let inputs::Tasks {
@@ -541,7 +541,7 @@ fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
         .collect();
     if pairs.is_empty() {
         bail!(
-            "{} and {} have no task and seed in common: nothing to pair",
+            "{} and {} have no task and seed in common; compare runs of the same tasks and seeds",
             a.display(),
             b.display()
         );

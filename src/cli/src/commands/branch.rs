@@ -148,7 +148,7 @@ fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Bran
     let then = match (&arguments.policy, &arguments.then) {
         (Some(name), _) => policy(name),
         (None, None) if calls.is_empty() => {
-            bail!("say what comes at call {at}: --call, --calls, --policy or --then")
+            bail!("name what follows at call {at}: --call, --calls, --policy or --then")
         }
         (None, None) => Continuation::Stop,
         (None, Some(who)) => match who.split_once(':') {

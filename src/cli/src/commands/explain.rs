@@ -196,19 +196,19 @@ fn print(
     }
     if let Some(picture) = &explanation.picture {
         match (picture.pixels, picture.bbox, picture.most) {
-            (Some(0), ..) => println!("  picture: RGB is equal, ids or depth differ"),
+            (Some(0), ..) => println!("  image: RGB is equal, ids or depth differ"),
             (Some(pixels), Some([x0, y0, x1, y1]), Some(most)) => {
                 println!(
-                    "  picture: {pixels} pixels differ by up to {most}, from ({x0}, {y0}) to ({x1}, {y1})"
+                    "  image: {pixels} pixels differ by up to {most}, from ({x0}, {y0}) to ({x1}, {y1})"
                 );
             }
             _ => println!(
-                "  picture: differs; the trace does not hold the recorded one (expand it with the build that made it)"
+                "  image: differs; the trace does not hold the recorded one (expand it with the build that made it)"
             ),
         }
     }
     if let Some(file) = picture_file {
-        println!("  picture: {}", file.display());
+        println!("  image: {}", file.display());
     }
 }
 

@@ -266,7 +266,7 @@ fn tell(
                 "no success"
             };
             println!(
-                "{}: {steps} steps, {pictures} pictures, {end}, {success}",
+                "{}: {steps} steps, {pictures} frames, {end}, {success}",
                 imported.trace.display()
             );
             imported

@@ -288,7 +288,7 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
             return;
         }
         ProxyEvent::ImageOmitted { session, why } => {
-            eprintln!("reel: {session}: a picture is left out: {why}");
+            eprintln!("reel: {session}: an image is left out: {why}");
             return;
         }
         ProxyEvent::Began {
@@ -357,7 +357,7 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
             (counts.too_large, "messages over the limit"),
             (counts.strange, "messages not of the protocol"),
             (counts.blind, "connections not understood"),
-            (counts.pictures_left_out, "pictures left out"),
+            (counts.pictures_left_out, "images left out"),
         ];
         let odd: String = odd
             .iter()

@@ -156,7 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !arguments.json && paths.len() > 1 {
         let [calls, physics_steps, pictures] = totals;
         println!(
-            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {pictures} pictures",
+            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {pictures} frames",
             paths.len()
         );
         if let Some(count) = arguments.restored {

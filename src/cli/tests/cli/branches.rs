@@ -135,7 +135,7 @@ fn what_cannot_be_branched_or_compared_is_told() {
             &[&["branch", trace, "--no-cache", "--at"], rest].concat(),
         )
     };
-    assert!(refused(&["2"]).contains("say what comes at call 2"));
+    assert!(refused(&["2"]).contains("name what follows at call 2"));
     assert!(refused(&["99", "--policy", "oracle"]).contains("there is no call 99"));
     assert!(refused(&["2", "--policy", "clever"]).contains("no policy is called 'clever'"));
     assert!(refused(&["2", "--call", "pick(1)"]).contains("write a call as {\"name\": \"pick\""));

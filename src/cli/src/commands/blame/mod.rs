@@ -366,8 +366,10 @@ fn print_steps(blame: &Blame, trace: &Trace) {
 
 fn cause(cause: Cause) -> &'static str {
     match cause {
-        Cause::Perception => "perception: its look told it apart from what was meant",
-        Cause::Communication => "communication: several things fitted, and nobody was asked",
+        Cause::Perception => "perception: its look tells it apart from the meant object",
+        Cause::Communication => {
+            "communication: several candidates fitted, and it asked no question"
+        }
         Cause::Memory => "memory: it was known already that this leads nowhere",
         Cause::Other => "other: something due was left out, or what came was no call",
     }

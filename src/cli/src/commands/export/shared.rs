@@ -277,14 +277,14 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<ExitSta
         out.display()
     );
     println!(
-        "  {} pictures; store version {}",
+        "  {} images; store version {}",
         report.pictures, report.table_version
     );
     for (reason, count) in &report.left_out {
         println!("  left out: {count} {reason}");
     }
     if !report.refused.is_empty() {
-        println!("  refused: {} (said above)", report.refused.len());
+        println!("  refused: {} (listed above)", report.refused.len());
     }
     if report.unverified > 0 {
         println!(

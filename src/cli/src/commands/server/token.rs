@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 );
             } else {
                 eprintln!(
-                    "the token of {name}; nobody can show it again. Its hash is in {}",
+                    "the token of {name}; it is shown only now. Its hash is in {}",
                     path.display()
                 );
                 println!("{token}");

@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             &PresetSource::find(&names[1])?,
         ),
         (None, None) if arguments.check => check(arguments),
-        (None, None) => bail!("say what to do: --preset PRESET, --diff A B, --check or --list"),
+        (None, None) => bail!("name one of --preset PRESET, --diff A B, --check or --list"),
     }
 }
 

@@ -72,7 +72,7 @@ const PORTION: usize = 32;
 /// Asks a model why episodes failed and stores its opinions as labels.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
-    let client = client.context("--endpoint and --model are missing: whom to ask")?;
+    let client = client.context("--endpoint and --model are missing: the model that judges")?;
     let session = QuerySession::new(Store::open(&arguments.store)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);

@@ -88,7 +88,7 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
         let views = reel_replay::views(trace, &camera.viewpoint(&trace.task)?);
         let views = views.map_err(|verdict| {
             anyhow!(
-                "{}: the pictures cannot be made: {verdict}",
+                "{}: the frames cannot be rendered: {verdict}",
                 trace.path.display()
             )
         })?;
@@ -106,7 +106,7 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
         });
         if let Err(verdict) = replayed {
             bail!(
-                "{}: the pictures cannot be made again: {verdict}",
+                "{}: the frames cannot be rendered again: {verdict}",
                 trace.path.display()
             );
         }

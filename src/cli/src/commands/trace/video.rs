@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(views) => pictures.push(views),
             Err(verdict) => {
                 eprintln!(
-                    "reel: {}: the pictures cannot be made: {verdict}",
+                    "reel: {}: the frames cannot be rendered: {verdict}",
                     trace.path.display()
                 );
                 return Ok(ExitStatus::CheckFailed);
@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         );
     } else {
         println!(
-            "{}: {} pictures of {width} x {height}, {} KB",
+            "{}: {} frames of {width} x {height}, {} KB",
             out.display(),
             pictures.len(),
             bytes / 1000
@@ -173,5 +173,5 @@ fn mp4(film: &Video, fps: f64, out: &Path) -> anyhow::Result<()> {
             String::from_utf8_lossy(&output.stderr).trim()
         );
     }
-    written.with_context(|| format!("cannot send pictures for {} to ffmpeg", out.display()))
+    written.with_context(|| format!("cannot send frames for {} to ffmpeg", out.display()))
 }
