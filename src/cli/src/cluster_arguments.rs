@@ -89,7 +89,7 @@ impl ClusterArguments {
         clippy::unnecessary_wraps,
         reason = "as with the feature"
     )]
-    pub fn each<T>(
+    pub fn map_traces<T>(
         &self,
         _: &str,
         _: &impl serde::Serialize,
