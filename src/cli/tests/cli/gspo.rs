@@ -218,7 +218,7 @@ fn from_an_endpoint_to_the_objective() {
     // rows for a trainer
     reel!(
         here,
-        "export rl --store store --out rl --images none --returns published"
+        "export rl --store store --out rl --image-format none --returns published"
     );
     let manifest: Value =
         serde_json::from_slice(&fs::read(here.join("rl/manifest.json")).unwrap()).unwrap();

@@ -276,7 +276,7 @@ fn tables_questions_and_training_rows() {
     let linted = reel!(folder, "dataset lint sft --json");
     let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
     assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
-    let shown = reel!(folder, "dataset show sft --row 1 --pictures shown");
+    let shown = reel!(folder, "dataset show sft --row 1 --images-out shown");
     assert!(
         shown.contains("Last action:") && shown.contains("next action"),
         "{shown}"

@@ -45,7 +45,7 @@ fn the_rules_find_what_was_injected() {
     let refused = complaint(
         folder,
         2,
-        "taxonomy agreement --store store --with injected",
+        "taxonomy agreement --store store --reference injected",
     );
     assert!(
         refused.contains("no episode of 'rules' has a label"),
@@ -54,7 +54,7 @@ fn the_rules_find_what_was_injected() {
     reel!(folder, "store label import faulty --store store");
     let report = reel!(
         folder,
-        "taxonomy agreement --store store --with injected --baseline --json"
+        "taxonomy agreement --store store --reference injected --baseline --json"
     );
     let report: Value = serde_json::from_str(&report).unwrap();
     let macro_f1 = |index: usize| {
@@ -334,7 +334,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         "4",
     ];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
-    let agreement = reel!(folder, "taxonomy agreement --store store --with judge");
+    let agreement = reel!(folder, "taxonomy agreement --store store --reference judge");
     assert!(
         agreement.contains("rules against 'judge': 4 episodes"),
         "{agreement}"
@@ -353,7 +353,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     );
     let agreement = reel!(
         folder,
-        "taxonomy agreement --store store --of judge --with ann"
+        "taxonomy agreement --store store --prediction judge --reference ann"
     );
     assert!(
         agreement.contains("judge against 'ann': 1 episodes")

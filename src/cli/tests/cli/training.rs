@@ -26,7 +26,7 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     let bare = complaint(
         folder,
         3,
-        "export sft --store store --annotations notes --images none --out bare",
+        "export sft --store store --annotations notes --image-format none --out bare",
     );
     assert!(bare.contains("annotate the trace first"), "{bare}");
 

@@ -41,7 +41,7 @@ const SHELL: &[&str] = &[
 /// Commands that run until Ctrl-C, with the port that they listen on unless told otherwise.
 const SERVERS: &[(&str, Option<u16>)] = &[
     ("reel serve", Some(8801)),
-    ("reel mock-llm", Some(8000)),
+    ("reel agent mock-llm", Some(8000)),
     ("reel record --upstream", Some(8810)),
     ("reel cluster scheduler", None),
     ("reel cluster executor", None),
