@@ -52,9 +52,7 @@ struct Arguments {
 enum Command {
     #[command(about = "Play tasks in the simulator with a policy, and record every episode")]
     Run(commands::run::Arguments),
-    #[command(
-        about = "Benchmark an agent's success on tasks, or compare two; `reel dev perf` measures Reel's speed"
-    )]
+    #[command(about = "Benchmark how often an agent succeeds on tasks, or compare two agents")]
     #[cfg(feature = "service")]
     Bench(commands::bench::Arguments),
     #[command(about = "Record, replay, query and explain 210 episodes, on embedded defaults")]

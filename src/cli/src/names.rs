@@ -70,7 +70,7 @@ pub fn command_line() -> Command {
             .filter_map(|name| command.find_subcommand(name))
         {
             let about = found.get_about().map(ToString::to_string);
-            text += &format!("  {:11} {}\n", found.get_name(), about.unwrap_or_default());
+            text += &format!("  {:12} {}\n", found.get_name(), about.unwrap_or_default());
         }
     }
     command.help_template(format!(

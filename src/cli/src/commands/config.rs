@@ -38,8 +38,12 @@ pub fn run(arguments: &Arguments, settings: &Settings) -> ExitStatus {
                 json!({ "key": key.name, "values": values, "from": origin })
             );
         } else {
-            let (values, origin) = found.unwrap_or((&[], "not set"));
-            println!("{:9} {:40} {origin}", key.name, values.join(", "));
+            let default = if key.name == "store" { "store" } else { "" };
+            let (value, origin) = found
+                .map_or((default.to_owned(), "default"), |(values, origin)| {
+                    (values.join(", "), origin)
+                });
+            println!("{:11} {value:40} {origin}", key.name);
         }
     }
     ExitStatus::Success
