@@ -93,6 +93,7 @@ impl PerceivedItem {
 }
 
 /// Every built-in policy: name and what it does, in one line.
+#[rustfmt::skip]
 pub const POLICIES: &[(&str, &str)] = &[
     (
         "oracle",
@@ -102,22 +103,10 @@ pub const POLICIES: &[(&str, &str)] = &[
         "planner",
         "sees only what an agent sees: searches the candidates, remembers, asks when several fit",
     ),
-    (
-        "wrong-object",
-        "the oracle, but it takes a similar object for the target",
-    ),
-    (
-        "wrong-receptacle",
-        "the oracle, but it takes a similar receptacle for the destination",
-    ),
-    (
-        "no-ask",
-        "the oracle, but it never asks and takes any object that fits the instruction",
-    ),
-    (
-        "oscillating",
-        "the oracle up to the pick, then it drives to and fro until the horizon",
-    ),
+    ("wrong-object", "the oracle, but it takes a similar object for the target"),
+    ("wrong-receptacle", "the oracle, but it takes a similar receptacle for the destination"),
+    ("no-ask", "the oracle, but it never asks and takes any object that fits the instruction"),
+    ("oscillating", "the oracle up to the pick, then it drives to and fro until the horizon"),
     ("forgets-door", "the oracle, but it never opens a door"),
     (
         "gibberish",

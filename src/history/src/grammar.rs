@@ -78,6 +78,7 @@ pub(crate) struct Verb {
 }
 
 /// Verbs by act: base, past, participle, gerund.
+#[rustfmt::skip]
 const VERBS: &[(Act, &str)] = &[
     (
         Act::Go,
@@ -126,24 +127,15 @@ const VERBS: &[(Act, &str)] = &[
          lift lifted lifted lifting,collect collected collected collecting,retrieve retrieved retrieved retrieving,\
          fetch fetched fetched fetching,remove removed removed removing,acquire acquired acquired acquiring",
     ),
-    (
-        Act::Hold,
-        "hold held held holding,carry carried carried carrying",
-    ),
-    (
-        Act::Get,
-        "get got got getting,get got gotten getting,obtain obtained obtained obtaining",
-    ),
+    (Act::Hold, "hold held held holding,carry carried carried carrying"),
+    (Act::Get, "get got got getting,get got gotten getting,obtain obtained obtained obtaining"),
     (
         Act::Place,
         "place placed placed placing,put put put putting,set set set setting,drop dropped dropped dropping,\
          deposit deposited deposited depositing,store stored stored storing,lay laid laid laying,release released released releasing",
     ),
     (Act::Open, "open opened opened opening"),
-    (
-        Act::Close,
-        "close closed closed closing,shut shut shut shutting",
-    ),
+    (Act::Close, "close closed closed closing,shut shut shut shutting"),
     (
         Act::Ask,
         "ask asked asked asking,consult consulted consulted consulting,inquire inquired inquired inquiring,query queried queried querying",
@@ -162,15 +154,9 @@ const VERBS: &[(Act, &str)] = &[
     ),
     (Act::Leave, "leave left left leaving"),
     (Act::Contain, "contain contained contained containing"),
-    (
-        Act::Try,
-        "try tried tried trying,attempt attempted attempted attempting",
-    ),
+    (Act::Try, "try tried tried trying,attempt attempted attempted attempting"),
     (Act::Fail, "fail failed failed failing"),
-    (
-        Act::Succeed,
-        "succeed succeeded succeeded succeeding,work worked worked working",
-    ),
+    (Act::Succeed, "succeed succeeded succeeded succeeding,work worked worked working"),
     (
         Act::Manage,
         "manage managed managed managing,proceed proceeded proceeded proceeding,continue continued continued continuing",
@@ -179,10 +165,7 @@ const VERBS: &[(Act, &str)] = &[
         Act::Be,
         "remain remained remained remaining,stay stayed stayed staying,stand stood stood standing",
     ),
-    (
-        Act::Call,
-        "throw threw thrown throwing,push pushed pushed pushing",
-    ),
+    (Act::Call, "throw threw thrown throwing,push pushed pushed pushing"),
 ];
 
 /// Third persons of the present that state how things are.

@@ -368,61 +368,26 @@ fn tools() -> Vec<Tool> {
         "properties": {"name": {"type": "string"}, "address": {"$ref": "#/$defs/address"}},
         "additionalProperties": false,
     });
+    #[rustfmt::skip]
     let tools = [
         ("test_simple_text", "Says a sentence.", nothing.clone()),
         ("test_image_content", "Shows a pixel.", nothing.clone()),
         ("test_audio_content", "Plays silence.", nothing.clone()),
-        (
-            "test_embedded_resource",
-            "Embeds a resource.",
-            nothing.clone(),
-        ),
-        (
-            "test_multiple_content_types",
-            "Says, shows and embeds.",
-            nothing.clone(),
-        ),
+        ("test_embedded_resource", "Embeds a resource.", nothing.clone()),
+        ("test_multiple_content_types", "Says, shows and embeds.", nothing.clone()),
         ("test_error_handling", "Fails.", nothing.clone()),
-        (
-            "test_tool_with_logging",
-            "Logs three messages.",
-            nothing.clone(),
-        ),
-        (
-            "test_tool_with_progress",
-            "Reports progress three times.",
-            nothing.clone(),
-        ),
-        (
-            "test_sampling",
-            "Has the client's model continue.",
-            text("prompt"),
-        ),
-        (
-            "test_elicitation",
-            "Asks the person at the client.",
-            text("message"),
-        ),
-        (
-            "test_elicitation_sep1034_defaults",
-            "Asks with a form of defaults.",
-            nothing.clone(),
-        ),
-        (
-            "test_elicitation_sep1330_enums",
-            "Asks with a form of choices.",
-            nothing.clone(),
-        ),
+        ("test_tool_with_logging", "Logs three messages.", nothing.clone()),
+        ("test_tool_with_progress", "Reports progress three times.", nothing.clone()),
+        ("test_sampling", "Has the client's model continue.", text("prompt")),
+        ("test_elicitation", "Asks the person at the client.", text("message")),
+        ("test_elicitation_sep1034_defaults", "Asks with a form of defaults.", nothing.clone()),
+        ("test_elicitation_sep1330_enums", "Asks with a form of choices.", nothing.clone()),
         (
             "test_reconnection",
             "Breaks its answer off, and finishes it when the client has come back.",
             nothing,
         ),
-        (
-            "json_schema_2020_12_tool",
-            "Has a schema with what JSON Schema 2020-12 brought.",
-            newest,
-        ),
+        ("json_schema_2020_12_tool", "Has a schema with what JSON Schema 2020-12 brought.", newest),
     ];
     tools
         .into_iter()

@@ -7,17 +7,10 @@ use rmcp::model::{JsonObject, Tool, ToolAnnotations};
 use serde_json::{Value, json};
 
 /// Tools around an episode, which are no decisions of the policy: name, argument, description.
+#[rustfmt::skip]
 const LIFECYCLE: [(&str, Option<&'static str>, &str); 3] = [
-    (
-        "list_receptacles",
-        None,
-        "List the rooms and the furniture in them.",
-    ),
-    (
-        "list_tasks",
-        None,
-        "List the ids of the tasks that are served here, as JSON.",
-    ),
+    ("list_receptacles", None, "List the rooms and the furniture in them."),
+    ("list_tasks", None, "List the ids of the tasks that are served here, as JSON."),
     (
         "finish_with_id",
         Some("task_id"),

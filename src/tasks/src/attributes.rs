@@ -25,18 +25,11 @@ const SIZES: &[&str] = &reel_world::words! {
 };
 
 /// Parts of furniture whose words describe the part, not the whole.
+#[rustfmt::skip]
 const PARTS: &[(&str, &[&str])] = &[
-    (
-        "handles",
-        &["handle", "handles", "knob", "knobs", "pull", "pulls"],
-    ),
+    ("handles", &["handle", "handles", "knob", "knobs", "pull", "pulls"]),
     ("top", &["top", "tabletop", "worktop"]),
-    (
-        "bedding",
-        &[
-            "bedding", "sheet", "sheets", "mattress", "runner", "blanket", "quilt",
-        ],
-    ),
+    ("bedding", &["bedding", "sheet", "sheets", "mattress", "runner", "blanket", "quilt"]),
 ];
 
 /// The attribute words of an object's caption, by kind: `colour`, `material`, `shape`, `size`.

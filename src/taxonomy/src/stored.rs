@@ -62,12 +62,9 @@ pub fn baseline(session: &QuerySession) -> Result<Vec<StoredClass>, QueryError> 
 }
 
 /// Codes of errors with the class and sub-class that they suggest.
+#[rustfmt::skip]
 const BY_ERROR: [(&str, FailureClass, &str); 4] = [
-    (
-        "'door_closed', 'no_door', 'hand_not_free'",
-        FailureClass::KeyActionMissing,
-        "missing_open",
-    ),
+    ("'door_closed', 'no_door', 'hand_not_free'", FailureClass::KeyActionMissing, "missing_open"),
     (
         "'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'",
         FailureClass::KeyActionMissing,
@@ -78,11 +75,7 @@ const BY_ERROR: [(&str, FailureClass, &str); 4] = [
         FailureClass::LostMemory,
         "stale_marker",
     ),
-    (
-        "'unknown_tool', 'bad_arguments', 'unparsable_output'",
-        FailureClass::Other,
-        "invalid_output",
-    ),
+    ("'unknown_tool', 'bad_arguments', 'unparsable_output'", FailureClass::Other, "invalid_output"),
 ];
 
 fn cases(value: impl Fn(FailureClass, &'static str) -> &'static str) -> String {

@@ -159,36 +159,16 @@ mod tests {
     fn a_text_is_the_step_again() {
         let cup =
             || json!({"target_category": "tea cup", "target_description": "Blue - and small."});
+        #[rustfmt::skip]
         let steps = [
-            (
-                step("nav_to", json!({"receptacle_name": "shelf_2"})),
-                "navigate to shelf_2",
-            ),
-            (
-                step("open", json!({"receptacle_name": "shelf_2"})),
-                "open shelf_2",
-            ),
-            (
-                step("close", json!({"receptacle_name": "shelf_2"})),
-                "close shelf_2",
-            ),
-            (
-                step("place", json!({"receptacle_name": "shelf_2"})),
-                "place on shelf_2",
-            ),
-            (
-                step("find", json!({"target_category": "tea cup"})),
-                "find tea cup",
-            ),
-            (
-                step("gaze_at", cup()),
-                "gaze at tea cup - Blue - and small.",
-            ),
+            (step("nav_to", json!({"receptacle_name": "shelf_2"})), "navigate to shelf_2"),
+            (step("open", json!({"receptacle_name": "shelf_2"})), "open shelf_2"),
+            (step("close", json!({"receptacle_name": "shelf_2"})), "close shelf_2"),
+            (step("place", json!({"receptacle_name": "shelf_2"})), "place on shelf_2"),
+            (step("find", json!({"target_category": "tea cup"})), "find tea cup"),
+            (step("gaze_at", cup()), "gaze at tea cup - Blue - and small."),
             (step("ask", cup()), "ask tea cup - Blue - and small."),
-            (
-                step("pick", cup()),
-                "pick tea cup - Blue - and small. (cup_7)",
-            ),
+            (step("pick", cup()), "pick tea cup - Blue - and small. (cup_7)"),
         ];
         for (step, text) in steps {
             assert_eq!(step.to_text("cup_7"), text);

@@ -11,22 +11,15 @@ use serde_json::{Value, json};
 
 /// An episode of six decisions with a failed call in it.
 pub fn episode(id: &str, split: Split) -> Episode {
+    #[rustfmt::skip]
     let calls = [
-        (
-            "nav_to",
-            json!({"receptacle_name": "shelf_1"}),
-            "Arrived at shelf_1.",
-        ),
+        ("nav_to", json!({"receptacle_name": "shelf_1"}), "Arrived at shelf_1."),
         (
             "show_object_by_category",
             json!({"target_category": "vase"}),
             "Found 2 object(s) matching 'vase': marker 1, marker 2.",
         ),
-        (
-            "pick",
-            json!({"marker_id": 7}),
-            "Marker ID 7 not found in the marker map.",
-        ),
+        ("pick", json!({"marker_id": 7}), "Marker ID 7 not found in the marker map."),
         (
             "pick",
             json!({"marker_id": 2}),

@@ -308,26 +308,12 @@ fn a_history_that_the_rows_refute() {
     let pick = "{\"tool_name\":\"pick\",\"args\":{\"marker_id\":1}}";
     let refused = "No marker map available. Use 'find_objects' or 'explore_receptacle' first.";
     // Not in their order.
+    #[rustfmt::skip]
     let rows = [
         row(2, pick, refused, "I went to table_1. I picked up the cup."),
-        row(
-            0,
-            "none",
-            "The episode begins.",
-            "Nothing has been done yet.",
-        ),
-        row(
-            1,
-            &nav("table_1"),
-            "Arrived at table_1.",
-            "I went to fridge_1.",
-        ),
-        row(
-            3,
-            &nav("fridge_1"),
-            "Arrived at fridge_1.",
-            "I went to table_1, then to fridge_1.",
-        ),
+        row(0, "none", "The episode begins.", "Nothing has been done yet."),
+        row(1, &nav("table_1"), "Arrived at table_1.", "I went to fridge_1."),
+        row(3, &nav("fridge_1"), "Arrived at fridge_1.", "I went to table_1, then to fridge_1."),
     ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
     let history = of(&report, "history");

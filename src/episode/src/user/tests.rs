@@ -317,39 +317,20 @@ fn the_four_rules_hold_over_500_questions_in_every_situation() {
 #[test]
 fn the_check_finds_each_broken_rule() {
     let (task, scene) = (fruit(), scene());
+    #[rustfmt::skip]
     let cases: &[(&str, bool, &[&str])] = &[
         ("I mean a fruit.", false, &[]),
         ("I mean the red apple.", true, &[]),
         ("I mean the red apple.", false, &["target_named_too_early"]),
-        (
-            "It is red.",
-            false,
-            &["not_goal_driven", "target_named_too_early"],
-        ),
-        (
-            "Round, glossy red apple with a slender stem.",
-            false,
-            &["target_named_too_early"],
-        ),
-        (
-            "The fruit is on the rectangular table.",
-            false,
-            &["exact_position"],
-        ),
-        (
-            "The fruit is in the left corner.",
-            true,
-            &["exact_position"],
-        ),
+        ("It is red.", false, &["not_goal_driven", "target_named_too_early"]),
+        ("Round, glossy red apple with a slender stem.", false, &["target_named_too_early"]),
+        ("The fruit is on the rectangular table.", false, &["exact_position"]),
+        ("The fruit is in the left corner.", true, &["exact_position"]),
         ("Take the fruit 20 cm from you.", true, &["exact_position"]),
         ("Take a1_on_table_1_at_t7, a fruit.", true, &["raw_id"]),
         ("Go to table_1 for a fruit.", true, &["raw_id"]),
         ("Take the banana.", true, &["not_goal_driven"]),
-        (
-            "Bring the apple to the desk near my bed.",
-            true,
-            &["not_goal_driven"],
-        ),
+        ("Bring the apple to the desk near my bed.", true, &["not_goal_driven"]),
         ("", true, &["not_goal_driven"]),
         ("How are you?", true, &["not_goal_driven"]),
     ];

@@ -18,19 +18,11 @@ use serde_json::json;
 /// The digests of so many steps of 1/240 s. They change with the engine and with [`Stress`],
 /// and with nothing else.
 const STRESS_STEPS: u32 = 100;
+#[rustfmt::skip]
 const STRESS: [(Stress, &str); 3] = [
-    (
-        Stress::Compounds,
-        "a43a1d9ec45fe1b19e43059f58f3de3b682d22c1f9d416ec94655c932491ab3d",
-    ),
-    (
-        Stress::Limits,
-        "52c848a25abe7a12f735d475346fe5a5bb71c98cfbc24afe7136ee4f7b41e17a",
-    ),
-    (
-        Stress::Crowd,
-        "ffb4643cee1a559736afb306835e224809dc5583ceb5e7229c033d7ecb9d3e24",
-    ),
+    (Stress::Compounds, "a43a1d9ec45fe1b19e43059f58f3de3b682d22c1f9d416ec94655c932491ab3d"),
+    (Stress::Limits, "52c848a25abe7a12f735d475346fe5a5bb71c98cfbc24afe7136ee4f7b41e17a"),
+    (Stress::Crowd, "ffb4643cee1a559736afb306835e224809dc5583ceb5e7229c033d7ecb9d3e24"),
 ];
 
 #[test]

@@ -29,22 +29,14 @@ pub struct Episode {
 }
 
 static EPISODES: LazyLock<BTreeMap<&'static str, Arc<Episode>>> = LazyLock::new(|| {
+    #[rustfmt::skip]
     let files = [
         ("vase", include_str!("episodes/oracle_fdo_home_0001.json")),
         ("deco", include_str!("episodes/oracle_sul_home_0001.json")),
         ("book", include_str!("episodes/explorer_fdp_home_0005.json")),
-        (
-            "bear",
-            include_str!("episodes/explorer_fodp_home_0001.json"),
-        ),
-        (
-            "note",
-            include_str!("episodes/explorer_fodp_home_0002.json"),
-        ),
-        (
-            "clock",
-            include_str!("episodes/explorer_sul_home_0004.json"),
-        ),
+        ("bear", include_str!("episodes/explorer_fodp_home_0001.json")),
+        ("note", include_str!("episodes/explorer_fodp_home_0002.json")),
+        ("clock", include_str!("episodes/explorer_sul_home_0004.json")),
         ("timer", include_str!("episodes/planner_sul_home_0004.json")),
     ];
     let scene: Scene = serde_json::from_str(include_str!("episodes/home.json")).unwrap();

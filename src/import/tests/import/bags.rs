@@ -38,6 +38,7 @@ pub enum Field {
 use Field::{Bytes, Count, Flag, Message, Number, Text};
 
 /// The topics, and what their messages consist of.
+#[rustfmt::skip]
 const TYPES: &[(&str, Field)] = &[
     (
         "/episode",
@@ -54,13 +55,7 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    (
-        "/call",
-        Message(
-            "robot_msgs/Call",
-            &[("id", Text), ("tool", Text), ("arguments", Text)],
-        ),
-    ),
+    ("/call", Message("robot_msgs/Call", &[("id", Text), ("tool", Text), ("arguments", Text)])),
     (
         "/result",
         Message(
@@ -87,10 +82,7 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    (
-        "/vla",
-        Message("robot_msgs/Latency", &[("latency_s", Number)]),
-    ),
+    ("/vla", Message("robot_msgs/Latency", &[("latency_s", Number)])),
     (
         "/alignment",
         Message(
@@ -145,13 +137,7 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    (
-        "/camera",
-        Message(
-            "sensor_msgs/CompressedImage",
-            &[("format", Text), ("data", Bytes)],
-        ),
-    ),
+    ("/camera", Message("sensor_msgs/CompressedImage", &[("format", Text), ("data", Bytes)])),
     (
         "/raw",
         Message(
@@ -168,18 +154,9 @@ const TYPES: &[(&str, Field)] = &[
     ("/graph", Message("std_msgs/String", &[("data", Text)])),
     ("/held", Message("std_msgs/String", &[("data", Text)])),
     ("/markers", Message("std_msgs/String", &[("data", Text)])),
-    (
-        "/policy",
-        Message("robot_msgs/Policy", &[("raw", Text), ("latency_s", Number)]),
-    ),
-    (
-        "/reply",
-        Message("robot_msgs/Reply", &[("text", Text), ("source", Text)]),
-    ),
-    (
-        "/diagnostics",
-        Message("std_msgs/String", &[("data", Text)]),
-    ),
+    ("/policy", Message("robot_msgs/Policy", &[("raw", Text), ("latency_s", Number)])),
+    ("/reply", Message("robot_msgs/Reply", &[("text", Text), ("source", Text)])),
+    ("/diagnostics", Message("std_msgs/String", &[("data", Text)])),
 ];
 
 /// What the topics are.

@@ -162,22 +162,11 @@ mod tests {
 
     #[test]
     fn a_model_is_asked_as_it_was_taught() {
+        #[rustfmt::skip]
         let calls = [
-            (
-                "nav_to",
-                json!({"receptacle_name": "table_1"}),
-                "Arrived at table_1.",
-            ),
-            (
-                "walk_around",
-                Value::Null,
-                "I found the following object(s): \n\t0: a(an) mug.\n",
-            ),
-            (
-                "pick",
-                json!({"marker_id": 0}),
-                "Picked up the object with marker 0.",
-            ),
+            ("nav_to", json!({"receptacle_name": "table_1"}), "Arrived at table_1."),
+            ("walk_around", Value::Null, "I found the following object(s): \n\t0: a(an) mug.\n"),
+            ("pick", json!({"marker_id": 0}), "Picked up the object with marker 0."),
         ];
         let briefing = Briefing {
             instruction: "Bring the \"red\" mug to the desk.".to_owned(),

@@ -124,6 +124,7 @@ fn patterns_answer_the_questions_they_are_for() {
         "nav_to a", "nav_to b", "nav_to a", "nav_to b", "nav_to a", "-pick 1", "ask", "pick 1",
         "place 2",
     ];
+    #[rustfmt::skip]
     let cases: &[Case] = &[
         (
             canonical,
@@ -152,20 +153,10 @@ fn patterns_answer_the_questions_they_are_for() {
             0,
         ),
         (swing, &calls, Some(0..5), 1),
-        (
-            swing,
-            &["nav_to a", "nav_to a", "nav_to a", "nav_to a"],
-            None,
-            0,
-        ),
+        (swing, &["nav_to a", "nav_to a", "nav_to a", "nav_to a"], None, 0),
         ("^ !ask* pick", &calls, Some(0..6), 1),
         ("^ !ask* pick[ok]", &calls, None, 0),
-        (
-            "pick[error = 'door_closed'] .. pick[ok]",
-            &calls,
-            Some(5..8),
-            1,
-        ),
+        ("pick[error = 'door_closed'] .. pick[ok]", &calls, Some(5..8), 1),
         ("pick[failed] > ask", &calls, Some(5..7), 1),
         ("nav_to", &calls, Some(0..1), 5),
         ("nav_to+", &calls, Some(0..5), 1),

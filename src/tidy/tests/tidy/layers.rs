@@ -5,6 +5,7 @@ use cargo_metadata::{DependencyKind, MetadataCommand, Package};
 use reel_tidy::{crates, root};
 
 /// What a crate of ours may use of ours, tests apart. `cli` may use all.
+#[rustfmt::skip]
 const LAYERS: &[(&str, &[&str])] = &[
     ("world", &[]),
     ("reward", &["world"]),
@@ -17,32 +18,16 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("agents", &["world", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "episode", "trace"]),
-    (
-        "counterfactual",
-        &["world", "sim", "episode", "trace", "agents", "replay"],
-    ),
+    ("counterfactual", &["world", "sim", "episode", "trace", "agents", "replay"]),
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace"]),
-    (
-        "query",
-        &[
-            "world",
-            "reward",
-            "trace",
-            "tables",
-            "replay",
-            "counterfactual",
-        ],
-    ),
+    ("query", &["world", "reward", "trace", "tables", "replay", "counterfactual"]),
     ("cluster", &["tables", "query"]),
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
     ("llm", &["world", "agents", "episode", "trace", "prompt"]),
-    (
-        "annotate",
-        &["world", "trace", "history", "llm", "prompt", "dataset"],
-    ),
+    ("annotate", &["world", "trace", "history", "llm", "prompt", "dataset"]),
     ("dataset", &["world", "history", "prompt"]),
     (
         "export",
@@ -78,16 +63,12 @@ const LAYERS: &[(&str, &[&str])] = &[
     ),
     ("tidy", &[]),
     // tests only
-    (
-        "vectors",
-        &[
-            "world", "reward", "trace", "episode", "tasks", "agents", "llm",
-        ],
-    ),
+    ("vectors", &["world", "reward", "trace", "episode", "tasks", "agents", "llm"]),
 ];
 
 /// Outside packages that only some crates of ours may use, tests included. A name ending in
 /// `*` is a prefix.
+#[rustfmt::skip]
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum*", &["mcp", "proxy", "server"]),
     // tidy: so that programs and tests build it with the same features (features.rs)
@@ -101,10 +82,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("anyhow", &["cli"]),
     ("ballista*", &["cluster"]),
     ("datafusion*", &["cluster", "query", "tables"]),
-    (
-        "arrow*",
-        &["dataset", "export", "query", "server", "tables", "taxonomy"],
-    ),
+    ("arrow*", &["dataset", "export", "query", "server", "tables", "taxonomy"]),
     ("parquet", &["dataset", "export", "query", "tables"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
@@ -115,12 +93,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("re_sdk*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("object_store", &["cluster", "tables"]),
-    (
-        "tokio*",
-        &[
-            "cluster", "tables", "query", "live", "mcp", "proxy", "server",
-        ],
-    ),
+    ("tokio*", &["cluster", "tables", "query", "live", "mcp", "proxy", "server"]),
     (
         "rayon",
         &[
@@ -137,10 +110,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
             "server",
         ],
     ),
-    (
-        "rand_chacha",
-        &["sim", "tasks", "agents", "annotate", "query"],
-    ),
+    ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),

@@ -162,23 +162,15 @@ fn replies_narrow_down() {
     let green = object("apple", "Green apple with small speckles.");
     let pear = object("pear", "Yellow pear.");
     let unknown = object("apple", "");
+    #[rustfmt::skip]
     let cases = [
         ("I mean the red one.", [true, false, false, true]),
         ("Yes, the crimson apple.", [true, false, false, true]),
         ("No, not the pear.", [true, true, false, true]),
-        (
-            "Not the red one, the green one.",
-            [false, true, false, false],
-        ),
-        (
-            "Please bring it to the table where we have dinner.",
-            [true, true, true, true],
-        ),
+        ("Not the red one, the green one.", [false, true, false, false]),
+        ("Please bring it to the table where we have dinner.", [true, true, true, true]),
         ("Do you mean the wooden apple?", [true, true, false, true]),
-        (
-            "Is it the apple with small speckles?",
-            [false, true, false, true],
-        ),
+        ("Is it the apple with small speckles?", [false, true, false, true]),
     ];
     for (text, expected) in cases {
         let found = [&red, &green, &pear, &unknown].map(|object| fits(text, object, None));

@@ -66,18 +66,11 @@ impl Check for Splits {
             };
             meet("prompt", Severity::Error, context, &prompt);
         }
+        #[rustfmt::skip]
         let named: [(&'static str, Severity, Option<String>); 3] = [
             ("episode", Severity::Error, example.episode()),
-            (
-                "task",
-                Severity::Error,
-                example.meta_text(&["task_id", "task", "benchmark_task_id"]),
-            ),
-            (
-                "scene",
-                Severity::Warning,
-                example.meta_text(&["scene_id", "scene"]),
-            ),
+            ("task", Severity::Error, example.meta_text(&["task_id", "task", "benchmark_task_id"])),
+            ("scene", Severity::Warning, example.meta_text(&["scene_id", "scene"])),
         ];
         for (kind, severity, value) in named {
             if let Some(value) = value {

@@ -149,11 +149,9 @@ pub(super) struct RoomKind {
 }
 
 /// Every kind of room we build. Balconies lie before the outline, corridors between its two bands.
+#[rustfmt::skip]
 pub(super) const ROOM_KINDS: &[(&str, RoomKind)] = &[
-    (
-        "living room",
-        room(88, 86, true, &["couch", "table", "tv stand", "cabinet"]),
-    ),
+    ("living room", room(88, 86, true, &["couch", "table", "tv stand", "cabinet"])),
     (
         "kitchen",
         room(
@@ -170,32 +168,12 @@ pub(super) const ROOM_KINDS: &[(&str, RoomKind)] = &[
             ],
         ),
     ),
-    (
-        "bedroom",
-        room(
-            70,
-            76,
-            false,
-            &["bed", "cabinet", "nightstand", "desk", "chest of drawers"],
-        ),
-    ),
-    (
-        "dining room",
-        room(68, 72, true, &["table", "cabinet", "cabinet"]),
-    ),
+    ("bedroom", room(70, 76, false, &["bed", "cabinet", "nightstand", "desk", "chest of drawers"])),
+    ("dining room", room(68, 72, true, &["table", "cabinet", "cabinet"])),
     ("toilet", room(40, 56, false, &["sink", "cabinet"])),
-    (
-        "bathroom",
-        room(44, 56, false, &["sink", "cabinet", "cabinet"]),
-    ),
-    (
-        "washroom",
-        room(46, 60, false, &["washing machine", "sink", "cabinet"]),
-    ),
-    (
-        "study room",
-        room(58, 64, false, &["desk", "cabinet", "shelf"]),
-    ),
+    ("bathroom", room(44, 56, false, &["sink", "cabinet", "cabinet"])),
+    ("washroom", room(46, 60, false, &["washing machine", "sink", "cabinet"])),
+    ("study room", room(58, 64, false, &["desk", "cabinet", "shelf"])),
     ("entry", room(46, 60, true, &["shoe cabinet", "cabinet"])),
     ("balcony", room(76, 40, false, &["table", "cabinet"])),
     ("corridor", room(0, 32, true, &["shoe cabinet", "cabinet"])),
