@@ -2,8 +2,10 @@
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
+# Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
+BENCH_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -14,14 +16,22 @@ demo: pages ## build reel; then record, replay, ask, export and draw episodes in
 	@start=$$(date +%s); cargo build --locked --workspace --bin reel && echo "built in $$(($$(date +%s) - start)) s"
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
-test: pages ## run every test of the workspace
-	cargo test --locked --workspace -- $(TEST_ARGS)
+test: pages ## install what tests compare Reel with, run every test of the workspace, list what was skipped
+	tests/setup.sh
+	@tests/skips.sh --forget
+	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
 
 pages: ## build the web pages that `reel serve` shows (needs Node, which it installs where it may)
 	dashboards/build.sh
 
-bench: ## measure the lean release build
+perf: ## measure what things cost in the lean release build, as ratios within one run (`reel dev perf`)
 	cargo run --locked --release -p reel-cli --no-default-features -- dev perf
+
+bench: ## time single operations: rendering, replay, rewards, parsing (divan; BENCH_ARGS filters)
+	cargo bench --locked --profile fast -p reel-cli --no-default-features --bench reel -- $(BENCH_ARGS)
+
+fuzz: ## feed each parser of outside bytes with mutated inputs, FUZZ_S seconds each (needs cargo-fuzz and nightly Rust)
+	tests/fuzz.sh
 
 bench-sql: ## a million synthetic episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
 	tests/bench/sql.sh
@@ -89,9 +99,10 @@ docs: ## build the guides as a book in out/book (installs mdbook where it is mis
 	@# links that leave docs/ lead into the checkout
 	sed -i -E 's#href="\.\./#href="@@/#g; s,href="@@/([^"#]*)\.html,href="@@/\1.md,g; s#"@@/#"../../#g' out/book/*.html
 
-lint: ## check format and lints
+lint: ## check format, lints and documentation
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
 acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
 	tests/acceptance.sh

@@ -23,7 +23,7 @@ trap 'exit 130' INT
 trap 'exit 143' TERM
 
 skip() {
-  echo "skipped: MCP conformance, because $1"
+  echo "skipped: npm: MCP conformance, because $1"
   exit 0
 }
 

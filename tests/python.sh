@@ -1,16 +1,30 @@
 #!/usr/bin/env bash
-# python.sh [NAME REQUIREMENTS]: prints a Python that has what the tests compare Reel with (requirements.txt), for REEL_PYTHON, or what
-# the file REQUIREMENTS lists; makes it the first time. Without one, the tests that want it say that they skip.
+# python.sh [NAME]: prints the Python of the virtual environment with the packages of tests/python/NAME.txt (default: tests), below
+# ~/.cache/reel-python, and makes the environment where it is missing or old. Fails where the packages cannot be installed.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
-home="${XDG_CACHE_HOME:-$HOME/.cache}/reel-python/${1:-tests}"
-requirements="${2:-$here/requirements.txt}"
-if ! cmp -s "$requirements" "$home/requirements.txt"; then
-  if ! python3 -c 'import ensurepip' 2>/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
-    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv; } >&2
+name="${1:-tests}"
+home="${XDG_CACHE_HOME:-$HOME/.cache}/reel-python/$name"
+requirements="$here/python/$name.txt"
+current() { cmp -s "$requirements" "$home/requirements.txt"; }
+if ! current; then
+  mkdir -p "${home%/*}"
+  if command -v flock >/dev/null; then
+    # Tests that want the same environment at once wait for each other.
+    exec 9>"$home.lock"
+    flock 9
   fi
-  python3 -m venv "$home" >&2
-  timeout 600 "$home/bin/python" -m pip install -q --disable-pip-version-check -r "$requirements" >&2
-  cp "$requirements" "$home/requirements.txt"
+  if ! current; then
+    if ! python3 -c 'import ensurepip' 2>/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
+      { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv; } >&2
+    fi
+    python3 -m venv --clear "$home" >&2
+    pip=(timeout 600 "$home/bin/python" -m pip install -q --disable-pip-version-check --retries 2)
+    "${pip[@]}" -r "$requirements" >&2
+    alone=$(sed -n 's/^# without dependencies: //p' "$requirements")
+    # shellcheck disable=SC2086
+    [[ -z $alone ]] || "${pip[@]}" --no-deps $alone >&2
+    cp "$requirements" "$home/requirements.txt"
+  fi
 fi
 echo "$home/bin/python"

@@ -25,7 +25,7 @@ echo "== in the published schema"
 if [[ -d $bench/tasks ]]; then
   "$python" tests/generate/real_schema.py "$bench/s7_scene.json" "$bench/tasks"
 else
-  echo "skipped: no REAL-Bench at $bench, so the validator is not tried on it"
+  echo "skipped: real-bench: nothing at $bench, so the validator is not tried on it"
 fi
 
 for set in real made; do

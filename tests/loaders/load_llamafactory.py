@@ -37,7 +37,6 @@ for split, promised in splits().items():
         rows += 1
         converted = convert(row)
         assert converted["_prompt"] and len(converted["_response"]) == 1, "skipped as abnormal"
-        assert converted["_system"]
         paths = converted["_images"] or []
         turns = converted["_prompt"] + converted["_response"]
         assert sum(turn["content"].count("<image>") for turn in turns) == len(paths)
@@ -45,7 +44,7 @@ for split, promised in splits().items():
         if MANIFEST["style"] == "single-turn":
             assert roles == {"user", "assistant"}, roles
         else:
-            assert roles <= {"user", "function", "observation"}, roles
+            assert roles <= {"user", "function", "observation"} and converted["_system"], roles
             assert len(json.loads(converted["_tools"])) == 11
             for turn in turns:
                 if turn["role"] == "function":

@@ -45,13 +45,12 @@ for split, promised in splits().items():
     for row in prepared:
         rows += 1
         roles = [message["role"] for message in row["messages"]]
-        assert roles[:2] == ["system", "user"]
         paths = [image["path"] for image in row["images"] or []]
         assert sum(message["content"].count("<image>") for message in row["messages"]) == len(paths)
         if MANIFEST["style"] == "single-turn":
-            assert roles == ["system", "user", "assistant"]
+            assert roles in (["user", "assistant"], ["system", "user", "assistant"]), roles
         else:
-            assert roles[-1] == "tool_call" and set(roles) <= {"system", "user", "assistant", "tool_call", "tool_response"}
+            assert roles[:2] == ["system", "user"] and roles[-1] == "tool_call" and set(roles) <= {"system", "user", "assistant", "tool_call", "tool_response"}
             assert len(row["tools"]) == 11
             for message in row["messages"]:
                 if message["role"] == "tool_call":

@@ -5,7 +5,7 @@ import * as tests from "./tests.mjs";
 
 const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
 if (!index.includes('id="app"')) {
-  console.log("skipped: the web pages in a browser, because this build has none (make pages)");
+  console.log("skipped: npm: the web pages in a browser, because this build has none (make pages)");
   process.exit(0);
 }
 

@@ -20,15 +20,15 @@ fi
 reel=${REEL:-$CARGO_TARGET_DIR/debug/reel}
 cache=${REEL_NODE:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-node}
 
-skip() {
-  echo "skipped: the web pages in a browser, because $1"
+skip() { # NEED WHY
+  echo "skipped: $1: the web pages in a browser, because $2"
   exit 0
 }
-command -v npm >/dev/null || skip "there is no npm"
+command -v npm >/dev/null || skip npm "there is no npm"
 if ! command -v chromium >/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
   (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium) >/dev/null 2>&1 || true
 fi
-CHROMIUM=$(command -v chromium || command -v chromium-browser || command -v google-chrome) || skip "there is no Chromium"
+CHROMIUM=$(command -v chromium || command -v chromium-browser || command -v google-chrome) || skip chromium "there is no Chromium"
 export CHROMIUM
 
 packages=(playwright-core@1.65.1 axe-core@4.14.1)
@@ -37,7 +37,7 @@ if [[ ! -d $folder ]]; then
   mkdir -p "$cache" && fresh=$(mktemp -d "$cache/.fresh.XXXXXX")
   if ! timeout 300 npm install --prefix "$fresh" --no-audit --no-fund --loglevel=error --fetch-retries=1 "${packages[@]}" >&2; then
     rm -rf "$fresh"
-    skip "${packages[*]} cannot be installed"
+    skip npm "${packages[*]} cannot be installed"
   fi
   # Somebody else may have been faster.
   mv -T "$fresh" "$folder" 2>/dev/null || rm -rf "$fresh"

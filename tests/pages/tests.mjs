@@ -280,7 +280,7 @@ export async function an_empty_store_is_told(browser) {
 /** Traces that are not as they should be: each is shown as far as it can be, with a word on what is wrong. */
 export async function odd_traces_are_told(browser) {
   if (!process.env.ODD) {
-    console.log("skipped: pages of odd traces, because there are none (cargo test makes them)");
+    console.log("no pages of odd traces: `cargo test` makes such traces");
     return;
   }
   const expected = ["404", "409", "422"];

@@ -173,9 +173,7 @@ def test_an_absolute_endpoint_leads_through_the_recorder():
 
 def test_the_published_client():
     """REAL's client library (mcp 1.9.4) plays through the recorder until the server has no more tasks."""
-    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
-    if python is None:
-        raise Skipped("mcp 1.9.4 is not to be had")
+    python = environment("mcp-1.9.4")
     client = pathlib.Path(__file__).resolve().parent.parent / "service" / "client_sse.py"
     with tempfile.TemporaryDirectory() as folder:
         made = world(folder)
@@ -472,7 +470,7 @@ def test_pictures_of_any_size():
 def test_tables_beside_the_servers_own():
     """The tables of an episode, recorded by the server itself and through the recorder, value by value."""
     if subprocess.run([TABLES, "ingest", "--help"], capture_output=True).returncode:
-        raise Skipped("this binary makes no tables; name one in REEL_TABLES")
+        raise Skipped("tables", "this binary makes no tables; name one in REEL_TABLES")
 
     def tables(*arguments):
         done = subprocess.run([TABLES, *map(str, arguments)], capture_output=True, text=True)

@@ -155,15 +155,10 @@ def form_problem(result):
 DEBUG_KEYS = {"CURRENT_LANDMARK", "CURRENT_POS", "CURRENT_INV", "CURRENT_MARKER_MAP", "world_graph", "WORLD_GRAPH"}
 
 
-def skip(reason):
-    """Ends a program that cannot do its work here, aloud."""
-    print(f"skipped: {reason}")
-    sys.exit(0)
-
-
 def require_bench():
     """The folder of REAL-Bench; ends the program aloud if it is absent."""
     folder = real_bench()
     if not (folder / "tasks").is_dir():
-        skip(f"no REAL-Bench at {folder}; clone https://github.com/InternRobotics/REAL and set REEL_REAL_BENCH")
+        print(f"skipped: real-bench: nothing at {folder}; clone https://github.com/InternRobotics/REAL and set REEL_REAL_BENCH")
+        sys.exit(0)
     return folder

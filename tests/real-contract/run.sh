@@ -16,32 +16,32 @@ work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 status=0
 
-skipped() {
-  echo "skipped: $*"
+skipped() { # NEED WHY
+  echo "skipped: $1: $2"
 }
 
-# python_for NAME: a Python with what requirements-NAME.txt lists, in `python`; fails if pip cannot install it.
+# python_for NAME: the Python of an environment of tests/python.sh, in `python`; fails if pip cannot install it.
 python_for() {
-  python="$("$here/../python.sh" "real-contract-$1" "$here/requirements-$1.txt" 2>"$work/pip.log")"
+  python="$("$here/../python.sh" "$1" 2>"$work/pip.log")"
 }
 
 if python3 -c "import sys; sys.path.insert(0, '$here'); import vectors; sys.exit(vectors.folder() is None)"; then
   python3 "$here/check_vectors.py" || status=1
 else
-  skipped "the Python clients against the vectors: no folder of vectors; set REEL_REAL_CONTRACT"
+  skipped real-contract "the Python clients against the vectors: no folder of vectors; set REEL_REAL_CONTRACT"
 fi
 
 if [[ ! -x $REEL ]]; then
-  skipped "the drives: no binary at $REEL; run 'cargo build -p reel-cli' or set REEL"
-  exit "$status"
+  echo "no binary at $REEL: run 'cargo build -p reel-cli' or set REEL" >&2
+  exit 2
 fi
 if [[ ! -d $bench/tasks ]]; then
-  skipped "the drives: no REAL-Bench at $bench; clone https://github.com/InternRobotics/REAL and set REEL_REAL_BENCH"
+  skipped real-bench "the drives: no REAL-Bench at $bench; clone https://github.com/InternRobotics/REAL and set REEL_REAL_BENCH"
   exit "$status"
 fi
 export REEL_REAL_BENCH="$bench"
 
-if python_for trainer; then
+if python_for mcp-1.21.2; then
   "$python" "$here/drive_trainer.py" "${short[@]}" || status=1
   for family in FDP FODP FDO SUL; do
     for task in $(cd "$bench/tasks/$family" && ls | head -n 2); do
@@ -60,12 +60,12 @@ if python_for trainer; then
     fi
   done
 else
-  skipped "the trainer's drive and the answers of exports: pip cannot install requirements-trainer.txt: $(tail -n 1 "$work/pip.log")"
+  skipped python "the trainer's drive and the answers of exports: pip cannot install mcp-1.21.2.txt: $(tail -n 1 "$work/pip.log")"
 fi
 
-if python_for agent; then
+if python_for mcp-1.9.4; then
   "$python" "$here/drive_agent.py" "${short[@]}" || status=1
 else
-  skipped "the agents' drive: pip cannot install requirements-agent.txt: $(tail -n 1 "$work/pip.log")"
+  skipped python "the agents' drive: pip cannot install mcp-1.9.4.txt: $(tail -n 1 "$work/pip.log")"
 fi
 exit "$status"

@@ -39,7 +39,7 @@ def faketime():
     places = ["/usr/lib/*", "/usr/lib*", "/usr/local/lib"]
     found = [path for place in places for path in glob.glob(f"{place}/faketime/libfaketimeMT.so.1")]
     if not found:
-        raise Skipped("libfaketime is not installed (apt-get install faketime)")
+        raise Skipped("faketime", "libfaketime is not installed (apt-get install faketime)")
     return found[0]
 
 
@@ -85,7 +85,7 @@ def fault_clock_jumps():
                 assert job[0] == 202, job
                 year, ahead = time.gmtime(job[1]["created"]).tm_year, job[1]["created"] - time.time()
                 if abs(ahead - by) > 60 if by is not None else str(year) not in (jump[1:5], "2100"):
-                    raise Skipped(f"the clock of a process cannot be changed here: at {jump} it is in {year}")
+                    raise Skipped("faketime", f"the clock of a process cannot be changed here: at {jump} it is in {year}")
             for tool, arguments in script:
                 agent.call(tool, **arguments)
             jobs = lambda: server.json("GET", "/api/jobs")[1]  # noqa: E731

@@ -171,10 +171,10 @@ def small_disk(folder, size):
     folder.mkdir(parents=True)
     command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
     if os.name != "posix" or not shutil.which("mount"):
-        raise Skipped("no file systems can be mounted here")
+        raise Skipped("mount", "no file systems can be mounted here")
     mounted = subprocess.run(command, capture_output=True, text=True)
     if mounted.returncode:
-        raise Skipped(f"a small file system cannot be mounted (that takes root): {mounted.stderr.strip()}")
+        raise Skipped("mount", f"a small file system cannot be mounted (that takes root): {mounted.stderr.strip()}")
     try:
         yield folder
     finally:
@@ -299,7 +299,7 @@ def call_within(agent, patience, tool, **arguments):
 def fault_file_too_large():
     """No file may be larger than a megabyte: the episode whose recording would be is ended, and restored; the next one plays."""
     if os.name != "posix" or not shutil.which("bash"):
-        raise Skipped("there is no `ulimit` here")
+        raise Skipped("linux", "there is no `ulimit` here")
     limited = ["bash", "-c", 'trap "" XFSZ && ulimit -f 1024 && exec "$@"', "limited"]
     with serving("--run", "large", before=limited) as server:
         agent = Agent(server, worker="a")

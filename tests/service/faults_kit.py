@@ -32,7 +32,7 @@ JSON_BODY = {"content-type": "application/json", "accept": "application/json, te
 def long_form():
     """What follows is left out of the short form."""
     if QUICK:
-        raise Skipped("takes too long for the short form")
+        raise Skipped("time", "takes too long for the short form")
 
 
 @contextlib.contextmanager
@@ -334,7 +334,7 @@ def resident(server, what="VmRSS"):
     """Memory of the server, in bytes."""
     status = pathlib.Path(f"/proc/{server.process.pid}/status")
     if not status.exists():
-        raise Skipped("the memory of a process cannot be read here")
+        raise Skipped("linux", "the memory of a process cannot be read here")
     return int(re.search(rf"{what}:\s+(\d+) kB", status.read_text())[1]) * 1024
 
 

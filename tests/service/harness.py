@@ -17,7 +17,7 @@ REEL = os.environ.get("REEL", "reel")
 
 
 class Skipped(Exception):
-    """A test that this machine cannot do, and why."""
+    """A test that this machine cannot do: `Skipped(NEED, WHY)`, with a section NEED of tests/skips.toml."""
 
 
 class Server:
@@ -141,20 +141,13 @@ def reel(*arguments):
     return done.returncode, done.stdout, done.stderr
 
 
-def environment(name, *requirements):
-    """Python of a virtual environment with these packages, made where it is not there yet; none where that cannot be."""
-    cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "reel-python" / name
-    python = cache / "bin" / "python"
-    done = cache / "installed.txt"
-    if not done.exists() or done.read_text() != " ".join(requirements):
-        make = [[sys.executable, "-m", "venv", str(cache)], [str(python), "-m", "pip", "install", "-q", *requirements]]
-        for command in make:
-            made = subprocess.run(command, capture_output=True, text=True)
-            if made.returncode:
-                print(f"skipped: {' '.join(requirements)} cannot be installed: {made.stderr.strip()[-300:]}")
-                return None
-        done.write_text(" ".join(requirements))
-    return python
+def environment(name):
+    """The Python of an environment of tests/python.sh, made where it is not there yet."""
+    script = pathlib.Path(__file__).resolve().parent.parent / "python.sh"
+    made = subprocess.run([script, name], capture_output=True, text=True)
+    if made.returncode:
+        raise Skipped("python", f"{name} cannot be installed: {made.stderr.strip()[-300:]}")
+    return made.stdout.strip()
 
 
 def main(prefix, tests):
@@ -169,8 +162,9 @@ def main(prefix, tests):
         begun = time.monotonic()
         try:
             known[name]()
-        except Skipped as reason:
-            print(f"skipped: {name}: {reason}", flush=True)
+        except Skipped as skipped:
+            need, why = skipped.args
+            print(f"skipped: {need}: {name}: {why}", flush=True)
         except Exception as error:  # a failed assertion, or whatever kept it from being made
             failed += 1
             print(f"FAILED {name}: {type(error).__name__}: {error}", flush=True)

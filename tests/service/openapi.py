@@ -21,7 +21,7 @@ import time
 import urllib.parse
 
 import openapi_fuzz
-from harness import Agent, Server, reel, until
+from harness import Agent, Server, environment, reel, until
 
 # The server is busy, or the disk is full: documented where it can happen, and no break-down.
 EXPECTED_SERVER_ERRORS = {503, 507}
@@ -577,10 +577,7 @@ def main():
     arguments = arguments.parse_args()
     seconds = 25 if arguments.short else arguments.seconds
 
-    python = openapi_fuzz.installed()
-    if python is None:
-        print(f"skipped: the OpenAPI document, because schemathesis {openapi_fuzz.VERSION} could not be installed (pip)")
-        return 0
+    python = environment("schemathesis")
     # Whatever ends this ends its servers.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("openapi: stopped"))
     signal.signal(signal.SIGALRM, lambda *_: sys.exit("openapi: this takes far too long"))

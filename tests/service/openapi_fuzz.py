@@ -1,19 +1,16 @@
-"""Schemathesis against a server with tokens, for openapi.py: installs it, tells it which names exist, runs it. Reads what was
+"""Schemathesis against a server with tokens, for openapi.py: tells it which names exist and runs it. Reads what was
 answered from a file that openapi_hooks.py writes; which answers are right, the caller knows."""
 
 import json
 import os
 import pathlib
-import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 
 from harness import Agent
 
 VERSION = "4.32.5"
-CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "reel-python"
 HOOKS = pathlib.Path(__file__).resolve().parent / "openapi_hooks.py"
 SPARE = [f"spare-{number}" for number in range(50)]
 
@@ -26,27 +23,6 @@ ask_patience_s = 2
 [limits]
 sql_s = 10
 """
-
-
-def installed():
-    """A Python with Schemathesis, or none. It appears when it is whole, so that what broke off is tried again."""
-    folder = CACHE / f"schemathesis-{VERSION}"
-    python = folder / "bin" / "python"
-    if python.exists():
-        return python
-    print(f"installing schemathesis {VERSION} into {folder}", file=sys.stderr)
-    CACHE.mkdir(parents=True, exist_ok=True)
-    fresh = tempfile.mkdtemp(prefix=".fresh-", dir=CACHE)
-    try:
-        subprocess.run([sys.executable, "-m", "venv", fresh], check=True, timeout=120, stdout=sys.stderr)
-        pip = [f"{fresh}/bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--retries", "1"]
-        subprocess.run([*pip, f"schemathesis=={VERSION}"], check=True, timeout=300, stdout=sys.stderr)
-        os.rename(fresh, folder)
-    except (OSError, subprocess.SubprocessError) as error:
-        print(error, file=sys.stderr)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-    return python if python.exists() else None
 
 
 def keep_asking(server, token, task, stop):

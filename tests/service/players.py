@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import tempfile
 
-from harness import REEL, Agent, Server, environment, main, reel
+from harness import REEL, Agent, Server, Skipped, environment, main, reel
 
 HERE = pathlib.Path(__file__).parent
 FAMILIES = ["FDP", "FODP", "FDO", "SUL"]
@@ -32,9 +32,7 @@ def exact(server):
 
 def play_published_client_over_sse():
     """mcp 1.9.4, the flow of the evaluation agent, two episodes from a fresh process."""
-    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
-    if not python:
-        return
+    python = environment("mcp-1.9.4")
     with Server("--profile", "real-repo") as server:
         lines = run(python, "client_sse.py", f"{server.url}/sse", "--episodes", 2)
         assert [line["success"] for line in lines[:2]] == [True, True], lines
@@ -45,9 +43,7 @@ def play_published_client_over_sse():
 
 def play_newest_client_over_http():
     """The newest mcp over Streamable HTTP: with sessions at /mcp, without at a worker's path."""
-    python = environment("mcp-2.3.0", "mcp==2.3.0")
-    if not python:
-        return
+    python = environment("tests")
     with Server() as server:
         for path in ["/mcp", "/w/one/mcp"]:
             [line] = run(python, "client_http.py", f"{server.url}{path}")
@@ -60,9 +56,7 @@ def play_newest_client_over_http():
 
 def play_dropped_connection_resumes():
     """A worker that is gone in the middle goes on where it was, `finish_with_id` aborts and restarts, nobody sees another's world."""
-    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
-    if not python:
-        return
+    python = environment("mcp-1.9.4")
     with Server("--profile", "real-repo") as server:
         [gone] = run(python, "client_sse.py", f"{server.url}/w/seven/sse", "--calls", 3)
         other = Agent(server, "eight")
@@ -140,11 +134,8 @@ def play_real_bench():
     """The evaluation agent's flow on 20 tasks of REAL-Bench, five of each family, judged by the client."""
     bench = pathlib.Path(os.environ.get("REEL_REAL_BENCH", ""))
     if not (bench / "s7_scene.json").exists():
-        print("skipped: REAL-Bench, because $REEL_REAL_BENCH is not its folder")
-        return
-    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
-    if not python:
-        return
+        raise Skipped("real-bench", "REEL_REAL_BENCH is not its folder")
+    python = environment("mcp-1.9.4")
     with tempfile.TemporaryDirectory() as folder:
         for family in FAMILIES:
             files = sorted((bench / "tasks" / family).glob("*.yaml"))

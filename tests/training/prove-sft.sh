@@ -3,7 +3,7 @@
 # them and measures it on the rest. Exits 1 when it learned too little (see prove.py). What was made once
 # is used again, and a training that was broken off goes on.
 #
-# REEL (a binary; else one is built), REEL_TRAIN_PYTHON (a Python with jax; else a venv is made),
+# REEL (a binary; else one is built), REEL_PYTHON (a Python with jax; else that of tests/python.sh),
 # TRAINING_DIR (default ~/.cache/reel/training), SMOKE=1 (few homes, few updates, no bounds).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -24,12 +24,7 @@ if [[ -z ${REEL:-} ]]; then
   cargo build --quiet --locked --profile fast -p reel-cli --no-default-features --features analytics
   REEL="$CARGO_TARGET_DIR/fast/reel"
 fi
-PYTHON="${REEL_TRAIN_PYTHON:-$TRAINING_DIR/venv/bin/python}"
-if ! "$PYTHON" -c 'import jax' 2>/dev/null; then
-  python3 -m venv "$TRAINING_DIR/venv"
-  PYTHON="$TRAINING_DIR/venv/bin/python"
-  "$PYTHON" -m pip install -q -r $here/requirements.txt
-fi
+PYTHON="${REEL_PYTHON:-$(tests/python.sh)}"
 
 data="$TRAINING_DIR/homes${SMOKE:+-smoke}"
 # play SEED TASKS: the traces of one home.

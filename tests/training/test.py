@@ -1,10 +1,9 @@
 """The short form of the proof (under a minute): the pieces, and that a model learns from a few synthetic rows.
 
-    $REEL_TRAIN_PYTHON tests/training/test.py
+    "$(tests/python.sh)" tests/training/test.py
 """
 
 import dataclasses
-import importlib.util
 import json
 import math
 import pathlib
@@ -12,10 +11,6 @@ import sys
 import tempfile
 import unittest
 import unittest.mock
-
-if importlib.util.find_spec("jax") is None:
-    print("skipped: jax is not installed (tests/training/requirements.txt)", file=sys.stderr)
-    sys.exit(0)
 
 import jax
 import numpy

@@ -3,7 +3,8 @@
 //! episodes that are played ([`episodes`]) and an endpoint of a model ([`scripted`]). Only tests
 //! depend on it. Vector files hold inputs and outputs of REAL's published
 //! code: `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the
-//! checkout is the default. [`real_bench`] finds the benchmark.
+//! checkout is the default. [`real_bench`] finds the benchmark, [`python`] what answers are compared
+//! with; where one of them is absent, the test says what it leaves out with [`skip()`].
 //!
 //! ```no_run
 //! use reel_vectors::{Report, load};
@@ -24,6 +25,7 @@ pub mod episodes;
 pub mod play;
 #[cfg(feature = "scripted")]
 pub mod scripted;
+mod skip;
 
 use std::{
     collections::BTreeMap,
@@ -32,6 +34,8 @@ use std::{
 };
 
 use serde_json::Value;
+
+pub use skip::{python, run, script, skip};
 
 /// Differences that [`Report::finish`] prints in full.
 const DIFFERENCES_SHOWN: usize = 12;
@@ -80,8 +84,7 @@ pub fn golden_traces() -> Vec<PathBuf> {
     paths
 }
 
-/// The folder of the vector files, or `None` if there is none. Prints where it looked, beginning
-/// with `skipped:`, so that a run without the files cannot be mistaken for one that compared them.
+/// The folder of the vector files, or `None` after a [`skip()`].
 ///
 /// # Panics
 /// Panics if `REEL_REAL_CONTRACT` names a folder that does not exist.
@@ -89,37 +92,33 @@ pub fn folder() -> Option<PathBuf> {
     outside(
         "REEL_REAL_CONTRACT",
         "real-contract/vectors",
-        "vector files of REAL's published code",
+        "real-contract",
     )
 }
 
-/// The folder of REAL-Bench's tasks, or `None` if there is none; it prints then where it looked,
-/// beginning with `skipped:`. `REEL_REAL_BENCH` names the folder, `../shared/real-bench` beside the
-/// checkout is the default.
+/// The folder of REAL-Bench's tasks, or `None` after a [`skip()`]. `REEL_REAL_BENCH` names the
+/// folder, `../shared/real-bench` beside the checkout is the default.
 ///
 /// # Panics
 /// Panics if `REEL_REAL_BENCH` names a folder that does not exist.
 pub fn real_bench() -> Option<PathBuf> {
-    outside("REEL_REAL_BENCH", "real-bench", "REAL-Bench")
+    outside("REEL_REAL_BENCH", "real-bench", "real-bench")
 }
 
-fn outside(variable: &str, beside: &str, what: &str) -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os(variable) {
-        let named = PathBuf::from(named);
-        assert!(
-            named.is_dir(),
-            "{variable} names {}, which is no folder",
-            named.display()
-        );
-        return Some(named);
-    }
+fn outside(variable: &str, beside: &str, need: &str) -> Option<PathBuf> {
+    let named = std::env::var_os(variable).map(PathBuf::from);
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(beside);
-    if beside.is_dir() {
-        return Some(beside);
+    match named {
+        // empty: as on a machine without the data
+        Some(named) if named.as_os_str().is_empty() => {}
+        Some(named) if named.is_dir() => return Some(named),
+        Some(named) => panic!("{variable} names {}, which is no folder", named.display()),
+        None if beside.is_dir() => return Some(beside),
+        None => {}
     }
-    eprintln!(
-        "skipped: no {what} at {} (set {variable})",
-        beside.display()
+    skip(
+        need,
+        &format!("nothing at {} (set {variable})", beside.display()),
     );
     None
 }

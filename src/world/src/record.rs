@@ -78,7 +78,7 @@ pub struct EpisodeHeader {
     pub seed: u64,
     /// The simulator's version; another one may give other bits.
     pub sim_version: u32,
-    /// Version of Reel that recorded the episode, e.g. `0.1.0`.
+    /// Version of Reel that recorded the episode, e.g. `0.2.0`.
     pub build: String,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,

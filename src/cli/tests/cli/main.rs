@@ -16,7 +16,11 @@ mod branches;
 mod cluster;
 #[cfg(feature = "service")]
 mod endpoint;
+#[cfg(feature = "analytics")]
+mod examples;
 mod films;
+#[cfg(feature = "analytics")]
+mod fuzz;
 mod gate;
 #[cfg(feature = "analytics")]
 mod gspo;

@@ -1,6 +1,6 @@
 //! Scenes and tasks made by the command, looked at from outside.
 
-use std::{fs, path::Path, process::Command};
+use std::fs;
 
 use crate::{complaint, expect};
 
@@ -62,32 +62,17 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
 /// The short form of `make eval-tasks`.
 #[test]
 fn made_tasks_mean_what_they_say_and_can_be_done() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    if !Command::new(&python)
-        .args(["-c", "import yaml"])
-        .output()
-        .is_ok_and(|output| output.status.success())
-    {
-        eprintln!("skipped: {python} has no `yaml` (REEL_PYTHON names another one)");
+    let Some(python) = reel_vectors::python("yaml") else {
         return;
-    }
-    let mut script = Command::new("bash");
-    script
-        .arg(root.join("tests/generate/run.sh"))
+    };
+    let mut script = reel_vectors::script("bash", "generate/run.sh");
+    let script = script
         .env("REEL", env!("CARGO_BIN_EXE_reel"))
-        .env("REEL_PYTHON", python);
-    let output = script
+        .env("REEL_PYTHON", python)
         .env("SCENES", "S3 S7")
         .env("COUNT", "48")
-        .env("SOCIAL_COUNT", "16")
-        .output()
-        .unwrap();
-    let (said, err) = (
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr),
-    );
-    assert!(output.status.success(), "{said}\n{err}");
+        .env("SOCIAL_COUNT", "16");
+    let said = reel_vectors::run(script);
     assert_eq!(
         said.matches("fuzzy instructions, 0 findings").count(),
         2,

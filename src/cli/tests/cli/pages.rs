@@ -1,11 +1,7 @@
 //! The web pages in a browser (`tests/pages`): a real server over recorded episodes, and over
 //! traces that are not as they should be.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{fs, path::Path};
 
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{chain, record::Backend};
@@ -23,20 +19,9 @@ fn people_find_out_why_an_episode_failed() {
         &fs::read(&recorded).unwrap(),
         &odd,
     );
-    let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/pages/run.sh");
-    let output = Command::new("bash")
-        .arg(script)
-        .env("REEL", env!("CARGO_BIN_EXE_reel"))
-        .env("ODD", &odd)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
-    assert!(
-        output.status.success(),
-        "{said}{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let mut command = reel_vectors::script("bash", "pages/run.sh");
+    let command = command.env("REEL", env!("CARGO_BIN_EXE_reel"));
+    reel_vectors::run(command.env("ODD", &odd));
 }
 
 /// One that its inputs do not give, one that a robot recorded, one that breaks off in the middle.

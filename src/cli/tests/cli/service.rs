@@ -1,31 +1,20 @@
 //! `reel serve` and `reel record` from outside: the scripts of `tests/service` and `tests/proxy`,
 //! which talk to them as clients do.
 
-use std::{path::PathBuf, process::Command};
-
-/// Runs a script of `tests`; prints what it says, so that what was skipped is seen.
 fn script(name: &str, arguments: &[&str]) {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests");
-    let mut command = Command::new("python3");
-    command
-        .arg(folder.join(name))
-        .args(arguments)
-        .env("REEL", env!("CARGO_BIN_EXE_reel"))
-        .env("PYTHONDONTWRITEBYTECODE", "1");
-    if std::env::var_os("REEL_REAL_BENCH").is_none() {
-        command.env("REEL_REAL_BENCH", folder.join("../../shared/real-bench"));
-    }
-    let Ok(output) = command.output() else {
-        println!("skipped: {name}, because there is no python3");
+    // Any Python will do.
+    let Some(python) = reel_vectors::python("sys") else {
         return;
     };
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
-    assert!(
-        output.status.success(),
-        "{name}: {said}{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let mut command = reel_vectors::script(python, name);
+    let command = command
+        .args(arguments)
+        .env("REEL", env!("CARGO_BIN_EXE_reel"));
+    if std::env::var_os("REEL_REAL_BENCH").is_none() {
+        let shared = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-bench");
+        command.env("REEL_REAL_BENCH", shared);
+    }
+    reel_vectors::run(command);
 }
 
 /// The faults of every day; `make service` has all of them, and the fuzzing

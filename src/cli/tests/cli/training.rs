@@ -1,7 +1,7 @@
 //! Training sets by the command: words by rules and by a model, rollout groups, tokens by
 //! a model's own tokenizer.
 
-use std::{fs, path::Path, process::Command};
+use std::fs;
 
 use serde_json::Value;
 
@@ -180,30 +180,11 @@ fn rollout_groups_and_a_tokenizer() {
     );
 }
 
-/// A script of the repository run by a Python that has packages; none where it has not.
-fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> Option<String> {
-    let python = std::env::var(variable).unwrap_or_else(|_| "python3".into());
-    let importable = Command::new(&python)
-        .args(["-c", &format!("import {packages}")])
-        .output();
-    if !importable.is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: {python} lacks one of {packages} ({variable} names another one)");
-        return None;
-    }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../..")
-        .join(script);
-    let output = Command::new(&python)
-        .arg(&script)
-        .args(arguments)
-        .output()
-        .unwrap();
-    let (out, err) = (
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr),
-    );
-    assert!(output.status.success(), "{out}{err}");
-    Some(out.into_owned())
+/// A script of `tests` run by a Python that has packages; none where it has not.
+fn python(packages: &str, script: &str, arguments: &[&str]) -> Option<String> {
+    let python = reel_vectors::python(packages)?;
+    let mut command = reel_vectors::script(python, script);
+    Some(reel_vectors::run(command.args(arguments)))
 }
 
 /// The short form of `make bench-export`.
@@ -234,7 +215,7 @@ fn the_benchmarks_script_makes_the_same_rows() {
         "--check",
     ];
     let packages = "blake3, datasets, mcap, google.protobuf, orjson, PIL, pyarrow, re2, zstandard";
-    let Some(said) = python("REEL_PYTHON", packages, "tests/bench/export.py", &arguments) else {
+    let Some(said) = python(packages, "bench/export.py", &arguments) else {
         return;
     };
     assert_eq!(said.matches("are the same").count(), 3, "{said}");
@@ -257,19 +238,12 @@ fn the_benchmarks_script_makes_the_same_tables() {
     let (traces, store, rows) = (path("traces"), path("store"), path("rows"));
     let packages = "blake3, deltalake, google.protobuf, mcap, orjson, pyarrow, zstandard";
     let read = python(
-        "REEL_PYTHON",
         packages,
-        "tests/bench/ingest_python.py",
+        "bench/ingest_python.py",
         &[&traces, "--out", &rows],
     );
     if read.is_some() {
-        let said = python(
-            "REEL_PYTHON",
-            packages,
-            "tests/bench/check_ingest.py",
-            &[&store, &rows],
-        )
-        .unwrap();
+        let said = python(packages, "bench/check_ingest.py", &[&store, &rows]).unwrap();
         assert!(said.contains("episodes: 6 rows"), "{said}");
     }
 }
@@ -277,5 +251,5 @@ fn the_benchmarks_script_makes_the_same_tables() {
 /// The short form of `make prove-sft`.
 #[test]
 fn the_training_proof_has_tests_of_its_own() {
-    python("REEL_TRAIN_PYTHON", "jax", "tests/training/test.py", &[]);
+    python("jax", "training/test.py", &[]);
 }

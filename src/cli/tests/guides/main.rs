@@ -50,6 +50,7 @@ fn pages() -> Vec<Page> {
 #[test]
 fn every_command_of_the_pages_works() {
     let pages = pages();
+    let python = reel_vectors::python("datasets");
     let next = AtomicUsize::new(0);
     let sessions: Mutex<Vec<Session>> = Mutex::default();
     let workers = thread::available_parallelism().map_or(2, |count| count.get().clamp(2, 8));
@@ -58,7 +59,7 @@ fn every_command_of_the_pages_works() {
             scope.spawn(|| {
                 while let Some(page) = pages.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let begun = Instant::now();
-                    let mut session = Session::new(page);
+                    let mut session = Session::new(page, python.as_deref());
                     session.play();
                     println!(
                         "{:24} {:5.1} s  {} run, {} parsed, {} not ours",

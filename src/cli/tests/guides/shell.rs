@@ -74,6 +74,8 @@ fn demo() -> &'static Path {
 /// A page while its blocks are executed, and what came of them.
 pub struct Session<'a> {
     page: &'a Page,
+    /// Reads the blocks in Python.
+    python: Option<&'a Path>,
     folder: TempDir,
     /// Holds `reel` under its name, the variables and the working folder between commands.
     state: TempDir,
@@ -92,7 +94,7 @@ pub struct Session<'a> {
 
 impl<'a> Session<'a> {
     /// An empty folder for a page.
-    pub fn new(page: &'a Page) -> Self {
+    pub fn new(page: &'a Page, python: Option<&'a Path>) -> Self {
         let state = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink(env!("CARGO_BIN_EXE_reel"), state.path().join("reel")).unwrap();
         fs::write(
@@ -102,6 +104,7 @@ impl<'a> Session<'a> {
         .unwrap();
         Self {
             page,
+            python,
             folder: tempfile::tempdir().unwrap(),
             state,
             ports: BTreeMap::new(),
@@ -349,25 +352,21 @@ impl<'a> Session<'a> {
 
     /// Runs what stands behind `>>>`, and compiles whole programs, where there is a Python.
     fn python(&mut self, block: &Block) -> Result<(), String> {
-        let Some(python) = env::var_os("REEL_PYTHON") else {
+        let Some(python) = self.python else {
             self.foreign
                 .push(format!("{}:{}: python", self.page.path, block.line));
-            println!(
-                "skipped: no REEL_PYTHON that could read {}:{}",
-                self.page.path, block.line
-            );
             return Ok(());
         };
         if !block.text.starts_with(">>> ") {
             self.parsed += 1;
             let program = "import sys; compile(sys.argv[1], 'block', 'exec')";
-            let output = self.output(Command::new(&python).args(["-c", program, &block.text]));
+            let output = self.output(Command::new(python).args(["-c", program, &block.text]));
             return succeeded("python", 0, &output);
         }
         for session in block.text.split(">>> ").skip(1) {
             let (expression, shown) = session.split_once('\n').unwrap_or((session, ""));
             let program = format!("import datasets\nprint(repr({expression}))");
-            let output = self.output(Command::new(&python).args(["-c", &program]));
+            let output = self.output(Command::new(python).args(["-c", &program]));
             self.run += 1;
             succeeded(expression, 0, &output)?;
             let shown: Vec<String> = shown.lines().map(str::to_owned).collect();

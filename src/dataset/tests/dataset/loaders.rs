@@ -1,6 +1,4 @@
-//! The real loaders load what is written, where they are installed (`tests/loaders/install.sh`).
-
-use std::{path::Path, process::Command};
+//! The real loaders load what is written, where they are installed (`tests/setup.sh`).
 
 use reel_dataset::{Format, Style};
 
@@ -8,7 +6,6 @@ use crate::whole;
 
 #[test]
 fn every_format_is_loaded_by_its_loader() {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/loaders/run.sh");
     let folder = tempfile::tempdir().unwrap();
     for format in Format::ALL
         .into_iter()
@@ -24,21 +21,7 @@ fn every_format_is_loaded_by_its_loader() {
             );
         }
     }
-    match Command::new("bash")
-        .arg(&script)
-        .arg(folder.path())
-        .output()
-    {
-        Err(error) => eprintln!("skipped: no bash ({error})"),
-        Ok(output) => {
-            let said = String::from_utf8_lossy(&output.stdout);
-            eprintln!("{said}");
-            assert!(
-                output.status.success(),
-                "{said}{}",
-                String::from_utf8_lossy(&output.stderr)
-            );
-            assert!(!said.is_empty());
-        }
-    }
+    let mut command = reel_vectors::script("bash", "loaders/run.sh");
+    let said = reel_vectors::run(command.arg(folder.path()));
+    assert!(!said.is_empty());
 }

@@ -12,7 +12,6 @@ use std::{
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
-    process::Command,
     sync::atomic::{AtomicUsize, Ordering},
 };
 
@@ -422,35 +421,19 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
         .collect();
     let file = dir.path().join("frames.rgb");
     fs::write(&file, frames).unwrap();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/loaders/run.sh");
-    match Command::new("bash")
-        .arg(script)
-        .arg(&sets)
-        .env("REEL_FRAMES", &file)
-        .output()
-    {
-        Err(error) => eprintln!("skipped: no bash ({error})"),
-        Ok(output) => {
-            let said = String::from_utf8_lossy(&output.stdout);
-            eprintln!("{said}");
-            assert!(
-                output.status.success(),
-                "{said}{}",
-                String::from_utf8_lossy(&output.stderr)
-            );
-            for format in Format::ALL {
-                assert!(
-                    said.contains(&format!(" {}: ", format.as_str())),
-                    "{} was asked of no loader: {said}",
-                    format.as_str()
-                );
-            }
-            assert!(
-                !said.contains("decoded\n"),
-                "pictures that were compared with nothing: {said}"
-            );
-        }
+    let mut command = reel_vectors::script("bash", "loaders/run.sh");
+    let said = reel_vectors::run(command.arg(&sets).env("REEL_FRAMES", &file));
+    for format in Format::ALL {
+        assert!(
+            said.contains(&format!(" {}: ", format.as_str())),
+            "{} was asked of no loader: {said}",
+            format.as_str()
+        );
     }
+    assert!(
+        !said.contains("decoded\n"),
+        "pictures that were compared with nothing: {said}"
+    );
 }
 
 #[test]

@@ -5,7 +5,6 @@
 
 use std::{
     collections::BTreeMap,
-    path::Path,
     sync::{Arc, Mutex},
     time::Duration,
 };
@@ -195,11 +194,7 @@ fn tasks(file: &Value, scene: &Scene) -> Vec<Arc<Task>> {
 
 /// A published task in the published scene.
 fn bench(id: &str) -> Option<(Scene, Vec<Arc<Task>>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/real-bench");
-    if !folder.is_dir() {
-        eprintln!("skipped: no REAL-Bench at {}", folder.display());
-        return None;
-    }
+    let folder = reel_vectors::real_bench()?;
     let scene = reel_tasks::scene::load(&folder.join("s7_scene.json"))
         .unwrap()
         .scene;

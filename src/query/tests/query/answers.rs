@@ -26,18 +26,9 @@ use crate::{
 
 #[test]
 fn every_named_query_agrees_with_an_independent_path() {
-    let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".into());
-    let packages = ["-c", "import deltalake, duckdb, numpy"];
-    if !Command::new(&python)
-        .args(packages)
-        .output()
-        .is_ok_and(|output| output.status.success())
-    {
-        eprintln!(
-            "skipped: {python} has no `deltalake`, `duckdb` and `numpy` (REEL_PYTHON names another one)"
-        );
+    let Some(python) = reel_vectors::python("deltalake, duckdb, numpy") else {
         return;
-    }
+    };
     let dir = TempDir::new().unwrap();
     let session = QuerySession::new(rich_store(dir.path())).unwrap();
     let out = dir.path().join("answers");
@@ -62,16 +53,8 @@ fn every_named_query_agrees_with_an_independent_path() {
         .arg(script)
         .arg(dir.path().join("store"))
         .arg(&out);
-    let output = check.output().unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    assert_eq!(
-        String::from_utf8_lossy(&output.stdout).lines().count(),
-        named::ALL.len()
-    );
+    let said = reel_vectors::run(&mut check);
+    assert_eq!(said.lines().count(), named::ALL.len());
 }
 
 #[test]

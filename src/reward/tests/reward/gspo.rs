@@ -272,20 +272,8 @@ fn cases(count: usize) -> Vec<Value> {
 }
 
 /// What NumPy makes of the cases; none where it is not installed.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "which Python is for whoever runs the tests to say"
-)]
 fn numpy(cases: &[Value]) -> Option<Value> {
-    let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let installed = Command::new(&python)
-        .args(["-c", "import numpy"])
-        .stderr(Stdio::null())
-        .status();
-    if !installed.is_ok_and(|status| status.success()) {
-        eprintln!("skipped: {python} has no `numpy` (REEL_PYTHON names another one)");
-        return None;
-    }
+    let python = reel_vectors::python("numpy")?;
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/gspo.py");
     let mut child = Command::new(&python)
         .arg(script)

@@ -15,13 +15,8 @@ use crate::geometry::{Shape, add, sub};
 )]
 fn real_data(name: &str) -> Option<Value> {
     let path = reel_vectors::real_bench()?.join(name);
-    match std::fs::read(&path) {
-        Ok(bytes) => Some(serde_json::from_slice(&bytes).expect("the file is JSON")),
-        Err(error) => {
-            eprintln!("skipped: {}: {error}", path.display());
-            None
-        }
-    }
+    let bytes = std::fs::read(&path).expect("the benchmark has this file");
+    Some(serde_json::from_slice(&bytes).expect("the file is JSON"))
 }
 
 fn real_scene() -> Option<Scene> {

@@ -1,5 +1,4 @@
 //! Other people's tools on the store: PyPI readers of Delta Lake, and an S3-compatible server.
-//! Skipped where the packages are absent.
 
 use std::{
     io::{BufRead as _, BufReader},
@@ -14,44 +13,18 @@ use tempfile::TempDir;
 
 use crate::{ingest, play::success};
 
-fn python() -> String {
-    std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned())
-}
-
 fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests")
         .join(name)
 }
 
-/// Whether the modules are there; says so where they are not.
-fn has(modules: &str) -> bool {
-    let found = Command::new(python())
-        .args(["-c", &format!("import {modules}")])
-        .stderr(Stdio::null())
-        .status();
-    let found = found.is_ok_and(|status| status.success());
-    if !found {
-        eprintln!("skipped: {} has no {modules}", python());
-    }
-    found
-}
-
 /// What each reader sees: its name and a JSON text.
-fn readers(store: &str, environment: &[(&str, &str)]) -> Vec<(String, String)> {
-    let output = Command::new(python())
-        .arg(script("check_readers.py"))
-        .arg(store)
-        .envs(environment.iter().copied())
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8(output.stdout).unwrap();
-    text.lines()
+fn readers(python: &Path, store: &str, environment: &[(&str, &str)]) -> Vec<(String, String)> {
+    let mut command = Command::new(python);
+    command.arg(script("check_readers.py")).arg(store);
+    reel_vectors::run(command.envs(environment.iter().copied()))
+        .lines()
         .map(|line| line.split_once(' ').unwrap())
         .map(|(name, seen)| (name.to_owned(), seen.to_owned()))
         .collect()
@@ -67,15 +40,15 @@ fn record(dir: &Path, seeds: std::ops::Range<u64>) -> Vec<PathBuf> {
 
 #[test]
 fn deltalake_polars_and_duckdb_read_the_store() {
-    if !has("deltalake, polars, duckdb, pyarrow") {
+    let Some(python) = reel_vectors::python("deltalake, polars, duckdb, pyarrow") else {
         return;
-    }
+    };
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("store");
     let mut store = Store::open_or_create(&folder).unwrap();
     ingest(&mut store, &record(dir.path(), 0..3));
     ingest(&mut store, &record(dir.path(), 3..5));
-    let seen = readers(folder.to_str().unwrap(), &[]);
+    let seen = readers(&python, folder.to_str().unwrap(), &[]);
     assert_eq!(
         seen.iter()
             .map(|(name, _)| name.as_str())
@@ -105,10 +78,11 @@ impl Drop for Server {
 
 #[test]
 fn a_store_may_lie_in_a_bucket() {
-    if !has("moto.server, boto3, deltalake, polars, duckdb, pyarrow") {
+    let modules = "moto.server, boto3, deltalake, polars, duckdb, pyarrow";
+    let Some(python) = reel_vectors::python(modules) else {
         return;
-    }
-    let server = Command::new(python())
+    };
+    let server = Command::new(&python)
         .arg(script("s3_server.py"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -138,7 +112,7 @@ fn a_store_may_lie_in_a_bucket() {
     assert_eq!(ingest(&mut store, &record(dir.path(), 0..3)), (3, 0, 0, 0));
     let version = store.version();
     assert_eq!(ingest(&mut store, &record(dir.path(), 0..5)), (2, 3, 0, 0));
-    let seen = readers("s3://reel/some/store", &environment);
+    let seen = readers(&python, "s3://reel/some/store", &environment);
     assert!(
         seen.iter()
             .all(|(_, seen)| seen.contains("oracle-FDP-4") || seen == "[1, true]"),
@@ -158,7 +132,7 @@ fn a_store_may_lie_in_a_bucket() {
             });
         }
     });
-    let seen = readers("s3://reel/some/store", &environment);
+    let seen = readers(&python, "s3://reel/some/store", &environment);
     let all = (0..10)
         .map(|seed| format!("\"oracle-FDP-{seed}\""))
         .collect::<Vec<_>>()

@@ -105,6 +105,25 @@ fn the_pages_a_reader_expects_exist() {
     }
 }
 
+/// `reel_vectors::skip` fails what `tests/skips.toml` does not declare; this fails what it declares
+/// in vain.
+#[test]
+fn every_declared_skip_names_a_test() {
+    let sources: String = rust_files().into_iter().map(|(_, text)| text).collect();
+    let declared = read("tests/skips.toml");
+    let tests = declared
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix("\","));
+    none(
+        tests
+            .filter(|test| {
+                let name = test.rsplit("::").next().unwrap_or_default();
+                !sources.contains(&format!("fn {name}("))
+            })
+            .map(|test| format!("tests/skips.toml: no test {test}")),
+    );
+}
+
 /// Fails with all findings at once.
 fn none(findings: impl Iterator<Item = String>) {
     let findings: Vec<String> = findings.collect();

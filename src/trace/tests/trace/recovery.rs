@@ -327,10 +327,7 @@ fn a_full_disk_loses_nothing_acknowledged() {
             .args(child.get_args())
             .env(CHILD, folder.path())
             .stderr(Stdio::null());
-        let Ok(output) = bash.output() else {
-            eprintln!("skipped: there is no bash to limit the size of files");
-            return;
-        };
+        let output = bash.output().unwrap();
         let mut heard = Heard::default();
         for line in String::from_utf8_lossy(&output.stdout).lines() {
             heard.line(line);
@@ -443,28 +440,14 @@ print(count)
 
 /// Lets the Python library read every so manieth recovered file of a folder with every checksum.
 fn python_reads(folder: &Path, stride: usize) {
-    let python = env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let there = Command::new(&python).args(["-c", "import mcap"]).output();
-    if !there.is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: {python} with the module mcap is not installed");
+    let Some(python) = reel_vectors::python("mcap") else {
         return;
-    }
-    let output = Command::new(&python)
-        .args(["-c", PYTHON])
-        .arg(folder)
-        .arg(stride.to_string())
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    };
+    let mut command = Command::new(&python);
+    command.args(["-c", PYTHON]).arg(folder);
+    let said = reel_vectors::run(command.arg(stride.to_string()));
     let count = files(folder, "mcap").len().div_ceil(stride);
-    assert_eq!(
-        String::from_utf8_lossy(&output.stdout).trim(),
-        count.to_string()
-    );
+    assert_eq!(said.trim(), count.to_string());
 }
 
 #[test]

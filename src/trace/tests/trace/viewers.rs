@@ -92,22 +92,9 @@ fn the_python_library_reads_it_and_validates_the_checksums() {
         .unwrap()
         .end(&sample.end)
         .unwrap();
-    let name = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let python = |arguments: &[&str]| Command::new(&name).args(arguments).output();
-    match python(&["-c", "import mcap, mcap_protobuf"]) {
-        Ok(output) if output.status.success() => {}
-        _ => {
-            eprintln!(
-                "skipped: {name} has no `mcap` and `mcap_protobuf` (REEL_PYTHON names another one)"
-            );
-            return;
-        }
-    }
-    let output = python(&["-c", SCRIPT, path.to_str().unwrap()]).unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    assert_eq!(output.stdout, b"read\n");
+    let Some(python) = reel_vectors::python("mcap, mcap_protobuf") else {
+        return;
+    };
+    let said = reel_vectors::run(Command::new(python).args(["-c", SCRIPT]).arg(path));
+    assert_eq!(said, "read\n");
 }

@@ -214,19 +214,10 @@ fn a_recording_is_what_rerun_accepts() {
         "the pictures are in it: {}",
         bytes.len()
     );
-    let rerun = std::env::var("REEL_RERUN").unwrap_or_else(|_| "rerun".into());
-    match std::process::Command::new(&rerun)
-        .args(["rrd", "verify"])
-        .arg(&path)
-        .output()
-    {
-        Err(error) => {
-            eprintln!("skipped: {rerun} cannot be run ({error}); REEL_RERUN names another one")
-        }
-        Ok(output) => assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        ),
-    }
+    // rerun-sdk puts its command beside its Python.
+    let Some(python) = reel_vectors::python("rerun_sdk") else {
+        return;
+    };
+    let mut rerun = std::process::Command::new(python.with_file_name("rerun"));
+    reel_vectors::run(rerun.args(["rrd", "verify"]).arg(&path));
 }
