@@ -4,15 +4,15 @@
 -- Episodes whose trace breaks off are left out.
 --
 -- Columns:
---   policy    who decided
---   family    FDP, FODP, FDO, SUL; `all`: the four together
---   episodes  how many were played
---   success   SR: share of the episodes in which no goal change is left
---   done      CR: mean share of the goal changes that hold
---   reward    mean cumulative reward, undiscounted
---   length    mean number of decisions
---   asks      mean number of questions to the user
---   spl       success weighted by path length, over the episodes that have a shortest path
+--   policy      who decided
+--   family      FDP, FODP, FDO, SUL; `all`: the four together
+--   episodes    how many were played
+--   success     SR: share of the episodes in which no goal change is left
+--   completion  CR: mean share of the goal changes that hold
+--   reward      mean cumulative reward, undiscounted
+--   length      mean number of decisions
+--   asks        mean number of questions to the user
+--   spl         success weighted by path length, over the episodes that have a shortest path
 --
 -- Example: reel query --store store --named benchmark
 SELECT
@@ -20,7 +20,7 @@ SELECT
   coalesce(family, 'all') AS family,
   count(*) AS episodes,
   avg(CAST(success AS DOUBLE)) AS success,
-  avg(completion) AS done,
+  avg(completion) AS completion,
   avg(total_reward) AS reward,
   avg(length) AS length,
   avg(asks) AS asks,

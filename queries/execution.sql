@@ -15,16 +15,16 @@
 --
 -- Example: reel query --store store --named execution
 WITH inferences AS (
-  SELECT episode_id, step, count(*) AS inferences, sum(took_ns) AS sum_ns
+  SELECT episode_id, step, count(*) AS inferences, sum(duration_ns) AS sum_ns
   FROM measurements WHERE kind = 'vla' GROUP BY episode_id, step
 ),
 primitives_run AS (
-  SELECT episode_id, step, sum(took_ns) AS took_ns, sum(control_steps) AS control_steps
+  SELECT episode_id, step, sum(duration_ns) AS duration_ns, sum(control_steps) AS control_steps
   FROM measurements WHERE kind = 'primitive' GROUP BY episode_id, step
 ),
 timed AS (
   SELECT
-    s.policy, s.tool, s.error_code, coalesce(s.took_ns, p.took_ns) / 1e9 AS took_s, i.inferences, i.sum_ns, p.control_steps
+    s.policy, s.tool, s.error_code, coalesce(s.duration_ns, p.duration_ns) / 1e9 AS took_s, i.inferences, i.sum_ns, p.control_steps
   FROM steps s
   LEFT JOIN inferences i ON i.episode_id = s.episode_id AND i.step = s.step
   LEFT JOIN primitives_run p ON p.episode_id = s.episode_id AND p.step = s.step

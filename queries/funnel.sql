@@ -3,13 +3,13 @@
 -- From the instruction to success: how many episodes come how far, and where they are lost.
 --
 -- Columns:
---   policy   who decided
---   stage    1 told, 2 went to the source, 3 saw the target, 4 picked the right object, 5 then went to the destination,
---            6 placed the object where the goal wants it, 7 success
---   reached  episodes that reached this stage, by whatever way: the last one counts the successes
---   passed   episodes that reached it and every stage before it
---   share    `passed` of all episodes
---   kept     `passed` of those that passed the stage before
+--   policy      who decided
+--   stage       1 told, 2 went to the source, 3 saw the target, 4 picked the right object, 5 then went to the destination,
+--               6 placed the object where the goal wants it, 7 success
+--   reached     episodes that reached this stage, by whatever way: the last one counts the successes
+--   passed      episodes that reached it and every stage before it
+--   share       `passed` of all episodes
+--   step_share  `passed` of those that passed the stage before
 --
 -- Example: reel query --store store --named funnel
 WITH moves AS (
@@ -65,6 +65,6 @@ counts AS (
 SELECT
   policy, concat(number, ' ', stage) AS stage, reached, passed,
   1.0 * passed / episodes AS share,
-  1.0 * passed / nullif(lag(passed) OVER (PARTITION BY policy ORDER BY number), 0) AS kept
+  1.0 * passed / nullif(lag(passed) OVER (PARTITION BY policy ORDER BY number), 0) AS step_share
 FROM counts
 ORDER BY policy, number

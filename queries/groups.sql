@@ -4,14 +4,14 @@
 -- advantages of zero.
 --
 -- Columns:
---   group_id     the prompt group
+--   group_id   the prompt group
 --   policy, task_id  who played what (one of each, if it was several)
---   rollouts     episodes with an end
---   won          successful ones
---   tasks        different tasks among them; more than one: the group is no group
---   mean, std    of the discounted returns; std of the population
+--   rollouts   episodes with an end
+--   successes  successful ones
+--   tasks      different tasks among them; more than one: the group is no group
+--   mean, std  of the discounted returns; std of the population
 --   worst, best  the smallest and the greatest
---   signal       whether the returns differ
+--   signal     whether the returns differ
 --
 -- Example: reel query --store store "SELECT count(*) FROM groups WHERE NOT signal"
 SELECT
@@ -19,7 +19,7 @@ SELECT
   min(policy) AS policy,
   min(task_id) AS task_id,
   count(*) AS rollouts,
-  count(*) FILTER (WHERE success) AS won,
+  count(*) FILTER (WHERE success) AS successes,
   count(DISTINCT task_digest) AS tasks,
   avg(discounted_return) AS mean,
   stddev_pop(discounted_return) AS std,

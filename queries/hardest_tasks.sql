@@ -4,13 +4,13 @@
 --
 -- Columns:
 --   family, task_id  the task
---   policies   how many played it
---   solved_by  how many of them solved it at least once
---   episodes   how many were played to an end
---   success    SR
---   done       CR
---   length     mean number of decisions
---   failure    the most frequent class of its failures (see `failed_episodes`), the first by name of equals
+--   policies     how many played it
+--   solved_by    how many of them solved it at least once
+--   episodes     how many were played to an end
+--   success      SR
+--   completion   CR
+--   length       mean number of decisions
+--   failure      the most frequent class of its failures (see `failed_episodes`), the first by name of equals
 --   instruction  what the agent was told
 --
 -- Example: reel query --store store --named hardest_tasks
@@ -29,7 +29,7 @@ SELECT
   count(DISTINCT CASE WHEN e.success THEN e.policy END) AS solved_by,
   count(*) AS episodes,
   avg(CAST(e.success AS DOUBLE)) AS success,
-  avg(e.completion) AS done,
+  avg(e.completion) AS completion,
   avg(e.length) AS length,
   min(c.failure) AS failure,
   min(e.instruction) AS instruction
@@ -37,4 +37,4 @@ FROM episodes e
 LEFT JOIN usual c ON c.task_digest = e.task_digest
 WHERE e.end_reason IS NOT NULL
 GROUP BY e.family, e.task_id, e.task_digest
-ORDER BY success, round(done, 6), e.family, e.task_id, e.task_digest
+ORDER BY success, round(avg(e.completion), 6), e.family, e.task_id, e.task_digest

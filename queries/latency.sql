@@ -8,12 +8,12 @@
 --   mean_s, p50_s, p90_s, p99_s, max_s  seconds a decision: mean, time within which half of them,
 --              90 % and 99 % are made, greatest
 --   episode_s  mean seconds an episode
---   tokens_read, tokens_written  mean a decision, where it is known
+--   prompt_tokens, completion_tokens  mean a decision, where it is known
 --
 -- Example: reel query --store store --named latency
 WITH timed AS (
   SELECT
-    policy, episode_id, tokens_read, tokens_written, latency_ns / 1e9 AS latency_s,
+    policy, episode_id, prompt_tokens, completion_tokens, latency_ns / 1e9 AS latency_s,
     (1.0 * row_number() OVER (PARTITION BY policy ORDER BY latency_ns)) / count(*) OVER (PARTITION BY policy) AS part
   FROM steps
   WHERE latency_ns IS NOT NULL
@@ -27,8 +27,8 @@ SELECT
   min(latency_s) FILTER (WHERE part >= 0.99) AS p99_s,
   max(latency_s) AS max_s,
   sum(latency_s) / count(DISTINCT episode_id) AS episode_s,
-  avg(tokens_read) AS tokens_read,
-  avg(tokens_written) AS tokens_written
+  avg(prompt_tokens) AS prompt_tokens,
+  avg(completion_tokens) AS completion_tokens
 FROM timed
 GROUP BY policy
 ORDER BY policy

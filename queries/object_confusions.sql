@@ -3,14 +3,14 @@
 -- Which objects are taken for which: picks of an object that the goal does not move, by what was wanted.
 --
 -- Columns:
---   policy    who decided
+--   policy     who decided
 --   wanted, wanted_caption  category and caption of the target
 --   picked, picked_caption  category and caption of the object that was picked instead; null: the task does not tell
---   alike     whether both are of one category
---   picks     how many such picks
---   episodes  in how many episodes
---   won       how many of these succeeded nevertheless
---   example   one of them: a trace to look at
+--   alike      whether both are of one category
+--   picks      how many such picks
+--   episodes   in how many episodes
+--   successes  how many of these succeeded nevertheless
+--   example    one of them: a trace to look at
 --
 -- Example: reel query --store store --named object_confusions
 SELECT
@@ -20,7 +20,7 @@ SELECT
   o.category = e.target_category AS alike,
   count(*) AS picks,
   count(DISTINCT e.episode_id) AS episodes,
-  count(DISTINCT CASE WHEN e.success THEN e.episode_id END) AS won,
+  count(DISTINCT CASE WHEN e.success THEN e.episode_id END) AS successes,
   min(e.trace) AS example
 FROM steps s
 JOIN episodes e ON e.episode_id = s.episode_id

@@ -8,7 +8,7 @@
 --   policy     who decided
 --   skill      open, close, pick, and `place` with the kind of furniture it aimed at; `all`: the four tools together
 --   calls      how many
---   worked     of them without an error
+--   succeeded  of them without an error
 --   success    the share of those
 --   low, high  Wilson's 95 % interval of it
 --
@@ -43,7 +43,7 @@ SELECT
   policy,
   coalesce(skill, 'all') AS skill,
   count(*) AS calls,
-  count(*) FILTER (WHERE error_code IS NULL) AS worked,
+  count(*) FILTER (WHERE error_code IS NULL) AS succeeded,
   1.0 * count(*) FILTER (WHERE error_code IS NULL) / count(*) AS success,
   wilson_low(count(*) FILTER (WHERE error_code IS NULL), count(*)) AS low,
   wilson_high(count(*) FILTER (WHERE error_code IS NULL), count(*)) AS high

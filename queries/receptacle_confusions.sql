@@ -11,7 +11,7 @@
 --   source     whether that is where the object came from: it was put back
 --   places     how many such calls
 --   episodes   in how many episodes
---   won        how many of these succeeded nevertheless
+--   successes  how many of these succeeded nevertheless
 --   example    one of them: a trace to look at
 --
 -- Example: reel query --store store --named receptacle_confusions
@@ -22,7 +22,7 @@ SELECT
   s.receptacle = e.src AS source,
   count(*) AS places,
   count(DISTINCT e.episode_id) AS episodes,
-  count(DISTINCT CASE WHEN e.success THEN e.episode_id END) AS won,
+  count(DISTINCT CASE WHEN e.success THEN e.episode_id END) AS successes,
   min(e.trace) AS example
 FROM steps s
 JOIN episodes e ON e.episode_id = s.episode_id

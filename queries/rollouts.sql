@@ -4,25 +4,25 @@
 -- are of the eye, not of the procedure.
 --
 -- Columns:
---   policy        who decided
---   episodes      how many were played to an end
---   success       SR
---   canonical     share of the episodes with nav_to, show_object_by_category, gaze_at, pick, nav_to, show_receptacles,
---                 place, each of them with success and directly after the one before
---   in_order      the same with other calls allowed in between
---   asked         share of the episodes with a question
---   asked_well    share of these in which at least one question was useful (see `asks`)
---   failed        failed episodes
+--   policy           who decided
+--   episodes         how many were played to an end
+--   success          SR
+--   canonical        share of the episodes with nav_to, show_object_by_category, gaze_at, pick, nav_to, show_receptacles,
+--                    place, each of them with success and directly after the one before
+--   in_order         the same with other calls allowed in between
+--   asked            share of the episodes with a question
+--   asked_well       share of these in which at least one question was useful (see `questions`)
+--   failed           failed episodes
 --   procedure_right  share of these with a pick and a later place that both worked
---   wrong_object  share of these in which, moreover, the last such place set down an object that the goal does not move,
---                 wherever: procedure right, object wrong
+--   wrong_object     share of these in which, moreover, the last such place set down an object that the goal does not move,
+--                    wherever: procedure right, object wrong
 --
 -- Parameters:
 --   $run = %  run, as in LIKE; %: any
 --
 -- Example: reel query --store store --named rollouts
-WITH questions AS (
-  SELECT episode_id, max(CAST(useful AS INT)) AS useful FROM asks GROUP BY episode_id
+WITH of_episode AS (
+  SELECT episode_id, max(CAST(useful AS INT)) AS useful FROM questions GROUP BY episode_id
 ),
 facts AS (
   SELECT
@@ -36,7 +36,7 @@ facts AS (
     sequence_match(steps, 'pick[ok] .. place[ok]') AS procedure_right,
     sequence_match(steps, 'pick[ok] .. place[ok and not goal_object] !place[ok]* $') AS wrong_object
   FROM episodes e
-  LEFT JOIN questions q ON q.episode_id = e.episode_id
+  LEFT JOIN of_episode q ON q.episode_id = e.episode_id
   WHERE end_reason IS NOT NULL AND run_id LIKE CAST($run AS VARCHAR)
 )
 SELECT

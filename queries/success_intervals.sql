@@ -8,7 +8,7 @@
 --   family     FDP, FODP, FDO, SUL; `all`: the four together
 --   episodes   how many were played to an end
 --   tasks      different ones among them
---   won        successful ones
+--   successes  successful ones
 --   success    SR
 --   low, high  the interval
 --
@@ -18,7 +18,7 @@ SELECT
   coalesce(family, 'all') AS family,
   count(*) AS episodes,
   count(DISTINCT task_digest) AS tasks,
-  count(*) FILTER (WHERE success) AS won,
+  count(*) FILTER (WHERE success) AS successes,
   avg(CAST(success AS DOUBLE)) AS success,
   wilson_low(count(*) FILTER (WHERE success), count(*)) AS low,
   wilson_high(count(*) FILTER (WHERE success), count(*)) AS high

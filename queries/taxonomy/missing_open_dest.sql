@@ -8,10 +8,10 @@
 -- Priority: 19
 SELECT coalesce(
   sequence_find(steps, '_[error_code = ''door_closed'']'),
-  sequence_find(steps, 'nav_to[ok and receptacle_like = ''dest'' and held is not null]')
+  sequence_find(steps, 'nav_to[ok and receptacle_match = ''dest'' and held is not null]')
 ) AS found
 FROM episodes
 WHERE dest_door = 'closed'
-  AND NOT sequence_match(steps, 'open[ok and receptacle_like = ''dest'']')
-  AND sequence_match(steps, 'pick[ok and goal_object] !pick[ok]* nav_to[ok and receptacle_like = ''dest'']')
+  AND NOT sequence_match(steps, 'open[ok and receptacle_match = ''dest'']')
+  AND sequence_match(steps, 'pick[ok and goal_object] !pick[ok]* nav_to[ok and receptacle_match = ''dest'']')
   AND NOT sequence_match(steps, 'place[ok and goal_object]')

@@ -7,11 +7,11 @@
 -- Sub-class: missing_open
 -- Priority: 19
 SELECT coalesce(
-  sequence_find(steps, 'nav_to[receptacle_like = ''src''] !nav_to* _[failed]'),
-  sequence_find(steps, 'nav_to[receptacle_like = ''src'']')
+  sequence_find(steps, 'nav_to[receptacle_match = ''src''] !nav_to* _[failed]'),
+  sequence_find(steps, 'nav_to[receptacle_match = ''src'']')
 ) AS found
 FROM episodes
 WHERE src_door = 'closed'
-  AND NOT sequence_match(steps, 'open[ok and receptacle_like = ''src'']')
+  AND NOT sequence_match(steps, 'open[ok and receptacle_match = ''src'']')
   AND NOT sequence_match(steps, 'pick[ok]')
   AND NOT sequence_match(steps, '(nav_to nav_to){4,}')

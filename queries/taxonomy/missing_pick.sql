@@ -7,14 +7,14 @@
 -- Sub-class: missing_pick
 -- Priority: 30
 SELECT CASE
-  WHEN sequence_match(steps, 'gaze_at[object_like = ''target''] .. nav_to[receptacle_like = ''dest'']') THEN named_struct(
+  WHEN sequence_match(steps, 'gaze_at[object_match = ''target''] .. nav_to[receptacle_match = ''dest'']') THEN named_struct(
     'first',
-    sequence_find(steps, 'gaze_at[object_like = ''target''] !(gaze_at[object_like = ''target''] | nav_to[receptacle_like = ''dest''])* nav_to[receptacle_like = ''dest'']')['last'],
+    sequence_find(steps, 'gaze_at[object_match = ''target''] !(gaze_at[object_match = ''target''] | nav_to[receptacle_match = ''dest''])* nav_to[receptacle_match = ''dest'']')['last'],
     'last',
     CAST(length - 1 AS INT)
   )
   ELSE coalesce(
-    sequence_find(steps, 'nav_to[receptacle_like = ''dest''] !nav_to* (place | finish)'),
+    sequence_find(steps, 'nav_to[receptacle_match = ''dest''] !nav_to* (place | finish)'),
     sequence_find(steps, 'place[error_code = ''nothing_held'']')
   )
 END AS found

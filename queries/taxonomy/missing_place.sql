@@ -8,4 +8,4 @@
 -- Priority: 30
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
-WHERE sequence_match(steps, 'pick[ok and goal_object] !(pick[ok] | place)* nav_to[receptacle_like = ''dest''] !(nav_to | place)* finish[held is not null] $')
+WHERE sequence_match(steps, 'pick[ok and goal_object] !(pick[ok] | place)* nav_to[receptacle_match = ''dest''] !(nav_to | place)* finish[held is not null] $')

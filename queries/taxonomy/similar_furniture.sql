@@ -6,5 +6,5 @@
 -- Class: Object Confusion
 -- Sub-class: similar_furniture
 -- Priority: 21
-SELECT sequence_find(steps, 'place[ok and goal_object and receptacle_like = ''similar''] !(pick[ok and goal_object] | place[ok and goal_object])* $') AS found
+SELECT sequence_find(steps, 'place[ok and goal_object and receptacle_match = ''similar''] !(pick[ok and goal_object] | place[ok and goal_object])* $') AS found
 FROM episodes

@@ -6,5 +6,5 @@
 -- Class: Object Confusion
 -- Sub-class: wrong_instance
 -- Priority: 21
-SELECT sequence_find(steps, 'pick[ok and object_like = ''instance'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
+SELECT sequence_find(steps, 'pick[ok and object_match = ''instance'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes

@@ -5,5 +5,5 @@
 -- Class: Object Confusion
 -- Sub-class: wrong_kind
 -- Priority: 21
-SELECT sequence_find(steps, 'pick[ok and object_like = ''other'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
+SELECT sequence_find(steps, 'pick[ok and object_match = ''other'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes

@@ -43,15 +43,15 @@ EPISODE_COLUMNS = (
 STEP_COLUMNS = (
     "step", "tool", "call_name", "arguments", "argument",
     "text", "error_code", "error_class", "object", "receptacle", "held",
-    "goal_object", "goal_receptacle", "object_like", "receptacle_like", "put_back", "fell", "markers", "visible", "candidates", "reward",
+    "goal_object", "goal_receptacle", "object_match", "receptacle_match", "put_back", "fell", "marker_count", "visible_count", "candidate_count", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
     "reasoning", "history", "plan", "raw", "question", "reply", "reply_source",
-    "tokens_read", "tokens_written", "tokens",
+    "prompt_tokens", "completion_tokens", "tokens",
     "state_digest", "chain_digest", "trace_offset",
 )  # fmt: skip
 VISIBLE_COLUMNS = ("object", "pixels", "x_min", "y_min", "x_max", "y_max")
 MEASURED_COLUMNS = (
-    "kind", "step", "skill", "target", "success", "took_ns", "control_steps", "error", "odometry_error_m", "yaw_error_rad",
+    "kind", "step", "skill", "target", "success", "duration_ns", "control_steps", "error", "odometry_error_m", "yaw_error_rad",
     "image_shift_px", "image_rmse_px",
 )  # fmt: skip
 NO_POLICY = (None, None, None, None)
@@ -172,13 +172,13 @@ class Rows:
                 self.changes += [("registry", *EVENT(event)) for event in registry]
             self.change_counts.append(count)
 
-            said, latency_ns, tokens_read, tokens_written = NO_POLICY, None, None, None
+            said, latency_ns, prompt_tokens, completion_tokens = NO_POLICY, None, None, None
             policy = policies.get(step)
             if policy:
                 said = POLICY(policy)
                 latency_ns = policy.latency_ns if policy.HasField("latency_ns") else None
                 if policy.HasField("tokens"):
-                    tokens_read, tokens_written = policy.tokens.input, policy.tokens.output
+                    prompt_tokens, completion_tokens = policy.tokens.input, policy.tokens.output
             scored = logprobs.get(step)
             if scored:
                 self.logprobs += sorted((of.policy, of.logprobs[:]) for of in scored.policies)
@@ -192,8 +192,8 @@ class Rows:
                     text, error, error_class, object_, receptacle, held,
                     object_ in goal_objects if object_ else None,
                     (object_, receptacle) in goal_places if object_ and receptacle else None,
-                    task.object_like(object_) if object_ else None,
-                    task.receptacle_like(receptacle, categories) if receptacle else None,
+                    task.object_match(object_) if object_ else None,
+                    task.receptacle_match(receptacle, categories) if receptacle else None,
                     object_ in task.initial.get(receptacle, ("", {}))[1]
                     if tool == "place" and not error and object_ and receptacle
                     else None,
@@ -202,7 +202,7 @@ class Rows:
                     moment.sim_step, x, y, robot.yaw, robot.path_length_m, latency_ns,
                     *said, (arguments if argument is None else argument) if tool == "ask" else None,
                     answer and answer.text, answer and answer.source,
-                    tokens_read, tokens_written, scored and scored.tokens[:],
+                    prompt_tokens, completion_tokens, scored and scored.tokens[:],
                     moment.state.hex(), moment.chain.hex(), offset,
                 )
             )  # fmt: skip
@@ -218,11 +218,11 @@ class Rows:
         steps = columns_of(STEP_COLUMNS, self.steps)
         for name in ("error_code", "error_class", "object", "receptacle", "held", "reasoning", "history", "plan", "raw"):
             steps[name] = [value or None for value in steps[name]]
-        steps["listed"] = Nested(self.listed_counts, self.listed)
+        steps["listed_objects"] = Nested(self.listed_counts, self.listed)
         steps["logprobs"] = Nested(self.logprob_counts, columns_of(("policy", "logprobs"), self.logprobs))
         steps["contradictions"] = [0] * len(self.steps)
         # Clocks of servers and robots: the simulator's traces have none.
-        steps["took_ns"] = [None] * len(self.steps)
+        steps["duration_ns"] = [None] * len(self.steps)
         steps["new_objects"] = Nested(self.new_object_counts, self.new_objects)
         steps["changes"] = Nested(self.change_counts, with_assets(columns_of(change, self.changes)))
         steps["terms"] = Nested(self.term_counts, columns_of(("component", "value", "reason"), self.terms))
@@ -232,7 +232,7 @@ class Rows:
         episodes = columns_of(EPISODE_COLUMNS, self.episodes)
         episodes["start_changes"] = Nested(self.start_change_counts, with_assets(columns_of(change, self.start_changes)))
         episodes["start_objects"] = Nested(self.start_object_counts, columns_of(VISIBLE_COLUMNS, self.start_objects))
-        episodes["measured"] = Nested([0] * len(self.episodes), dict.fromkeys(MEASURED_COLUMNS, ()))
+        episodes["measurements"] = Nested([0] * len(self.episodes), dict.fromkeys(MEASURED_COLUMNS, ()))
         episodes["steps"] = Nested(self.step_counts, steps)
         tables = {"episodes": episodes}
         for table, rows in (("tasks", self.tasks), ("scenes", self.scenes), ("quarantine", self.quarantine)):
@@ -356,7 +356,7 @@ class Task:
     def door(self, receptacle):
         return self.initial.get(receptacle, ("", {}))[0] or None
 
-    def object_like(self, instance):
+    def object_match(self, instance):
         if instance == self.fields["target"]:
             return "target"
         thing = self.objects.get(instance)
@@ -368,7 +368,7 @@ class Task:
             return "category"
         return "distractor" if thing["asset"] in self.fields.get("object_distractors", ()) else "other"
 
-    def receptacle_like(self, receptacle, categories):
+    def receptacle_match(self, receptacle, categories):
         dest = self.fields["dest"]
         if receptacle in (dest, self.fields["src"]):
             return "dest" if receptacle == dest else "src"

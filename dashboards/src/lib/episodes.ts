@@ -24,7 +24,7 @@ export const LISTED = `WITH listed AS (
     CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END AS class,
     c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
     coalesce(b.step, c.step) AS decisive_step,
-    b.cause, b.why, b.advice, b.wasted, b.point_of_no_return,
+    b.cause, b.explanation, b.advised_call, b.wasted_steps, b.point_of_no_return,
     coalesce(v.verdict, 'unverified') AS verdict
   FROM episodes e
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest

@@ -53,8 +53,8 @@ export type Episode = {
 export type Cost = { step: number; before: number | null; after: number | null; hindsight: number | null; regret: number | null };
 export type Blame = {
   success: boolean | null;
-  decisive: { step: number; call: Call; outcome: string; harm: string; cause: string; why: string; advice: Call | null } | null;
-  wasted: number; point_of_no_return: number | null; repairable_at_end: boolean;
+  decisive: { step: number; call: Call; outcome: string; harm: string; cause: string; explanation: string; advised_call: Call | null } | null;
+  wasted_steps: number; point_of_no_return: number | null; repairable_at_end: boolean;
   shares: Record<string, number>; costs: Cost[];
 };
 

@@ -22,7 +22,7 @@ macro_rules! queries {
 queries![
     "overview",
     "quarantined",
-    "ends",
+    "end_reasons",
     "benchmark",
     "main_results",
     "success_intervals",
@@ -35,14 +35,14 @@ queries![
     "hardest_tasks",
     "errors",
     "error_classes",
-    "asks",
-    "asking",
+    "questions",
+    "question_summary",
     "user_fidelity",
     "rollouts",
     "funnel",
-    "compared",
+    "policy_comparison",
     "regressions",
-    "unsteady_tasks",
+    "flaky_tasks",
     "object_confusions",
     "receptacle_confusions",
     "distractors",
@@ -54,15 +54,27 @@ queries![
     "latency",
     "execution",
     "longest_episodes",
-    "solved_within",
+    "success_by_budget",
     "effort",
     "tool_transitions",
     "episodes_matching",
     "pattern_success",
 ];
 
-/// Finds a query by its name.
+/// Former names, which [`by_name`] still takes, each with the present one.
+const RENAMED: &[(&str, &str)] = &[
+    ("asking", "question_summary"),
+    ("asks", "questions"),
+    ("compared", "policy_comparison"),
+    ("ends", "end_reasons"),
+    ("solved_within", "success_by_budget"),
+    ("unsteady_tasks", "flaky_tasks"),
+];
+
+/// Finds a query by its name, or by the name that it had before.
 pub fn by_name(name: &str) -> Option<&'static NamedQuery> {
+    let renamed = RENAMED.iter().find(|(former, _)| *former == name);
+    let name = renamed.map_or(name, |(_, present)| present);
     ALL.iter().find(|query| query.name == name)
 }
 

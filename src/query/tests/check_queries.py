@@ -6,7 +6,7 @@ Prints a line a query; ends with 1 at any difference, and names query, row, colu
 
 The answers are in `independent/*.sql`, a table `answer.<name>` each, written from what `queries/*.sql` and
 `schemas/tables.md` say in words. They share no text and no function with Reel's SQL: patterns of steps are regular
-expressions over one letter a step, statistics are written out. One thing is Python: the resampling of `compared` with
+expressions over one letter a step, statistics are written out. One thing is Python: the resampling of `policy_comparison` with
 Reel's generator, `independent/bootstrap.py`, which DuckDB calls as a function.
 """
 import json

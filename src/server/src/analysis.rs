@@ -193,11 +193,11 @@ impl Analysis {
             }
             (Some(decisive), _) => format!(
                 "The decisive step is call {}, {}: {} A competent agent would have done this instead: {}.",
-                decisive.step, decisive.call, decisive.why, decisive.advice
+                decisive.step, decisive.call, decisive.explanation, decisive.advised_call
             ),
         };
         Ok(
-            json!({"trace": name, "says": said, "class": class, "decisive": blame.decisive, "wasted": blame.wasted}),
+            json!({"trace": name, "says": said, "class": class, "decisive": blame.decisive, "wasted_steps": blame.wasted_steps}),
         )
     }
 }

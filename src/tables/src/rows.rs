@@ -142,7 +142,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) trace_digest: String,
     pub(crate) trace_bytes: u64,
     pub(crate) trace_modified_ns: i64,
-    pub(crate) measured: Vec<Measured<'a>>,
+    pub(crate) measurements: Vec<Measured<'a>>,
     pub(crate) steps: Vec<Step<'a>>,
 }
 
@@ -208,7 +208,7 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         trace_digest: trace.chain().to_string(),
         trace_bytes: trace.bytes,
         trace_modified_ns: modified_ns,
-        measured: measured(&trace.robot),
+        measurements: measurements(&trace.robot),
         steps: steps(trace),
     }
 }
@@ -220,7 +220,7 @@ pub(crate) struct Measured<'a> {
     skill: Option<&'a str>,
     target: Option<&'a str>,
     success: Option<bool>,
-    took_ns: Option<u64>,
+    duration_ns: Option<u64>,
     control_steps: Option<u32>,
     error: Option<&'a str>,
     odometry_error_m: Option<f64>,
@@ -229,14 +229,14 @@ pub(crate) struct Measured<'a> {
     image_rmse_px: Option<f64>,
 }
 
-fn measured(log: &RobotLog) -> Vec<Measured<'_>> {
+fn measurements(log: &RobotLog) -> Vec<Measured<'_>> {
     let primitives = log.primitives.iter().map(|it| Measured {
         kind: "primitive",
         step: it.step,
         skill: Some(&it.skill),
         target: said(&it.target),
         success: Some(it.success),
-        took_ns: it.duration_ns,
+        duration_ns: it.duration_ns,
         control_steps: it.control_steps,
         error: it.error.as_deref(),
         ..Measured::default()
@@ -245,7 +245,7 @@ fn measured(log: &RobotLog) -> Vec<Measured<'_>> {
     let vla = vla.map(|it| Measured {
         kind: "vla",
         step: it.step,
-        took_ns: Some(it.latency_ns),
+        duration_ns: Some(it.latency_ns),
         ..Measured::default()
     });
     let alignments = log.alignments.iter().map(|it| Measured {
@@ -275,14 +275,14 @@ pub(crate) struct Step<'a> {
     pub(crate) receptacle: Option<&'a str>,
     pub(crate) goal_object: Option<bool>,
     pub(crate) goal_receptacle: Option<bool>,
-    pub(crate) object_like: Option<&'static str>,
-    pub(crate) receptacle_like: Option<&'static str>,
+    pub(crate) object_match: Option<&'static str>,
+    pub(crate) receptacle_match: Option<&'static str>,
     pub(crate) put_back: Option<bool>,
     pub(crate) fell: Option<&'static str>,
     pub(crate) held: Option<&'a str>,
-    pub(crate) markers: usize,
-    pub(crate) visible: usize,
-    pub(crate) candidates: usize,
+    pub(crate) marker_count: usize,
+    pub(crate) visible_count: usize,
+    pub(crate) candidate_count: usize,
     pub(crate) reward: f64,
     pub(crate) sim_step: u64,
     pub(crate) robot_x_m: f32,
@@ -290,7 +290,7 @@ pub(crate) struct Step<'a> {
     pub(crate) robot_yaw_rad: f32,
     pub(crate) path_length_m: f32,
     pub(crate) latency_ns: Option<u64>,
-    pub(crate) took_ns: Option<u64>,
+    pub(crate) duration_ns: Option<u64>,
     pub(crate) reasoning: Option<&'a str>,
     pub(crate) history: Option<&'a str>,
     pub(crate) plan: Option<&'a str>,
@@ -298,11 +298,11 @@ pub(crate) struct Step<'a> {
     pub(crate) reply: Option<&'a str>,
     pub(crate) reply_source: Option<Value>,
     pub(crate) raw: Option<&'a str>,
-    pub(crate) tokens_read: Option<u32>,
-    pub(crate) tokens_written: Option<u32>,
+    pub(crate) prompt_tokens: Option<u32>,
+    pub(crate) completion_tokens: Option<u32>,
     pub(crate) tokens: Option<&'a [String]>,
     pub(crate) logprobs: Vec<PolicyLogprobs<'a>>,
-    pub(crate) listed: Vec<&'a str>,
+    pub(crate) listed_objects: Vec<&'a str>,
     pub(crate) new_objects: Vec<&'a str>,
     pub(crate) changes: Vec<Change>,
     pub(crate) terms: Vec<Term<'a>>,
@@ -355,20 +355,20 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 .as_ref()
                 .map(|object| goal.iter().any(|event| event.object() == Some(object))),
             goal_receptacle: goal_receptacle(record, &goal),
-            object_like: record
+            object_match: record
                 .object
                 .as_ref()
-                .map(|object| object_like(&trace.task, object)),
-            receptacle_like: record
+                .map(|object| object_match(&trace.task, object)),
+            receptacle_match: record
                 .receptacle
                 .as_ref()
-                .map(|id| receptacle_like(&trace.task, &trace.scene, id)),
+                .map(|id| receptacle_match(&trace.task, &trace.scene, id)),
             put_back: put_back(&trace.task, record),
             fell: fell(&trace.task, record),
             held: record.held.as_ref().map(InstanceId::as_str),
-            markers: record.markers.len(),
-            visible: record.visible.len(),
-            candidates: seen
+            marker_count: record.markers.len(),
+            visible_count: record.visible.len(),
+            candidate_count: seen
                 .iter()
                 .filter(|object| candidates.contains(*object))
                 .count(),
@@ -379,7 +379,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             robot_yaw_rad: record.robot.yaw,
             path_length_m: record.robot.path_length_m,
             latency_ns: policy.and_then(|policy| policy.latency_ns),
-            took_ns: trace.timings.get(&record.step).map(|timing| timing.took_ns),
+            duration_ns: trace.timings.get(&record.step).map(|timing| timing.took_ns),
             reasoning: policy.and_then(|policy| said(&policy.reasoning)),
             history: policy.and_then(|policy| said(&policy.history)),
             plan: policy.and_then(|policy| said(&policy.plan)),
@@ -387,10 +387,10 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
             raw: policy.and_then(|policy| said(&policy.raw)),
-            tokens_read: policy
+            prompt_tokens: policy
                 .and_then(|policy| policy.tokens)
                 .map(|[read, _]| read),
-            tokens_written: policy
+            completion_tokens: policy
                 .and_then(|policy| policy.tokens)
                 .map(|[_, written]| written),
             tokens: recorded.map(TokenLogprobs::tokens),
@@ -399,7 +399,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 .flat_map(TokenLogprobs::policies)
                 .map(by_policy)
                 .collect(),
-            listed: record.listed.iter().map(InstanceId::as_str).collect(),
+            listed_objects: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
             changes: changes(&record.changes),
             terms: record.reward.iter().map(term).collect(),
@@ -452,7 +452,7 @@ fn goal_receptacle(record: &StepRecord, goal: &[GraphEvent]) -> Option<bool> {
 }
 
 /// What an object is beside the target.
-pub(crate) fn object_like(task: &Task, instance: &InstanceId) -> &'static str {
+pub(crate) fn object_match(task: &Task, instance: &InstanceId) -> &'static str {
     let (target, object) = (task.object(&task.target), task.object(instance));
     match (target, object) {
         _ if *instance == task.target => "target",
@@ -464,7 +464,7 @@ pub(crate) fn object_like(task: &Task, instance: &InstanceId) -> &'static str {
 }
 
 /// What a receptacle is beside the destination.
-pub(crate) fn receptacle_like(
+pub(crate) fn receptacle_match(
     task: &Task,
     scene: &Scene,
     receptacle: &ReceptacleId,

@@ -16,8 +16,8 @@ use serde_json::{Value, json};
 use crate::{
     Store, StoreError, Table,
     rows::{
-        Change, Episode, MarkerRow, Rows, Step, Term, Visible, door, name_of, object_like,
-        receptacle_like,
+        Change, Episode, MarkerRow, Rows, Step, Term, Visible, door, name_of, object_match,
+        receptacle_match,
     },
 };
 
@@ -194,7 +194,7 @@ impl SyntheticWriter<'_> {
             trace_digest: id,
             trace_bytes: 0,
             trace_modified_ns: 0,
-            measured: Vec::new(),
+            measurements: Vec::new(),
             steps,
         }
     }
@@ -327,9 +327,9 @@ impl<'a> Play<'a, '_> {
             Some(json!(place)),
             ToolText::Arrived.text(&[&place]),
         );
-        let like = receptacle_like(self.task, self.scene, &place.into());
+        let like = receptacle_match(self.task, self.scene, &place.into());
         let step = self.last();
-        (step.receptacle, step.receptacle_like) = (Some(place), Some(like));
+        (step.receptacle, step.receptacle_match) = (Some(place), Some(like));
     }
 
     fn walk_around(&mut self) {
@@ -357,7 +357,7 @@ impl<'a> Play<'a, '_> {
         let text = ToolText::Found.text(&[&seen.len(), &category, &numbers.join(", ")]);
         self.call("show_object_by_category", Some(json!(category)), text);
         let step = self.last();
-        step.markers = seen.len();
+        step.marker_count = seen.len();
         step.marker_map = (1..)
             .zip(&seen)
             .map(|(marker, id)| MarkerRow {
@@ -395,15 +395,15 @@ impl<'a> Play<'a, '_> {
         let goal = object == self.task.target.as_str();
         let at = self.at;
         let like = (
-            object_like(self.task, &object.into()),
-            receptacle_like(self.task, self.scene, &at.into()),
+            object_match(self.task, &object.into()),
+            receptacle_match(self.task, self.scene, &at.into()),
         );
         self.held = Some(object);
         self.call("pick", Some(json!(1)), ToolText::PickedUp.text(&[&1]));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(at));
         (step.goal_object, step.goal_receptacle) = (Some(goal), Some(false));
-        (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
+        (step.object_match, step.receptacle_match) = (Some(like.0), Some(like.1));
         step.changes = both("remove", object, at);
         if goal {
             step.terms.push(Term {
@@ -426,15 +426,15 @@ impl<'a> Play<'a, '_> {
         let goal = object == self.task.target.as_str();
         let right = goal && place == self.task.dest.as_str();
         let like = (
-            object_like(self.task, &object.into()),
-            receptacle_like(self.task, self.scene, &place.into()),
+            object_match(self.task, &object.into()),
+            receptacle_match(self.task, self.scene, &place.into()),
         );
         self.call("place", Some(json!(2)), ToolText::Placed.text(&[&place]));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
         (step.goal_object, step.goal_receptacle, step.put_back) =
             (Some(goal), Some(right), Some(false));
-        (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
+        (step.object_match, step.receptacle_match) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
         let value = if right { 3.5 } else { -2.0 };
         step.terms.push(Term {
@@ -504,14 +504,14 @@ impl<'a> Play<'a, '_> {
             receptacle: None,
             goal_object: None,
             goal_receptacle: None,
-            object_like: None,
-            receptacle_like: None,
+            object_match: None,
+            receptacle_match: None,
             put_back: None,
             fell: None,
             held: self.held,
-            markers: 0,
-            visible: visible_objects.len(),
-            candidates: self.candidates,
+            marker_count: 0,
+            visible_count: visible_objects.len(),
+            candidate_count: self.candidates,
             reward: time.as_ref().map_or(0.0, |term| term.value),
             sim_step: self.sim_step,
             robot_x_m: self.chance.share() as f32 * 8.0,
@@ -519,7 +519,7 @@ impl<'a> Play<'a, '_> {
             robot_yaw_rad: self.chance.share() as f32 * std::f32::consts::TAU,
             path_length_m: self.path_m,
             latency_ns: Some(400_000_000 + self.chance.next() % 900_000_000),
-            took_ns: None,
+            duration_ns: None,
             reasoning: None,
             history: None,
             plan: None,
@@ -527,11 +527,11 @@ impl<'a> Play<'a, '_> {
             reply: None,
             reply_source: None,
             raw: None,
-            tokens_read: Some(900 + self.chance.below(600) as u32),
-            tokens_written: Some(60 + self.chance.below(200) as u32),
+            prompt_tokens: Some(900 + self.chance.below(600) as u32),
+            completion_tokens: Some(60 + self.chance.below(200) as u32),
             tokens: None,
             logprobs: Vec::new(),
-            listed: Vec::new(),
+            listed_objects: Vec::new(),
             new_objects: Vec::new(),
             changes: Vec::new(),
             terms: time.into_iter().collect(),

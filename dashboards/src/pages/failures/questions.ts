@@ -60,7 +60,7 @@ export interface Failed {
   rule_step: number | null;
   rule_last_step: number | null;
   decisive_step: number | null;
-  why: string | null;
+  explanation: string | null;
   own_sub_class: string | null;
   own_class: string | null;
 }
@@ -71,7 +71,7 @@ export const QUEUE = 500;
 export function queue(condition: string, parameters: Record<string, string>, author: string, signal: AbortSignal): Promise<Failed[]> {
   const text = `${LISTED}
 SELECT l.episode_id, l.trace, l.task_id, l.policy, l.instruction, l.length, l.class, l.sub_class, l.rule, l.rule_step, l.rule_last_step,
-  l.decisive_step, l.why, own.class AS own_class, own.sub_class AS own_sub_class
+  l.decisive_step, l.explanation, own.class AS own_class, own.sub_class AS own_sub_class
 FROM (SELECT * FROM listed WHERE ${condition}) l
 LEFT JOIN (SELECT episode_id, max(class) AS class, max(sub_class) AS sub_class FROM labels WHERE author = $author GROUP BY episode_id) own
   ON own.episode_id = l.episode_id

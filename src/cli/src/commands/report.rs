@@ -96,8 +96,8 @@ struct Example {
     instruction: String,
     trace: String,
     step: i64,
-    why: Option<String>,
-    advice: Option<String>,
+    explanation: Option<String>,
+    advised_call: Option<String>,
 }
 
 /// Writes the HTML report of a store and prints its path.
@@ -148,8 +148,8 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
     let examples: Vec<Example> = rows(
         session,
         &format!(
-            "SELECT class, sub_class, alike, policy, task_id, instruction, trace, step, why, advice FROM (\
-           SELECT c.class, c.sub_class, e.policy, e.task_id, e.instruction, e.trace, coalesce(b.step, c.step) AS step, b.why, b.advice, \
+            "SELECT class, sub_class, alike, policy, task_id, instruction, trace, step, explanation, advised_call FROM (\
+           SELECT c.class, c.sub_class, e.policy, e.task_id, e.instruction, e.trace, coalesce(b.step, c.step) AS step, b.explanation, b.advised_call, \
              count(*) OVER (PARTITION BY c.class, c.sub_class) AS alike, \
              row_number() OVER (PARTITION BY c.class, c.sub_class ORDER BY e.length, e.episode_id) AS place \
            FROM {these} e JOIN classes c USING (episode_id) LEFT JOIN blame b USING (episode_id) WHERE NOT e.success\
@@ -335,7 +335,7 @@ fn examples_of(html: &mut String, examples: &[Example]) {
             .unwrap_or(&example.trace)
             .trim_end_matches(".mcap");
         let advice = example
-            .advice
+            .advised_call
             .as_deref()
             .map_or_else(String::new, |advice| {
                 format!("<p><b>Better:</b> {}</p>", escaped(advice))
@@ -349,7 +349,7 @@ fn examples_of(html: &mut String, examples: &[Example]) {
             escaped(&example.instruction),
             escaped(
                 example
-                    .why
+                    .explanation
                     .as_deref()
                     .unwrap_or("not measured: `reel blame --store` says what this step lost")
             ),

@@ -93,7 +93,7 @@ fn a_store_keeps_what_was_measured() {
     );
     let same = ask(
         "SELECT count(*) AS n FROM blame b JOIN episodes e ON b.episode_id = e.episode_id \
-                    WHERE blame(e.trace).step = b.step AND blame(e.trace).why = b.why",
+                    WHERE blame(e.trace).step = b.step AND blame(e.trace).explanation = b.explanation",
     );
     assert_eq!(same, "n\n1\n");
     let of_success = ask("SELECT blame(trace).step IS NULL AS none FROM episodes WHERE success");

@@ -168,7 +168,7 @@ impl Search<'_, '_> {
             .filter_map(|marker| with(marker.id))
             .map(|tool| tool.to_call());
         let calls: Vec<ToolCall> = others
-            .chain([decisive.advice.clone()])
+            .chain([decisive.advised_call.clone()])
             .filter(|call| call != made)
             .collect();
         let (gone, kept) = (Op::Delete(made.clone()), Op::Keep(made.clone()));

@@ -84,9 +84,9 @@ pub struct Decisive {
     /// The capacity that failed; for [`Harm::Time`] the one with the largest share.
     pub cause: Cause,
     /// Why it did harm, in a sentence.
-    pub why: String,
+    pub explanation: String,
     /// What a competent agent would have called then.
-    pub advice: ToolCall,
+    pub advised_call: ToolCall,
 }
 
 /// What a measured episode shows.
@@ -103,7 +103,7 @@ pub struct Blame {
     /// The step that decided; none where it succeeded or nothing was lost.
     pub decisive: Option<Decisive>,
     /// Decisions lost in all.
-    pub wasted: u32,
+    pub wasted_steps: u32,
     /// The step after which success could no longer be had for sure; luck may
     /// still have brought it.
     pub point_of_no_return: Option<u32>,
@@ -135,7 +135,7 @@ pub fn blame(trace: &Trace) -> Blame {
         trace_digest: trace.chain(),
         task_id: trace.header.task_id.clone(),
         success,
-        wasted: costs.iter().filter_map(|cost| cost.regret).sum(),
+        wasted_steps: costs.iter().filter_map(|cost| cost.regret).sum(),
         point_of_no_return: moments
             .windows(2)
             .rposition(lost)
@@ -223,12 +223,12 @@ fn tell(
             .to_owned(),
         harm,
         cause,
-        why: why(trace, moments, record, harm, cause),
-        advice: moments[step].advice.to_call(),
+        explanation: explanation(trace, moments, record, harm, cause),
+        advised_call: moments[step].advice.to_call(),
     }
 }
 
-fn why(
+fn explanation(
     trace: &Trace,
     moments: &[DecisionPoint],
     record: &StepRecord,

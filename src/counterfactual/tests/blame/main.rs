@@ -16,7 +16,7 @@ fn the_planner_regrets_nothing() {
     for task in &stage.tasks {
         let trace = stage.play(task, "planner");
         let blame = blame(&trace);
-        if blame.wasted > 0 || blame.success != Some(true) {
+        if blame.wasted_steps > 0 || blame.success != Some(true) {
             bad.push(format!(
                 "{} {:?}\n{}",
                 task.task_id,

@@ -45,7 +45,7 @@ fn the_planner_regrets_nothing_and_the_published_detours_are_regret() {
         .filter_map(|task| {
             let trace = stage.play(task, "planner");
             let found = blame(&trace);
-            (found.wasted > 0 || found.success != Some(true))
+            (found.wasted_steps > 0 || found.success != Some(true))
                 .then(|| format!("{}\n{}", task.task_id, told(&trace, &found)))
         })
         .collect();
@@ -53,7 +53,7 @@ fn the_planner_regrets_nothing_and_the_published_detours_are_regret() {
     let astray: Vec<_> = stage.tasks.iter().filter(|task| strays(task)).collect();
     let regretted = astray
         .par_iter()
-        .filter(|task| blame(&stage.play(task, "oracle")).wasted > 0)
+        .filter(|task| blame(&stage.play(task, "oracle")).wasted_steps > 0)
         .count();
     eprintln!(
         "{} planner episodes without regret; {regretted} of {} published detours are regret",

@@ -19,9 +19,9 @@ use crate::control::Control;
 
 pub(crate) const HELP: FunctionHelp = FunctionHelp {
     call: "blame(trace)",
-    meaning: "Measures why an episode failed: struct(step, tool, harm, cause, why, advice, wasted, point_of_no_return, \
+    meaning: "Measures why an episode failed: struct(step, tool, harm, cause, explanation, advised_call, wasted_steps, point_of_no_return, \
               repairable_at_end, perception, communication, memory, other). `step` is the decisive call, from 0; the last four \
-              share out what was lost for good. Of a success all but `wasted` are null. See `reel blame`.",
+              share out what was lost for good. Of a success all but `wasted_steps` are null. See `reel blame`.",
     example: "SELECT blame(trace).cause AS cause, count(*) FROM episodes WHERE NOT success GROUP BY cause",
 };
 
@@ -81,9 +81,9 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         text(&|decisive| decisive.tool.clone()),
         text(&|decisive| decisive.harm.name().to_owned()),
         text(&|decisive| decisive.cause.name().to_owned()),
-        text(&|decisive| decisive.why.clone()),
-        text(&|decisive| decisive.advice.to_string()),
-        number(|row| Some(row.wasted)),
+        text(&|decisive| decisive.explanation.clone()),
+        text(&|decisive| decisive.advised_call.to_string()),
+        number(|row| Some(row.wasted_steps)),
         number(|row| row.point_of_no_return.filter(|_| row.decisive.is_some())),
         Arc::new(repairable),
         share(|row| row.shares.perception),
@@ -105,9 +105,9 @@ fn fields() -> Fields {
         ("tool", DataType::Utf8),
         ("harm", DataType::Utf8),
         ("cause", DataType::Utf8),
-        ("why", DataType::Utf8),
-        ("advice", DataType::Utf8),
-        ("wasted", DataType::Int32),
+        ("explanation", DataType::Utf8),
+        ("advised_call", DataType::Utf8),
+        ("wasted_steps", DataType::Int32),
         ("point_of_no_return", DataType::Int32),
         ("repairable_at_end", DataType::Boolean),
         ("perception", DataType::Float64),

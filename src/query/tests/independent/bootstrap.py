@@ -1,4 +1,4 @@
-"""The paired bootstrap of `compared`, with the generator that Reel seeds: nothing that SQL has."""
+"""The paired bootstrap of `policy_comparison`, with the generator that Reel seeds: nothing that SQL has."""
 import numpy
 
 

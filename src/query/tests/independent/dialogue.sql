@@ -1,34 +1,34 @@
 -- Questions to the user and what comes of them.
 
-CREATE TABLE answer.asks AS
+CREATE TABLE answer.questions AS
 WITH picks AS (
   SELECT episode_id, call.step AS step, call.goal_object AS of_goal
   FROM calls WHERE call.tool = 'pick' AND call.error_code IS NULL
 )
 SELECT
-  policy, family, task_id, success, call.step AS step, call.candidates AS candidates,
-  call.candidates > 1
+  policy, family, task_id, success, call.step AS step, call.candidate_count AS candidate_count,
+  call.candidate_count > 1
     OR preset = 'paper' AND len([term FOR term IN call.terms IF term.component = 'ask' AND term.value > 0]) > 0 AS useful,
   call.question AS question, call.reply AS reply, call.reply_source AS source,
   occurrences(call.reply, '[^\s\pZ]+') AS words,
-  if(of_goal, 'right', if(NOT of_goal, 'wrong', NULL)) AS then_picked,
+  if(of_goal, 'right', if(NOT of_goal, 'wrong', NULL)) AS next_pick,
   calls.episode_id, trace
 FROM calls ASOF LEFT JOIN picks ON picks.episode_id = calls.episode_id AND calls.call.step < picks.step
 WHERE call.tool = 'ask' AND call.error_code IS NULL
 ORDER BY policy, family, task_id, calls.episode_id, call.step;
 
-CREATE TABLE answer.asking AS
+CREATE TABLE answer.question_summary AS
 WITH asked AS (
-  SELECT e.policy, e.fuzzy, useful, reply, then_picked FROM played e JOIN answer.asks USING (episode_id)
+  SELECT e.policy, e.fuzzy, useful, reply, next_pick FROM played e JOIN answer.questions USING (episode_id)
 ),
 questions AS (
   SELECT
     policy, fuzzy, count(*) AS asks, share(useful) AS useful, share(reply IS NOT NULL) AS answered,
-    share(then_picked = 'right') AS picked_right
+    share(next_pick = 'right') AS picked_right
   FROM asked GROUP BY ALL
 ),
 outcomes AS (
-  SELECT policy, fuzzy, success, episode_id IN (SELECT episode_id FROM answer.asks) AS asked FROM played
+  SELECT policy, fuzzy, success, episode_id IN (SELECT episode_id FROM answer.questions) AS asked FROM played
 )
 SELECT
   policy, fuzzy, count(*) AS episodes, coalesce(any_value(asks), 0) / count(*) AS asks, share(asked) AS asked,
@@ -41,13 +41,13 @@ CREATE TABLE answer.user_fidelity AS
 WITH sources AS (
   SELECT
     policy, source, count(*) AS answers, avg(words) AS words,
-    tally(then_picked = 'right') AS led_right, tally(then_picked = 'wrong') AS led_wrong,
-    tally(then_picked IS NULL) AS led_nowhere,
+    tally(next_pick = 'right') AS led_right, tally(next_pick = 'wrong') AS led_wrong,
+    tally(next_pick IS NULL) AS led_nowhere,
     count(DISTINCT played.episode_id) AS episodes, count(DISTINCT task_digest) AS tasks,
-    count(DISTINCT CASE WHEN played.success THEN played.episode_id END) AS won
-  FROM answer.asks LEFT JOIN played USING (policy, episode_id)
+    count(DISTINCT CASE WHEN played.success THEN played.episode_id END) AS successes
+  FROM answer.questions LEFT JOIN played USING (policy, episode_id)
   WHERE reply IS NOT NULL
   GROUP BY policy, source
 )
-SELECT *, won / nullif(episodes, 0) AS success, low(won, episodes) AS low, high(won, episodes) AS high
+SELECT *, successes / nullif(episodes, 0) AS success, low(successes, episodes) AS low, high(successes, episodes) AS high
 FROM sources ORDER BY policy, source;

@@ -35,7 +35,7 @@ FROM told e LEFT JOIN opinions ON what = e.episode_id || e.trace_digest WHERE e.
 
 CREATE TABLE answer.failed_episodes AS
 SELECT
-  name AS class, sub_class, rule, step, last_step, call, evidence, completion AS done, length, end_reason, policy, family,
+  name AS class, sub_class, rule, step, last_step, call, evidence, completion, length, end_reason, policy, family,
   task_id, episode_id, trace
 FROM judged ORDER BY name, sub_class, policy, task_id, episode_id;
 
@@ -55,8 +55,8 @@ GROUP BY ALL ORDER BY calls DESC, policy, tool, error;
 CREATE TABLE answer.error_classes AS
 SELECT
   policy, tool, count(*) AS calls,
-  count(*) / (SELECT count(*) FROM episodes WHERE episodes.policy = calls.policy) AS an_episode,
-  tally(call.error_code IS NULL) AS worked, tally(call.error_class = 'moderate') AS moderate,
+  count(*) / (SELECT count(*) FROM episodes WHERE episodes.policy = calls.policy) AS calls_per_episode,
+  tally(call.error_code IS NULL) AS succeeded, tally(call.error_class = 'moderate') AS moderate,
   tally(call.error_class = 'severe') AS severe, share(call.error_code IS NOT NULL) AS failed
 FROM calls, unnest([call.tool, 'all']) AS names(tool) GROUP BY policy, tool ORDER BY policy, tool = 'all', tool;
 
@@ -65,7 +65,7 @@ WITH things AS (SELECT task_digest, unnest(objects) AS thing FROM tasks)
 SELECT
   policy, target_category AS wanted, target_caption AS wanted_caption, thing.category AS picked, thing.caption AS picked_caption,
   picked = wanted AS alike, count(*) AS picks, count(DISTINCT episode_id) AS episodes,
-  count(DISTINCT if(success, episode_id, NULL)) AS won, min(trace) AS example
+  count(DISTINCT if(success, episode_id, NULL)) AS successes, min(trace) AS example
 FROM calls LEFT JOIN things ON things.task_digest = calls.task_digest AND thing.instance = call.object
 WHERE letter(call) = 'q' GROUP BY ALL ORDER BY picks DESC, policy, wanted, wanted_caption, picked, picked_caption;
 
@@ -73,7 +73,7 @@ CREATE TABLE answer.receptacle_confusions AS
 SELECT
   policy, scene_id, dest AS wanted, call.receptacle AS placed_on, list_contains(dest_distractors, placed_on) AS alike,
   placed_on = src AS source, count(*) AS places, count(DISTINCT episode_id) AS episodes,
-  count(DISTINCT if(success, episode_id, NULL)) AS won, min(trace) AS example
+  count(DISTINCT if(success, episode_id, NULL)) AS successes, min(trace) AS example
 FROM calls JOIN (SELECT task_digest, dest_distractors FROM tasks) USING (task_digest)
 WHERE letter(call) = 'l' AND call.goal_object AND NOT call.goal_receptacle
 GROUP BY ALL ORDER BY places DESC, policy, scene_id, wanted, placed_on, alike, source;

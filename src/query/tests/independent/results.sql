@@ -12,11 +12,11 @@ ORDER BY episodes DESC, policy, checkpoint, backend, profile, preset, sim_versio
 CREATE TABLE answer.quarantined AS
 SELECT reason, count(*) AS files, min(trace) AS example FROM quarantine GROUP BY reason ORDER BY files DESC, reason;
 
-CREATE TABLE answer.ends AS
+CREATE TABLE answer.end_reasons AS
 SELECT
   policy, ifnull(end_reason, 'broken off') AS reason, count(*) AS episodes,
   count(*) / (SELECT count(*) FROM episodes every WHERE every.policy = episodes.policy) AS share,
-  share(success) AS success, avg(completion) AS done, avg(length) AS length
+  share(success) AS success, avg(completion) AS completion, avg(length) AS length
 FROM episodes GROUP BY policy, end_reason ORDER BY policy, count(*) DESC, reason;
 
 -- Each episode played to an end twice: under its family and under `all`.
@@ -25,20 +25,20 @@ SELECT played.* REPLACE (name AS family) FROM played, unnest([family, 'all']) AS
 
 CREATE TABLE answer.benchmark AS
 SELECT
-  policy, family, count(*) AS episodes, share(success) AS success, avg(completion) AS done, avg(total_reward) AS reward,
+  policy, family, count(*) AS episodes, share(success) AS success, avg(completion) AS completion, avg(total_reward) AS reward,
   avg(length) AS length, avg(asks) AS asks, avg(spl) AS spl
 FROM by_family GROUP BY policy, family ORDER BY policy, family_order(family);
 
 CREATE TABLE answer.success_intervals AS
 WITH counts AS (
-  SELECT policy, family, count(*) AS episodes, count(DISTINCT task_digest) AS tasks, tally(success) AS won
+  SELECT policy, family, count(*) AS episodes, count(DISTINCT task_digest) AS tasks, tally(success) AS successes
   FROM by_family GROUP BY policy, family
 )
-SELECT *, won / episodes AS success, low(won, episodes) AS low, high(won, episodes) AS high
+SELECT *, successes / episodes AS success, low(successes, episodes) AS low, high(successes, episodes) AS high
 FROM counts ORDER BY policy, family_order(family);
 
 CREATE TABLE answer.main_results AS
-WITH tallies AS (SELECT policy, family, won || '/' || episodes AS tally FROM answer.success_intervals),
+WITH tallies AS (SELECT policy, family, successes || '/' || episodes AS tally FROM answer.success_intervals),
 families AS (PIVOT tallies ON family IN ('FDP', 'FODP', 'FDO', 'SUL', 'all') USING any_value(tally))
 SELECT
   policy, ifnull(FDP, '-') AS fdp, ifnull(FODP, '-') AS fodp, ifnull(FDO, '-') AS fdo, ifnull(SUL, '-') AS sul, families."all",
@@ -57,7 +57,7 @@ WITH aims AS (
   SELECT
     policy, scene_digest, call.tool AS tool, call.error_code IS NULL AS worked,
     ifnull(call.receptacle, [mark.id FOR mark IN call.marker_map IF mark.marker::VARCHAR = call.argument][1]) AS aim,
-    list_max([it.target FOR it IN measured IF it.kind = 'primitive' AND it.step = call.step]) AS told
+    list_max([it.target FOR it IN measurements IF it.kind = 'primitive' AND it.step = call.step]) AS told
   FROM calls WHERE call.tool IN ('open', 'close', 'pick', 'place')
 ),
 skills AS (
@@ -65,14 +65,14 @@ skills AS (
   FROM aims JOIN scenes USING (scene_digest) LEFT JOIN unnest(scenes.receptacles) AS furniture(place) ON place.receptacle = aim
 )
 SELECT
-  policy, skill, count(*) AS calls, tally(worked) AS worked, share(worked) AS success,
+  policy, skill, count(*) AS calls, tally(worked) AS succeeded, share(worked) AS success,
   low(tally(worked), count(*)) AS low, high(tally(worked), count(*)) AS high
 FROM skills GROUP BY policy, skill ORDER BY policy, skill = 'all', skill;
 
 CREATE TABLE answer.repeatability AS
 WITH trials AS (
   SELECT unnest([ifnull(it.target, '?'), 'all']) AS target, it
-  FROM episodes, unnest(episodes.measured) AS log(it) WHERE it.kind = 'alignment'
+  FROM episodes, unnest(episodes.measurements) AS log(it) WHERE it.kind = 'alignment'
 )
 SELECT
   target, count(*) AS trials, avg(it.odometry_error_m * 100) AS odometry_cm, stddev_samp(it.odometry_error_m * 100) AS odometry_sd_cm,
@@ -81,7 +81,7 @@ SELECT
 FROM trials GROUP BY target ORDER BY target = 'all', target;
 
 CREATE TABLE answer.rollouts AS
-WITH questions AS (SELECT episode_id, bool_or(useful) AS useful FROM answer.asks GROUP BY episode_id)
+WITH questions AS (SELECT episode_id, bool_or(useful) AS useful FROM answer.questions GROUP BY episode_id)
 SELECT
   policy, count(*) AS episodes, share(success) AS success,
   share(regexp_matches(word, 'nsg[pq]nr[lm]')) AS canonical,
@@ -121,7 +121,7 @@ counts AS (
 )
 SELECT
   now.policy, now.stage, now.reached, now.passed, now.passed / now.episodes AS share,
-  now.passed / nullif(before.passed, 0) AS kept
+  now.passed / nullif(before.passed, 0) AS step_share
 FROM counts now LEFT JOIN counts before ON before.policy = now.policy AND before.number = now.number - 1
 ORDER BY now.policy, now.number;
 
@@ -134,8 +134,8 @@ SELECT
 FROM played JOIN (SELECT task_digest, objects FROM tasks) USING (task_digest)
 GROUP BY policy, distractors ORDER BY policy, distractors;
 
-CREATE TABLE answer.solved_within AS
+CREATE TABLE answer.success_by_budget AS
 SELECT
-  policy, budget AS decisions, tally(success AND length <= budget) AS won, share(success AND length <= budget) AS success
+  policy, budget AS decisions, tally(success AND length <= budget) AS successes, share(success AND length <= budget) AS success
 FROM played JOIN (SELECT DISTINCT policy, length AS budget FROM played WHERE success) USING (policy)
 GROUP BY policy, budget ORDER BY policy, budget;

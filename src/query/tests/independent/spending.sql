@@ -24,21 +24,21 @@ FROM gains GROUP BY policy, recorded, preset, version ORDER BY policy, recorded,
 CREATE TABLE answer.graph_events AS
 WITH changes AS (
   SELECT
-    call.tool AS tool, call.error_code IS NULL AS worked, call.object AS acted_on, episode_id, trace,
+    call.tool AS tool, call.error_code IS NULL AS succeeded, call.object AS acted_on, episode_id, trace,
     unnest(call.changes) AS change
   FROM calls
   UNION ALL
   SELECT '(start)', true, NULL, episode_id, trace, unnest(start_changes) FROM episodes
 )
 SELECT
-  tool, worked, change.event AS event, change.receptacle = 'floor' AS floor,
+  tool, succeeded, change.event AS event, change.receptacle = 'floor' AS floor,
   tally(change.authority = 'physics') AS physics, tally(change.authority = 'registry') AS registry,
   tally(change.object <> ifnull(acted_on, '')) AS bystanders, count(DISTINCT episode_id) AS episodes, min(trace) AS example
-FROM changes GROUP BY tool, worked, event, floor ORDER BY tool, worked, event, floor;
+FROM changes GROUP BY tool, succeeded, event, floor ORDER BY tool, succeeded, event, floor;
 
 CREATE TABLE answer.groups AS
 SELECT
-  group_id, min(policy) AS policy, min(task_id) AS task_id, count(*) AS rollouts, tally(success) AS won,
+  group_id, min(policy) AS policy, min(task_id) AS task_id, count(*) AS rollouts, tally(success) AS successes,
   count(DISTINCT task_digest) AS tasks, avg(discounted_return) AS mean, stddev_pop(discounted_return) AS std,
   min(discounted_return) AS worst, max(discounted_return) AS best, count(DISTINCT discounted_return) > 1 AS signal
 FROM played WHERE group_id IS NOT NULL GROUP BY group_id ORDER BY group_id;
@@ -54,7 +54,7 @@ WITH timed AS (SELECT policy, episode_id, call, call.latency_ns / 1e9 AS s FROM 
 SELECT
   policy, count(*) AS decisions, avg(s) AS mean_s, quantile_disc(s, 0.5) AS p50_s, quantile_disc(s, 0.9) AS p90_s,
   quantile_disc(s, 0.99) AS p99_s, max(s) AS max_s, sum(s) / count(DISTINCT episode_id) AS episode_s,
-  avg(call.tokens_read) AS tokens_read, avg(call.tokens_written) AS tokens_written
+  avg(call.prompt_tokens) AS prompt_tokens, avg(call.completion_tokens) AS completion_tokens
 FROM timed GROUP BY policy ORDER BY policy;
 
 CREATE TABLE answer.longest_episodes AS
@@ -122,15 +122,15 @@ FROM found GROUP BY policy, family ORDER BY policy, family;
 CREATE TABLE answer.execution AS
 WITH logs AS (
   SELECT
-    policy, call, [it FOR it IN measured IF it.kind = 'vla' AND it.step = call.step] AS thought,
-    [it FOR it IN measured IF it.kind = 'primitive' AND it.step = call.step] AS done
+    policy, call, [it FOR it IN measurements IF it.kind = 'vla' AND it.step = call.step] AS thought,
+    [it FOR it IN measurements IF it.kind = 'primitive' AND it.step = call.step] AS done
   FROM calls
 ),
 timed AS (
   SELECT
     policy, call.tool AS tool, call.error_code IS NOT NULL AS failed,
-    ifnull(call.took_ns, list_sum([it.took_ns FOR it IN done])) / 1e9 AS took_s,
-    nullif(len(thought), 0) AS inferences, list_sum([it.took_ns FOR it IN thought]) AS thought_ns,
+    ifnull(call.duration_ns, list_sum([it.duration_ns FOR it IN done])) / 1e9 AS took_s,
+    nullif(len(thought), 0) AS inferences, list_sum([it.duration_ns FOR it IN thought]) AS thought_ns,
     list_sum([it.control_steps FOR it IN done]) AS control_steps
   FROM logs
 )

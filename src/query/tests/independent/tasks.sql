@@ -3,12 +3,12 @@
 CREATE VIEW on_tasks AS
 SELECT
   policy, task_digest, any_value(family) AS family, any_value(task_id) AS task_id, count(*) AS episodes,
-  count(DISTINCT seed) AS seeds, tally(success) AS won, share(success) AS success, share(success) > 0.5 AS solved,
-  min(trace) FILTER (success) AS trace_won, min(trace) FILTER (NOT success) AS trace_lost
+  count(DISTINCT seed) AS seeds, tally(success) AS successes, share(success) AS success, share(success) > 0.5 AS solved,
+  min(trace) FILTER (success) AS success_trace, min(trace) FILTER (NOT success) AS failure_trace
 FROM played GROUP BY policy, task_digest;
 
 -- McNemar's exact test: twice the tail of a fair coin thrown `only_a + only_b` times.
-CREATE TABLE answer.compared AS
+CREATE TABLE answer.policy_comparison AS
 WITH pairs AS (
   SELECT
     a.policy AS a, b.policy AS b, count(*) AS tasks, avg(a.success) AS success_a, avg(b.success) AS success_b,
@@ -30,7 +30,7 @@ FROM tails ORDER BY a, b;
 CREATE TABLE answer.regressions AS
 SELECT
   a.policy AS a, b.policy AS b, a.family, a.task_id, a.success AS success_a, b.success AS success_b,
-  a.episodes AS episodes_a, b.episodes AS episodes_b, a.trace_won AS trace_a, b.trace_lost AS trace_b
+  a.episodes AS episodes_a, b.episodes AS episodes_b, a.success_trace AS trace_a, b.failure_trace AS trace_b
 FROM on_tasks a, on_tasks b WHERE a.task_digest = b.task_digest AND a.solved AND NOT b.solved
 ORDER BY a.policy, b.policy, a.family, a.task_id, a.task_digest;
 
@@ -42,10 +42,10 @@ WITH causes AS (
 SELECT
   any_value(family) AS family, any_value(task_id) AS task_id, count(DISTINCT policy) AS policies,
   count(DISTINCT policy) FILTER (success) AS solved_by, count(*) AS episodes, share(success) AS success,
-  avg(completion) AS done, avg(length) AS length, any_value(name) AS failure, min(instruction) AS instruction
+  avg(completion) AS completion, avg(length) AS length, any_value(name) AS failure, min(instruction) AS instruction
 FROM played LEFT JOIN causes USING (task_digest)
-GROUP BY task_digest ORDER BY success, round(done, 6), family, task_id, task_digest;
+GROUP BY task_digest ORDER BY success, round(avg(completion), 6), family, task_id, task_digest;
 
-CREATE TABLE answer.unsteady_tasks AS
-SELECT policy, family, task_id, episodes, seeds, won, success, trace_won, trace_lost
-FROM on_tasks WHERE trace_won IS NOT NULL AND trace_lost IS NOT NULL ORDER BY policy, family, task_id, task_digest;
+CREATE TABLE answer.flaky_tasks AS
+SELECT policy, family, task_id, episodes, seeds, successes, success, success_trace, failure_trace
+FROM on_tasks WHERE success_trace IS NOT NULL AND failure_trace IS NOT NULL ORDER BY policy, family, task_id, task_digest;

@@ -123,7 +123,7 @@ fn parameters_are_bound_as_their_defaults_are_written_in() {
 fn questions_are_judged_by_what_comes_of_them() {
     let dir = TempDir::new().unwrap();
     let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
-    let columns = "source, answers, words, led_right, led_wrong, led_nowhere, won";
+    let columns = "source, answers, words, led_right, led_wrong, led_nowhere, successes";
     assert_eq!(
         ask(
             &session,
@@ -138,7 +138,7 @@ fn questions_are_judged_by_what_comes_of_them() {
         ]
     );
     assert_eq!(
-        ask(&session, "SELECT count(*) FROM asks"),
+        ask(&session, "SELECT count(*) FROM questions"),
         ["5"],
         "a malformed call reaches nobody"
     );
@@ -150,7 +150,7 @@ fn advantages_are_relative_to_the_group() {
     let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
     let rows = ask(
         &session,
-        "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups ORDER BY group_id",
+        "SELECT group_id, rollouts, successes, mean, worst, best, signal FROM groups ORDER BY group_id",
     );
     assert_eq!(
         rows,
@@ -177,7 +177,7 @@ fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
     let session = QuerySession::new(store(dir.path(), &varied())).unwrap();
     let rows = ask(
         &session,
-        "SELECT policy, task_id, episodes, won FROM unsteady_tasks ORDER BY task_id",
+        "SELECT policy, task_id, episodes, successes FROM flaky_tasks ORDER BY task_id",
     );
     assert_eq!(rows, ["student,FDP/t,7,2", "student,SUL/t,5,2"]);
 }

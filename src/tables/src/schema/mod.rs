@@ -132,18 +132,18 @@ impl Table {
     /// What a row is.
     pub fn description(self) -> &'static str {
         match self {
-            Table::Episodes => "One row an episode, all that belongs to it nested.",
+            Table::Episodes => "One row an episode; steps, rewards and markers are nested in it.",
             Table::Tasks => "One row a task, however many episodes play it.",
             Table::Scenes => "One row a scene.",
             Table::Rescored => {
                 "One row an episode and version of a preset, written by `reel store reward`."
             }
-            Table::Quarantine => "One row a file that `reel ingest` left out.",
+            Table::Quarantine => "One row a file that failed to load in `reel ingest`.",
             Table::Classes => {
                 "One row a failed episode: why it failed, by the rules; written by `reel taxonomy`."
             }
             Table::Blame => {
-                "One row a failed episode: the step that decided, measured, and what is better; written by `reel blame`."
+                "One row a failed episode: the decisive step, measured, and a better call; written by `reel blame`."
             }
             Table::Labels => {
                 "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel store label`."
@@ -256,9 +256,9 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
         ),
         view(
             "measurements",
-            "`episode_id`, `policy`, `backend` and the columns of what a robot measured.",
+            "`episode_id`, `policy`, `backend` and the columns of a measurement.",
             format!(
-                "SELECT episode_id, policy, backend, {} FROM (SELECT episode_id, policy, backend, unnest(measured) AS m FROM episodes)",
+                "SELECT episode_id, policy, backend, {} FROM (SELECT episode_id, policy, backend, unnest(measurements) AS m FROM episodes)",
                 flat("m", MEASURED)
             ),
         ),
@@ -323,8 +323,8 @@ fn data_type(kind: ColumnType) -> DataType {
 /// The tables as a Markdown page: `schemas/tables.md`.
 pub fn document() -> String {
     let mut page = String::from(
-        "# Tables\n\nWritten by `reel ingest`, asked by `reel query`. Delta Lake (Parquet with zstd), one folder a table.\nWhat \
-         belongs to an episode is nested in its row; the views below are its flat forms.\n",
+        "# Tables\n\nWritten by `reel ingest`, read by `reel query`. Delta Lake (Parquet with zstd), one folder a table.\nThe \
+         parts of an episode are nested in its row; the views below are their flat forms.\n",
     );
     for table in Table::ALL {
         let _ = write!(page, "\n## `{}`\n{}\n\n", table.name(), table.description());
@@ -345,7 +345,7 @@ pub fn document() -> String {
 const NESTED: [(&str, &[Column]); 12] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     (
-        "What a robot measured (`episodes.measured`, view `measurements`)",
+        "A measurement of a robot (`episodes.measurements`, view `measurements`)",
         MEASURED,
     ),
     (

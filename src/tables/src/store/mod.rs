@@ -119,7 +119,7 @@ pub enum StoreError {
     Location { reason: String, location: String },
     /// The columns are not those of this version of Reel.
     #[error(
-        "the columns of '{table}' are those of another version of Reel; ingest the traces anew into another folder: {location}"
+        "table '{table}' has the columns of another version of Reel: {location}; ingest the traces into a new store with `reel ingest TRACES --store NEW`"
     )]
     OtherColumns {
         table: &'static str,

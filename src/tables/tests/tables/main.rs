@@ -120,7 +120,9 @@ fn a_trace_becomes_a_row_with_all_that_belongs_to_it() {
         Some("The white one, please.")
     );
     assert_eq!(
-        steps["candidates"].as_primitive::<Int32Type>().values()[..2],
+        steps["candidate_count"]
+            .as_primitive::<Int32Type>()
+            .values()[..2],
         [2, 2],
         "the start shows one clock, the first call the other"
     );

@@ -255,7 +255,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
         "{}: {how} after {} calls, {} decisions lost",
         measured.trace.display(),
         trace.steps.len(),
-        blame.wasted
+        blame.wasted_steps
     );
     if steps {
         print_steps(blame, trace);
@@ -267,7 +267,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
         "  decisive  call {}  {}   {}",
         decisive.step, decisive.call, decisive.outcome
     );
-    println!("  why       {}", decisive.why);
+    println!("  why       {}", decisive.explanation);
     println!("  cause     {}", cause(decisive.cause));
     match (alternative, no_alternative) {
         (Some(found), _) => {
@@ -277,7 +277,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
             };
             println!(
                 "  better    {}; {who} after {} calls",
-                decisive.advice, found.length
+                decisive.advised_call, found.length
             );
             if let Some(path) = &found.trace {
                 let verdict = if found.verified {
@@ -289,7 +289,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
             }
         }
         (None, Some(reason)) => println!("  better    nothing: {reason}"),
-        (None, None) => println!("  better    {}", decisive.advice),
+        (None, None) => println!("  better    {}", decisive.advised_call),
     }
     match (blame.repairable_at_end, blame.point_of_no_return) {
         (true, _) => println!("  in time   success was to be had for sure up to the last call"),
@@ -318,9 +318,9 @@ fn stored(measured: &MeasuredTrace) -> BlameRow {
         tool: decisive.map(|decisive| decisive.tool.clone()),
         harm: decisive.map(|decisive| decisive.harm.name().to_owned()),
         cause: decisive.map(|decisive| decisive.cause.name().to_owned()),
-        why: decisive.map(|decisive| decisive.why.clone()),
-        advice: decisive.map(|decisive| decisive.advice.to_string()),
-        wasted: small(blame.wasted),
+        explanation: decisive.map(|decisive| decisive.explanation.clone()),
+        advised_call: decisive.map(|decisive| decisive.advised_call.to_string()),
+        wasted_steps: small(blame.wasted_steps),
         point_of_no_return: blame.point_of_no_return.map(small),
         repairable_at_end: blame.repairable_at_end,
         perception: blame.shares.perception,

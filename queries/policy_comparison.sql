@@ -1,4 +1,4 @@
--- compared
+-- policy_comparison
 --
 -- Every two policies on the tasks that both played. The unit is the task: its success is the mean over its episodes, and
 -- it counts as solved where more than half of them succeed.
@@ -12,7 +12,7 @@
 --   difference  success_a - success_b
 --   low, high   its 95 % interval: percentiles of 2,000 resamplings of the tasks, seed 7
 --
--- Example: reel query --store store "SELECT * FROM compared WHERE p < 0.05"
+-- Example: reel query --store store "SELECT * FROM policy_comparison WHERE p < 0.05"
 WITH solved AS (
   SELECT policy, task_digest, avg(CAST(success AS DOUBLE)) AS success
   FROM episodes
