@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
 built=dist/index.html
-if [[ -f $built ]] && [[ -z $(find src public index.html ./*.json ./*.ts ./*.js -newer "$built" -print -quit) ]]; then
+if [[ -f $built ]] && [[ -z $(find src public index.html ./*.json ./*.ts ./*.js ./*.mjs -newer "$built" -print -quit) ]]; then
   exit 0
 fi
 # A fresh Debian has no Node; where it may be installed, it is.

@@ -82,7 +82,7 @@ tasks = "$work/tasks"
 run = "load"
 
 [limits]
-${PARK_AFTER:+park_after_s = $PARK_AFTER}
+${PARK_AFTER:+suspend_after_s = $PARK_AFTER}
 sessions = $sessions
 TOML
 rm -rf "$work/data"

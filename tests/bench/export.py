@@ -39,7 +39,7 @@ LEFT_OUT = ("preset_digest", "table_version")
 # Two ways to scale a picture differ by so much of 255, on average.
 MEAN_DIFFERENCE_MAX = 0.5
 # What the script's manifest tells as ours does.
-COUNTED = (("counts", "examples"), ("counts", "families"), ("counts", "tools"), ("counts", "policies"), ("left_out",)) + tuple(
+COUNTED = (("counts", "examples"), ("counts", "families"), ("counts", "tools"), ("counts", "policies"), ("excluded",)) + tuple(
     ("tokens", part) for part in ("examples", "text", "longest", "over", "histogram")
 )
 ALONE, TOGETHER = "reel export sft", "reel ingest, then reel export sft"

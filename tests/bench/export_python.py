@@ -311,7 +311,7 @@ class Counts:
         manifest = {
             "counts": {"examples": self.examples, **self.by},
             "tokens": {**lengths, "histogram": self.histogram},
-            "left_out": self.left_out,
+            "excluded": self.left_out,
             "files": [entry(path) for path in sorted(out.glob("*.parquet"))],
         }
         (out / "manifest.json").write_text(json.dumps(manifest, indent=2))

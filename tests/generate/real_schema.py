@@ -116,7 +116,7 @@ class Validator:
         check(episode["benchmark_task_id"] == f"{family}/{episode['task_id']}", "episode.benchmark_task_id", "is not family/task_id")
         check(episode["scene_id"] == self.scene_id, "episode.scene_id", f"is not {self.scene_id}")
         for field in ("src", "dest"):
-            check(episode[field] in self.receptacles, f"episode.{field}", f"{episode[field]} is no receptacle")
+            check(episode[field] in self.receptacles, f"episode.{field}", f"{episode[field]} is not a receptacle")
         check(episode["src"] != episode["dest"], "episode.dest", "is the source")
         for field in ("src_distractors", "dest_distractors"):
             value = episode[field]
@@ -140,7 +140,7 @@ class Validator:
                 return
             for id_, state in graph.items():
                 path = f"{name}.{id_}"
-                if not self.check(id_ in self.receptacles, path, "is no receptacle of the scene"):
+                if not self.check(id_ in self.receptacles, path, "is not a receptacle of the scene"):
                     continue
                 has_door = id_ in self.doors
                 self.check(family == "FDO" or not has_door, path, "only FDO has furniture with doors")

@@ -27,7 +27,7 @@ def splits():
 def check_image(image):
     """A picture decodes, within the budget."""
     image.load()
-    budget = MANIFEST["writer"]["pictures"]["pixels_max"]
+    budget = MANIFEST["writer"]["images"]["pixels_max"]
     assert image.width > 0 and (budget is None or image.width * image.height <= budget), image.size
     if FRAMES:
         pixels = image.convert("RGB").tobytes()

@@ -55,7 +55,7 @@ def fault_clock_jumps():
             "LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1",
             "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1",
         }
-        config = "[limits]\npark_after_s = 120\nclose_after_s = 240\n"
+        config = "[limits]\nsuspend_after_s = 120\nclose_after_s = 240\n"
         with serving("--run", "same", config=config, folder=folder, environment=other) as server:
             #: Where the clock goes, and how far that is from now; none where it is the year that is named.
             jumps = [
@@ -89,8 +89,8 @@ def fault_clock_jumps():
             for tool, arguments in script:
                 agent.call(tool, **arguments)
             jobs = lambda: server.json("GET", "/api/jobs")[1]  # noqa: E731
-            assert until(lambda: all(job["stage"] not in ("waiting", "running") for job in jobs()), 30), "jobs do not end"
-            assert all(job["stage"] == "done" for job in jobs()), jobs()
+            assert until(lambda: all(job["state"] not in ("waiting", "running") for job in jobs()), 30), "jobs do not end"
+            assert all(job["state"] == "done" for job in jobs()), jobs()
             made = {path.name: path.read_bytes() for path in server.traces() if "--w-a--" in path.name}
             same = {path.name: path.read_bytes() for path in honest.traces()}
             assert made.keys() == same.keys(), (made.keys(), same.keys())

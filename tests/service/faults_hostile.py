@@ -289,7 +289,7 @@ def fault_hostile_sql():
     """Questions that would write, read files, take all memory or all time: 4xx, or an answer, in about the time they have; the
     next question is answered."""
     sql_s = 2
-    with serving(config=f"[limits]\nsql_s = {sql_s}\npatience_s = 5\n") as server, Bystander(server):
+    with serving(config=f"[limits]\nsql_timeout_s = {sql_s}\nworker_timeout_s = 5\n") as server, Bystander(server):
         with_tables(server)
         write = pathlib.Path(server.data) / "written.csv"
         series = "generate_series(1, 1000000)"

@@ -36,7 +36,7 @@ def fault_kill_under_load():
                     assert player.error, "an agent did not notice that its server is gone"
             torn = [json.loads(line) for line in reel("trace", "doctor", "--json", traces)[1].splitlines()]
             for trace in torn:
-                words = " ".join(finding["what"] for finding in trace["findings"])
+                words = " ".join(finding["message"] for finding in trace["findings"])
                 if words == "the state after settling":
                     # killed before it began: were a call of it answered, the comparison below would miss it
                     os.unlink(trace["path"])
@@ -89,7 +89,7 @@ def fault_stop_under_load():
 
 def fault_stop_while_clients_hang():
     """SIGTERM while streams are open, requests half sent and downloads unread: the server goes in its time all the same."""
-    with serving(config="[limits]\nread_s = 60\n") as server:
+    with serving(config="[limits]\nread_timeout_s = 60\n") as server:
         agent = Agent(server)
         agent.call("finish")
         with open(server.data / "traces" / "large.mcap", "wb") as file:
@@ -120,7 +120,7 @@ def fault_stop_while_clients_hang():
 def fault_stop_while_a_question_runs():
     """SIGTERM while a question in SQL takes its time: the server goes, and does not wait for the answer."""
     long_form()
-    with serving(config="[limits]\nsql_s = 600\n") as server:
+    with serving(config="[limits]\nsql_timeout_s = 600\n") as server:
         with_tables(server)
         sql = "SELECT sum(a.value * b.value) FROM generate_series(1, 1000000) a, generate_series(1, 1000000) b"
         slow = Wire(server, posted("/api/sql", json.dumps({"sql": sql}).encode()))
@@ -212,10 +212,10 @@ def fault_disk_full():
                         break
                     asked.append(f"full {number}")
                 text = json.dumps(refused)
-                assert refused and "No space left" in text and "recording cannot go on" in text, f"the agent is told {text}"
+                assert refused and "No space left" in text and "recording failed" in text, f"the agent is told {text}"
                 assert refused["structuredContent"]["error"]["code"] == "broken", text
                 again = agent.call("ask", question="after")
-                assert again["isError"] and "broke down" in str(again), f"the next call is told {again}"
+                assert again["isError"] and "failed and was ended" in str(again), f"the next call is told {again}"
                 begun = agent.call("finish")
                 assert begun["isError"] and "No space left" in str(begun), f"an episode that cannot begin says {begun}"
                 assert server.json("GET", "/healthz")[0] == 200 and server.json("GET", "/api/sessions")[0] == 200
@@ -307,7 +307,7 @@ def fault_file_too_large():
         answered, refused = 0, None
         for number in range(29):
             result = agent.call("nav_to", receptacle_name=["table_1", "bed_1", "counter_1"][number % 3])
-            if "recording cannot go on" in str(result.get("structuredContent")):
+            if "recording failed" in str(result.get("structuredContent")):
                 refused = result
                 break
             answered += 1

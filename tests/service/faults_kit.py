@@ -73,7 +73,7 @@ def sound(server):
     assert server.process.poll() is None, f"the server died with {server.process.poll()}: {tail(server)}"
     assert server.request("GET", "/healthz", timeout=LATE_S)[0] == 200
     log = server.log.read_text(errors="replace")
-    found = re.finditer(r"thread '[^']*' .*panicked at|a request broke down", log)
+    found = re.finditer(r"thread '[^']*' .*panicked at|request panicked", log)
     panics = [log[panic.start() : panic.start() + 600] for panic in found]
     assert not panics, f"{len(panics)} panics, the first: {panics[0]}"
 
@@ -194,9 +194,9 @@ def with_tables(server):
     agent.call("finish"), agent.call("nav_to", receptacle_name="table_1"), agent.call("show_receptacles"), agent.call("finish")
     agent.call("finish")
     job = server.json("POST", "/api/jobs", {"kind": "ingest"})[1]
-    ended = lambda: server.json("GET", f"/api/jobs/{job['id']}")[1]["stage"] not in ("waiting", "running")  # noqa: E731
+    ended = lambda: server.json("GET", f"/api/jobs/{job['id']}")[1]["state"] not in ("waiting", "running")  # noqa: E731
     assert until(ended, 60), "the ingest does not end"
-    assert server.json("GET", f"/api/jobs/{job['id']}")[1]["stage"] == "done", server.json("GET", f"/api/jobs/{job['id']}")
+    assert server.json("GET", f"/api/jobs/{job['id']}")[1]["state"] == "done", server.json("GET", f"/api/jobs/{job['id']}")
     return server.traces()[0].stem
 
 

@@ -14,9 +14,9 @@ from harness import Agent, until
 
 
 def fault_slow_clients():
-    """Clients that say nothing, stop in the middle or trickle have `limits.read_s`, for the head and again for the body: closed,
+    """Clients that say nothing, stop in the middle or trickle have `limits.read_timeout_s`, for the head and again for the body: closed,
     or answered 408. Meanwhile others are served at once."""
-    with serving(config=f"[limits]\nread_s = {READ_S}\n") as server:
+    with serving(config=f"[limits]\nread_timeout_s = {READ_S}\n") as server:
         head = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
         sized = {**JSON_BODY, "content-length": "100000"}
         # What is sent first, what trickles after it, and what may be answered. Who has not said what it wants may be told that it
@@ -65,7 +65,7 @@ def fault_slow_clients():
 
 def fault_slow_upload():
     """An upload that trickles cannot hold its place for ever; one that is slow, but steady and done in time, is taken."""
-    with serving("--run", "slow", config=f"[limits]\nread_s = {READ_S}\n") as server:
+    with serving("--run", "slow", config=f"[limits]\nread_timeout_s = {READ_S}\n") as server:
         wire = Wire(server, request("PUT", "/api/traces/slow", {"content-length": "100000"}))
         patience = 5 * READ_S + LATE_S
         assert wire.until_closed(patience, drip=b"x"), f"after {patience} s of three bytes a second it goes on"
@@ -82,7 +82,7 @@ def fault_slow_upload():
 
 def fault_unread_answers():
     """A client that asks for much and reads nothing loses its connection in about the time that reading has; others download."""
-    with serving(config=f"[limits]\nread_s = {READ_S}\n") as server:
+    with serving(config=f"[limits]\nread_timeout_s = {READ_S}\n") as server:
         with open(server.data / "traces" / "large.mcap", "wb") as file:
             file.truncate(64 * MIB)
         idle = Wire(server, request("GET", "/api/traces/large"), receive=4096)
@@ -100,7 +100,7 @@ def fault_unread_answers():
 
 def fault_no_room_for_connections():
     """Connections that say nothing do not lock others out for longer than they have time."""
-    with serving(config=f"[limits]\nread_s = {READ_S}\nconnections = 8\n") as server:
+    with serving(config=f"[limits]\nread_timeout_s = {READ_S}\nconnections = 8\n") as server:
         idle = [Wire(server) for _ in range(8)]
         time.sleep(0.2)
         begun = time.monotonic()

@@ -31,15 +31,15 @@ NARROW = """
 [limits]
 sessions = 1
 workers = 1
-read_s = 3
+read_timeout_s = 3
 body_mib = 1
 upload_mib = 1
 requests_per_s = 1
 burst = 60
 sql_rows = 1
-sql_s = 8
+sql_timeout_s = 8
 analyses = 1
-patience_s = 1
+worker_timeout_s = 1
 """
 
 
@@ -169,7 +169,7 @@ def ended(client, job):
     """A job when it has ended."""
     path = "/api/jobs/{id}"
     stages = ("done", "failed", "cancelled")
-    until(lambda: client.expect(200, "GET", path, id=str(job))["stage"] in stages, patience=120)
+    until(lambda: client.expect(200, "GET", path, id=str(job))["state"] in stages, patience=120)
     return client.expect(200, "GET", path, id=str(job))
 
 
@@ -194,13 +194,13 @@ def jobs(client, episode, recording):
     last = str(started.pop()["id"])
     client.expect(202, "DELETE", path, id=last)
     events = client.expect(200, "GET", path + "/events", id=str(started[0]["id"])).decode()
-    if '"stage":"done"' not in events:
+    if '"state":"done"' not in events:
         client.seen.complain(f"the events of a job do not end with it: {events[-300:]}")
     for job in started:
         job = ended(client, job["id"])
-        if job["stage"] != "done":
-            client.seen.complain(f"a job of kind {job['work']['kind']} is {job['stage']}: {job['complaints']}")
-    if ended(client, last)["stage"] != "cancelled":
+        if job["state"] != "done":
+            client.seen.complain(f"a job of kind {job['work']['kind']} is {job['state']}: {job['errors']}")
+    if ended(client, last)["state"] != "cancelled":
         client.seen.complain("a job that was stopped went on")
     client.expect(409, "DELETE", path, id=last)
     client.expect(200, "GET", "/api/jobs")
@@ -237,27 +237,27 @@ def traces(client, episode, recording):
     client.expect(400, "POST", branches, {**branch, "name": "../branch"}, trace=name)
     client.expect(422, "POST", branches, {**branch, "at": 999, "name": "other"}, trace=name)
 
-    frames, steps, reward = path + "/frames/{moment}", path + "/steps", path + "/reward"
-    for moment in ("start", "0", "1.png"):
-        client.expect(200, "GET", frames, trace=name, moment=moment)
-    client.expect(200, "GET", frames, query={"camera": "follow:target"}, trace=name, moment="2")
-    client.expect(400, "GET", frames, query={"camera": "free"}, trace=name, moment="2")
-    client.expect(400, "GET", frames, trace=name, moment="now")
-    client.expect(404, "GET", frames, trace=name, moment="999")
+    frames, steps, reward = path + "/frames/{step}", path + "/steps", path + "/reward"
+    for step in ("start", "0", "1.png"):
+        client.expect(200, "GET", frames, trace=name, step=step)
+    client.expect(200, "GET", frames, query={"camera": "follow:target"}, trace=name, step="2")
+    client.expect(400, "GET", frames, query={"camera": "free"}, trace=name, step="2")
+    client.expect(400, "GET", frames, trace=name, step="now")
+    client.expect(404, "GET", frames, trace=name, step="999")
     client.expect(400, "GET", steps, query={"from": -1}, trace=name)
     client.expect(400, "GET", path + "/blame", query={"alternative": "maybe"}, trace=name)
     client.expect(422, "GET", reward, query={"preset": "unknown"}, trace=name)
 
-    reads = [("GET", path + rest) for rest in ("/episode", "/scene", "/steps", "/frames/{moment}", "/blame", "/reward", "/rrd")]
+    reads = [("GET", path + rest) for rest in ("/episode", "/scene", "/steps", "/frames/{step}", "/blame", "/reward", "/rrd")]
     for method, rest in [*reads, ("POST", path + "/replay")]:
-        client.expect(200, method, rest, trace=name, moment="start")
-        client.expect(422, method, rest, trace="damaged", moment="start")
+        client.expect(200, method, rest, trace=name, step="start")
+        client.expect(422, method, rest, trace="damaged", step="start")
     bodies = {("POST", branches): branch}
     for method, rest in [*reads, ("POST", path + "/replay"), ("POST", branches), ("GET", path), ("DELETE", path)]:
         body = bodies.get((method, rest))
-        client.expect(400, method, rest, body, trace="a b", moment="start")
-        client.expect(404, method, rest, body, trace="nothing", moment="start")
-        client.expect(409, method, rest, body, trace=recording, moment="start")
+        client.expect(400, method, rest, body, trace="a b", step="start")
+        client.expect(404, method, rest, body, trace="nothing", step="start")
+        client.expect(409, method, rest, body, trace=recording, step="start")
 
 
 def tables(client, episode):
@@ -424,7 +424,7 @@ def narrow_server(folder, seen, made, episodes):
     config.write_text(NARROW)
     labelled = next(episode for episode in episodes if not episode["success"])["episode_id"]
     nothing = {"trace": "nothing", "episode": "nothing", "session": "nothing", "worker": "nothing", "name": "nothing",
-               "export": "nothing", "file": "nothing", "id": "999999", "moment": "start"}
+               "export": "nothing", "file": "nothing", "id": "999999", "step": "start"}
     bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/definitions/{file}": {"title": "Panel", "sql": "SELECT 1"},
               "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
 

@@ -18,10 +18,10 @@ SPARE = [f"spare-{number}" for number in range(50)]
 CONFIG = """
 [play]
 ask = "rest"
-ask_patience_s = 2
+ask_timeout_s = 2
 
 [limits]
-sql_s = 10
+sql_timeout_s = 10
 """
 
 
@@ -54,7 +54,7 @@ def settings(folder, episodes, token):
         "query.camera": values("head", "top-down", "follow:target"),
         "query.preset": values("paper", "real-repo"),
         "header.range": values("bytes=0-9", "bytes=-5", "bytes=99999999-"),
-        "path.moment": values("start", 0, 1, "2.png"),
+        "path.step": values("start", 0, 1, "2.png"),
         "path.name": values("overview", "ends", "benchmark", "quarantined"),
         "path.session": values("w-asker"),
         "path.id": json.dumps([1, 2, 3]),
@@ -88,7 +88,7 @@ def settings(folder, episodes, token):
         "path = '/api/jobs/{id}/events'": ["request-timeout = 3", "max-stream-events = 3"],
         # Names in a list, and a camera that goes with a place.
         "name = 'POST /api/jobs'": more_than_a_schema_says,
-        "name = 'GET /api/traces/{trace}/frames/{moment}'": more_than_a_schema_says,
+        "name = 'GET /api/traces/{trace}/frames/{step}'": more_than_a_schema_says,
     }.items():
         lines += ["[[operations]]", f"include-{which}", *more]
     (folder / "schemathesis.toml").write_text("\n".join(lines) + "\n")

@@ -1,5 +1,7 @@
 /** What the service answers: REST under /api, SQL among it. Every failure is an ApiError that a page can show. */
 
+import type { GetAnswer, PostAnswer } from "./generated";
+
 export class ApiError extends Error {
   constructor(
     readonly status: number,
@@ -43,13 +45,14 @@ export async function send(method: string, path: string, body?: unknown, signal?
   }
 }
 
-export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
+/** The type of the answer follows from the path; a path that does not exist has the type `never`. */
+export async function get<const P extends string>(path: P, signal?: AbortSignal): Promise<GetAnswer<P>> {
   return (await fetched(path, signal)).json();
 }
 
-export async function post<T>(path: string, body: unknown, signal?: AbortSignal): Promise<T> {
+export async function post<const P extends string>(path: P, body: unknown, signal?: AbortSignal): Promise<PostAnswer<P>> {
   const answer = await send("POST", path, body, signal);
-  return answer.status === 204 ? (undefined as T) : answer.json();
+  return answer.status === 204 ? (undefined as never) : answer.json();
 }
 
 /** An answer that is no JSON. */
@@ -89,7 +92,7 @@ export async function picture(path: string, signal?: AbortSignal): Promise<strin
 
 /** Asks the tables. Values go as `$parameters`, never into the text. */
 export async function sql<T = Row>(text: string, parameters: Record<string, string> = {}, signal?: AbortSignal): Promise<T[]> {
-  return post<T[]>("/api/sql", { sql: text, parameters }, signal);
+  return (await send("POST", "/api/sql", { sql: text, parameters }, signal)).json();
 }
 
 /** A name of a trace, from the path that the tables tell. */

@@ -1,26 +1,10 @@
 /** Long work of the service. */
 import { post } from "./api";
 
-export interface Job {
-  id: number;
-  work: { kind: string };
-  stage: "waiting" | "running" | "done" | "failed" | "cancelled";
-  done: number;
-  total: number | null;
-  message: string;
-  report: unknown[];
-  complaints: string[];
-  created: number;
-}
+import type { Job, Work } from "./generated";
 
-export type Work =
-  | { kind: "replay"; traces: string[] }
-  | { kind: "ingest"; traces?: string[] }
-  | { kind: "blame" }
-  | { kind: "taxonomy" }
-  | { kind: "reward"; preset: string }
-  | { kind: "export"; set: "sft" | "rl" | "preferences"; name: string; options: Record<string, unknown> };
+export type { Job, Work };
 
 export function start(work: Work): Promise<Job> {
-  return post<Job>("/api/jobs", work);
+  return post("/api/jobs", work);
 }

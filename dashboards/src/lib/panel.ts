@@ -1,5 +1,6 @@
 /** Panels (a question and how its answer is drawn) and pages of them, as the service keeps them in JSON files. */
 import { get, remove, send, type Row } from "./api";
+import type { Definition } from "./generated";
 import { link } from "./route.svelte";
 import { isNumeric } from "./rows";
 
@@ -23,26 +24,10 @@ export function plottedOf(said: Partial<Record<keyof Plotted, string | null>>, r
   return { kind, x: named("x", columns) ?? usualX ?? columns[0] ?? "", y, group: named("group", columns) ?? "" };
 }
 
-/** What a file says: a panel has `sql`, a page has `panels`. */
-export interface Definition {
-  title: string;
-  text?: string;
-  sql?: string;
-  parameters?: Record<string, string>;
-  chart?: Partial<Plotted> & { kind: Kind };
-  panels?: string[];
-}
-
-export interface Listed {
-  name: string;
-  builtin: boolean;
-  definition?: Definition;
-  /** Why the file is no definition. */
-  problem?: string;
-}
+export type { Definition };
 
 const path = (name: string) => `/api/definitions/${encodeURIComponent(name)}`;
-export const definitions = (signal?: AbortSignal) => get<Listed[]>("/api/definitions", signal);
+export const definitions = (signal?: AbortSignal) => get("/api/definitions", signal);
 export const keep = (name: string, definition: Definition) => send("PUT", path(name), definition);
 export const drop = (name: string) => remove(path(name));
 

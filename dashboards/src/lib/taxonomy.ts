@@ -1,5 +1,6 @@
 /** The classes of failures, and who labels them in this browser. */
 import { post } from "./api";
+import type { LabelBody } from "./generated";
 
 export const CLASSES: Record<string, string[]> = {
   "Object Confusion": ["wrong_instance", "wrong_kind", "wrong_attribute", "wrong_receptacle", "similar_furniture", "ignored_answer"],
@@ -15,15 +16,6 @@ export const author = {
   set: (name: string) => localStorage.setItem(AUTHOR, name),
 };
 
-export interface Label {
-  episode: string;
-  class?: string;
-  sub_class?: string;
-  step?: number;
-  note?: string;
-  author: string;
-}
-
-export function label(one: Label): Promise<unknown> {
+export function label(one: LabelBody): Promise<LabelBody> {
   return post("/api/labels", one);
 }

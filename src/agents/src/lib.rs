@@ -94,7 +94,7 @@ pub enum AgentError {
     },
     /// An episode broke down by a fault of ours.
     #[error(
-        "task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}"
+        "task {task}, policy {policy}, seed {seed}: the episode panicked: {message}; reproduce it with: {command}"
     )]
     Panicked {
         task: String,

@@ -329,8 +329,8 @@ mod tests {
         let error = contained::<()>(&job(), || panic!("index {} is out of range", 4))
             .unwrap_err()
             .to_string();
-        let expected = "task FDP/t_7, policy oracle, seed 11: the episode broke down: index 4 is out of range; \
-                        reproduce it by: reel run --seed 11";
+        let expected = "task FDP/t_7, policy oracle, seed 11: the episode panicked: index 4 is out of range; \
+                        reproduce it with: reel run --seed 11";
         assert_eq!(error, expected);
         assert_eq!(contained(&job(), || Ok(3)).unwrap(), 3);
     }

@@ -18,7 +18,7 @@ pub enum AnnotateError {
     #[error("cannot write the notes: {source}; check free space and permissions: {path}")]
     Write { path: PathBuf, source: io::Error },
     /// A line of a file of notes is none.
-    #[error("line {line} is no {expected}: {message}; annotate the trace again: {path}")]
+    #[error("line {line} is not a {expected}: {message}; annotate the trace again: {path}")]
     Malformed {
         path: PathBuf,
         /// Number of the malformed line, counted from 1.
@@ -28,7 +28,7 @@ pub enum AnnotateError {
         message: String,
     },
     /// The notes are those of another recording.
-    #[error("the notes belong to trace {found}, not to {expected}: the trace was recorded anew; annotate it again: {path}",
+    #[error("the notes belong to trace {found}, not to {expected}: the trace was recorded again; annotate it again: {path}",
         found = found.short(), expected = expected.short())]
     OtherTrace {
         path: PathBuf,
@@ -44,7 +44,7 @@ pub enum AnnotateError {
     },
     /// The model did not answer.
     #[error(
-        "{source}; what was written so far is kept, run again to go on (decisions {from} to {to})"
+        "{source}; the notes written so far are kept, run the command again to continue (decisions {from} to {to})"
     )]
     Model {
         from: usize,

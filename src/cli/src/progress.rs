@@ -34,7 +34,7 @@ pub fn spinner() -> ProgressBar {
 fn show(bar: &ProgressBar, for_people: &str, total: &str) {
     let in_json = env::var_os("REEL_PROGRESS").is_some_and(|form| form == "json");
     let for_programs =
-        format!(r#"{{{{"progress":{{{{"done":{{pos}},"total":{total},"what":"{{msg}}"}}}}}}}}"#);
+        format!(r#"{{{{"progress":{{{{"done":{{pos}},"total":{total},"message":"{{msg}}"}}}}}}}}"#);
     if let Ok(style) =
         ProgressStyle::with_template(if in_json { &for_programs } else { for_people })
     {

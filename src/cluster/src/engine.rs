@@ -214,7 +214,7 @@ impl Stream for ResultStream {
         next.map_err(|error| {
             let reason = error.strip_backtrace();
             DataFusionError::Execution(format!(
-                "the cluster gave no answer: {reason}; if a machine went away, ask again"
+                "the cluster returned no answer: {reason}; if a node failed, run the query again"
             ))
         })
     }

@@ -41,15 +41,15 @@ pub enum ClusterError {
     #[error("no scheduler answers at {address}: {reason}; `reel cluster scheduler` starts one")]
     Silent { address: String, reason: String },
     /// An executor will not do what it is asked for.
-    #[error("the cluster refuses: {reason}")]
+    #[error("the cluster refused the request: {reason}")]
     Refused { reason: String },
     /// Work failed for so long that it is given up.
     #[error(
-        "the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well"
+        "the cluster of {address} failed: {reason}; finished parts are kept, run the command again once it is healthy"
     )]
     Lost { address: String, reason: String },
     /// The user pressed Ctrl-C while the cluster was working.
-    #[error("stopped; the cluster was told")]
+    #[error("stopped; the work on the cluster is cancelled")]
     Stopped,
     /// A scheduler or an executor cannot run.
     #[error("{action}: {reason}")]

@@ -110,7 +110,7 @@ impl Worker {
 
     fn answer(&self, parcel: &str) -> Result<Vec<u8>, String> {
         let parcel: TraceBatch<'_> =
-            serde_json::from_str(parcel).map_err(|error| format!("this is no work: {error}"))?;
+            serde_json::from_str(parcel).map_err(|error| format!("invalid work item: {error}"))?;
         if parcel.build != self.build {
             let (theirs, ours) = (&parcel.build, &self.build);
             return Err(format!(

@@ -103,8 +103,8 @@ pub fn card(manifest: &Manifest) -> String {
         "Reasoning and History by",
         named(&counts.annotators),
     );
-    if !manifest.left_out.is_empty() {
-        table(&mut text, "Left out because", named(&manifest.left_out));
+    if !manifest.excluded.is_empty() {
+        table(&mut text, "Left out because", named(&manifest.excluded));
     }
     lengths(&mut text, manifest);
     leakage(&mut text, manifest);
@@ -199,7 +199,7 @@ fn leakage(text: &mut String, manifest: &Manifest) {
     }
     let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
     for leak in &manifest.leakage {
-        *kinds.entry(&leak.what).or_default() += 1;
+        *kinds.entry(&leak.kind).or_default() += 1;
     }
     for (what, count) in kinds {
         let _ = writeln!(text, "- In more than one split, of kind {what}: {count}");

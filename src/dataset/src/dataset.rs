@@ -26,7 +26,7 @@ pub struct WriterOptions {
     /// The format of its rows.
     pub format: Format,
     /// What is made of pictures.
-    pub pictures: ImageOptions,
+    pub images: ImageOptions,
     /// Most rows in a file.
     pub rows_max: u64,
     /// Side of a picture's token, in pixels (see [`crate::image_tokens`]).
@@ -40,7 +40,7 @@ impl WriterOptions {
     pub fn new(format: Format) -> Self {
         Self {
             format,
-            pictures: ImageOptions::default(),
+            images: ImageOptions::default(),
             rows_max: 10_000,
             image_side: QWEN3_VL_SIDE,
             budget: CONTEXT_TOKENS,
@@ -95,7 +95,7 @@ pub struct DatasetWriter {
     leakage: LeakageCheck,
     /// The episode of the last example.
     noted: Option<Arc<EpisodeInfo>>,
-    left_out: BTreeMap<String, u64>,
+    excluded: BTreeMap<String, u64>,
 }
 
 impl DatasetWriter {
@@ -115,13 +115,13 @@ impl DatasetWriter {
             root: root.to_owned(),
             options,
             tokenizer,
-            pictures: ImageStore::new(&picture_root(root, options.format), options.pictures),
+            pictures: ImageStore::new(&picture_root(root, options.format), options.images),
             shards: BTreeMap::new(),
             counts: Counts::default(),
             tokens,
             leakage: LeakageCheck::default(),
             noted: None,
-            left_out: BTreeMap::new(),
+            excluded: BTreeMap::new(),
         }
     }
 
@@ -231,7 +231,7 @@ impl DatasetWriter {
 
     /// Counts what the caller left out, and why.
     pub fn count_skipped(&mut self, reason: &str, count: u64) {
-        *self.left_out.entry(reason.to_owned()).or_default() += count;
+        *self.excluded.entry(reason.to_owned()).or_default() += count;
     }
 
     /// Closes the files, writes card and manifest.
@@ -262,7 +262,7 @@ impl DatasetWriter {
             shards: shards?,
             tokens: Some(self.tokens),
             leakage: self.leakage.found(),
-            left_out: self.left_out,
+            excluded: self.excluded,
             files: Vec::new(),
         };
         if self.options.format.embeds_images() {

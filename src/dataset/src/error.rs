@@ -13,11 +13,11 @@ pub enum DatasetError {
     Io { source: io::Error, path: PathBuf },
     /// An example's picture was not put into the store before.
     #[error(
-        "example {example} shows picture {image}, which is not in the dataset: put it before the row"
+        "example {example} shows image {image}, which is not in the dataset; put it before the row"
     )]
     Image { example: String, image: ImageId },
     /// A picture's pixels are not what its size says.
-    #[error("picture {image} has {found} bytes instead of 3 x {width} x {height}")]
+    #[error("image {image} has {found} bytes instead of 3 x {width} x {height}")]
     Pixels {
         /// Digest that names the image with the wrong number of bytes.
         image: ImageId,
@@ -27,7 +27,7 @@ pub enum DatasetError {
         height: u32,
     },
     /// A picture cannot be resized or encoded.
-    #[error("picture {image} cannot be encoded: {reason}")]
+    #[error("image {image} cannot be encoded: {reason}")]
     Encode { image: ImageId, reason: String },
     /// The format cannot hold an example as it is.
     #[error("example {example} cannot be written as {format}: {reason}")]
@@ -37,7 +37,7 @@ pub enum DatasetError {
         reason: &'static str,
     },
     /// A tokenizer's file is none.
-    #[error("no tokenizer: {reason}: {path}; give the `tokenizer.json` that lies beside a model's weights", path = path.display())]
+    #[error("no tokenizer: {reason}: {path}; give the `tokenizer.json` of the model's weights", path = path.display())]
     Tokenizer { reason: String, path: PathBuf },
     /// Ratios of a split that are none.
     #[error("split ratios {found:?} are not three numbers from 0 that add up to more than 0")]

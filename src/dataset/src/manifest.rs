@@ -112,7 +112,7 @@ pub struct Manifest {
     /// What is in several parts.
     pub leakage: Vec<Leakage>,
     /// Why episodes and decisions were left out, and how many.
-    pub left_out: BTreeMap<String, u64>,
+    pub excluded: BTreeMap<String, u64>,
     /// Every other file, sorted by path; filled by [`Manifest::write`].
     pub files: Vec<FileEntry>,
 }

@@ -139,7 +139,7 @@ fn hash(group: &str, seed: u64) -> u64 {
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize)]
 pub struct Leakage {
     /// What kind: `task`, `scene`, `instruction`, `image`.
-    pub what: String,
+    pub kind: String,
     /// What the splits share: a task id, scene id, instruction or image path.
     pub key: String,
     /// The splits that hold it, two or more.
@@ -184,7 +184,7 @@ impl LeakageCheck {
                 .collect()
         };
         let leakage = |((what, key), bits): (&(&'static str, String), &u8)| Leakage {
-            what: (*what).to_owned(),
+            kind: (*what).to_owned(),
             key: key.clone(),
             splits: splits(*bits),
         };
@@ -262,7 +262,7 @@ mod tests {
         assert_eq!(
             (
                 found.len(),
-                found[0].what.as_str(),
+                found[0].kind.as_str(),
                 check.count("instruction"),
                 check.count("scene")
             ),

@@ -274,7 +274,7 @@ pub(crate) fn repair_histories(notes: &mut [Annotation], trace: &Trace) -> Histo
     let mut mending = HistoryRepairs::default();
     for (note, record) in notes.iter_mut().zip(&trace.steps) {
         let result = repair_history(&mut checker, &note.history);
-        mending.mended += result.repaired as u64;
+        mending.corrected += result.repaired as u64;
         mending.dropped += result.dropped as u64;
         note.history = result.text;
         checker.push_step(StepFacts::of(record));

@@ -131,7 +131,7 @@ pub struct GspoReport {
     /// In the order of groups, rollouts and decisions.
     pub sequences: Vec<Sequence>,
     /// Episodes and decisions that are in no sequence, by the reason.
-    pub left_out: BTreeMap<&'static str, u64>,
+    pub excluded: BTreeMap<&'static str, u64>,
 }
 
 /// Computes the objective from the log-probabilities that a store holds.
@@ -459,6 +459,6 @@ fn report(
         tokens: sums.ratios.len(),
         groups,
         sequences,
-        left_out,
+        excluded: left_out,
     })
 }

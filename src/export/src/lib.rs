@@ -94,7 +94,7 @@ pub struct ExportOptions {
     /// Shares of the data that train, validation and test get.
     pub ratios: Ratios,
     /// Whether examples have pictures.
-    pub pictures: bool,
+    pub images: bool,
     /// Episodes that are not verified too; their rows say so.
     pub allow_unverified: bool,
     /// Replay what no verdict is kept of.
@@ -122,7 +122,7 @@ pub struct ExportReport {
     /// Version of the store that was read.
     pub table_version: u64,
     /// Episodes and decisions that were left out, by the reason.
-    pub left_out: BTreeMap<&'static str, u64>,
+    pub excluded: BTreeMap<&'static str, u64>,
     /// Episodes and decisions that were refused, with the trace and the reason.
     pub refused: Vec<RefusedEpisode>,
     /// Examples of episodes that are not verified.
@@ -130,7 +130,7 @@ pub struct ExportReport {
     /// Sentences of recorded Histories that were mended, and dropped.
     pub history: HistoryRepairs,
     /// Number of different images in the dataset.
-    pub pictures: usize,
+    pub images: usize,
     /// How long the examples are.
     pub tokens: Option<TokenReport>,
     /// What is in several parts.
@@ -141,7 +141,7 @@ pub struct ExportReport {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct HistoryRepairs {
     /// Number of sentences that were corrected by the record.
-    pub mended: u64,
+    pub corrected: u64,
     /// Number of sentences that were dropped from Histories.
     pub dropped: u64,
 }
@@ -198,7 +198,7 @@ pub enum ExportError {
     #[error("Parquet files of the dataset: {0}; make room and run the same command to go on")]
     Parquet(#[from] ::parquet::errors::ParquetError),
     /// A task or scene in the tables is none.
-    #[error("episode {episode_id}: {reason}; ingest the traces anew into another folder")]
+    #[error("episode {episode_id}: {reason}; ingest the traces into a new store")]
     Document { episode_id: String, reason: String },
 }
 
@@ -223,7 +223,7 @@ pub fn export(
         store,
         &options.selection,
         options.words,
-        &mut report.left_out,
+        &mut report.excluded,
     )?;
     let verified = verify::verify(store, &chosen, options.replay, verifying)?;
     let mut verdicts = verified.iter();
@@ -238,17 +238,17 @@ pub fn export(
         }
         _ => true,
     });
-    select::cap_tasks(&mut chosen, &options.selection, &mut report.left_out);
-    select::balance(&mut chosen, &options.selection, &mut report.left_out);
+    select::cap_tasks(&mut chosen, &options.selection, &mut report.excluded);
+    select::balance(&mut chosen, &options.selection, &mut report.excluded);
     if let Some(how) = &options.rollouts {
         if let Some(preset) = &how.preset {
-            rollouts::rescore(&mut chosen, store, preset, &mut report.left_out)?;
+            rollouts::rescore(&mut chosen, store, preset, &mut report.excluded)?;
         }
         rollouts::group(
             &mut chosen,
             how,
             options.selection.seed,
-            &mut report.left_out,
+            &mut report.excluded,
         )?;
     }
     let group = |candidate: &select::Candidate| match options.split_by {

@@ -118,7 +118,7 @@ pub(crate) fn write(
                         } else {
                             examples.len() as u64
                         };
-                        report.history.mended += history.mended;
+                        report.history.corrected += history.corrected;
                         report.history.dropped += history.dropped;
                         report.refused.extend(refused);
                         if options.writer.format == Format::Parquet {
@@ -145,7 +145,7 @@ pub(crate) fn write(
             .for_each(|shard| writer.add_shard(split, shard));
     }
     report
-        .left_out
+        .excluded
         .iter()
         .for_each(|(reason, count)| writer.count_skipped(reason, *count));
     if !report.refused.is_empty() {
@@ -154,7 +154,7 @@ pub(crate) fn write(
             report.refused.len() as u64,
         );
     }
-    report.pictures = writer.images().count();
+    report.images = writer.images().count();
     known_pictures.remove()?;
     if options.rollouts.is_some() {
         let path = out.join(TASK_LIST);
@@ -200,7 +200,7 @@ impl RowBuilder<'_> {
         let mends = words == AnnotationSource::Recorded
             && options.rollouts.is_none()
             && candidate.contradicts;
-        let trace = match (options.pictures || mends)
+        let trace = match (options.images || mends)
             .then(|| Trace::read(Path::new(row.trace)))
             .transpose()
         {
@@ -239,7 +239,7 @@ impl RowBuilder<'_> {
                 .as_ref()
                 .and_then(|worth| row.rollout(worth, step.call));
         }
-        if let Some(trace) = trace.as_ref().filter(|_| options.pictures) {
+        if let Some(trace) = trace.as_ref().filter(|_| options.images) {
             // the first single turn of an episode shows no image, as with REAL's trainer
             let shows = |(index, step): (usize, &Step)| {
                 options.style != Style::SingleTurn || (step.learn && index > 0)
@@ -371,7 +371,7 @@ impl ImageIndex {
         };
         fs::create_dir_all(out).map_err(io_error)?;
         let path = out.join(KNOWN_PICTURES);
-        let how = serde_json::to_string(&options.writer.pictures).expect("plain data becomes JSON");
+        let how = serde_json::to_string(&options.writer.images).expect("plain data becomes JSON");
         let mut known = HashMap::new();
         let mut lines = match File::open(&path) {
             Ok(file) => BufReader::new(file).lines(),

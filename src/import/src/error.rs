@@ -17,7 +17,7 @@ pub enum ImportError {
     )]
     NoEpisode { root: PathBuf },
     /// The agent passed the episode over.
-    #[error("skipped by the agent: there is nothing to import: {path}")]
+    #[error("skipped by the agent, nothing to import: {path}")]
     Skipped { path: PathBuf },
     /// No step can be read.
     #[error("no step can be imported ({reason}): {path}")]

@@ -145,7 +145,10 @@ impl Files {
     }
 
     pub(crate) fn lose(&mut self, file: PathBuf, what: String) {
-        self.losses.push(ImportLoss { file, what });
+        self.losses.push(ImportLoss {
+            file,
+            message: what,
+        });
     }
 
     /// A file about the whole episode.
@@ -232,7 +235,7 @@ impl Files {
     fn raw_json(&mut self, folder: &Path, text: String) -> Raw {
         if let Err(error) = serde_json::from_str::<serde::de::IgnoredAny>(&text) {
             let what = format!(
-                "it is no JSON ({error}); it is kept as it is, and nothing is read from it"
+                "it is not JSON ({error}); it is kept unchanged, and nothing is read from it"
             );
             self.lose(folder.join("raw_response.json"), what);
         }
@@ -246,7 +249,7 @@ impl Files {
                 let at = error.utf8_error().valid_up_to();
                 self.lose(
                     path.to_owned(),
-                    format!("it is no UTF-8 text from byte {at} on; what is not was replaced"),
+                    format!("it is not UTF-8 from byte {at} on; invalid bytes were replaced"),
                 );
                 String::from_utf8_lossy(error.as_bytes()).into_owned()
             })),
@@ -275,7 +278,7 @@ impl Files {
         let read =
             bytes(path).and_then(|bytes| bytes.map(|bytes| image::decode(&bytes)).transpose());
         read.unwrap_or_else(|error| {
-            self.lose((*path).clone(), format!("{error}; the step has no picture"));
+            self.lose((*path).clone(), format!("{error}; the step has no image"));
             None
         })
     }

@@ -82,7 +82,7 @@ pub struct ImportedEpisode {
     /// How many steps it has.
     pub steps: u32,
     /// How many frames the trace holds.
-    pub pictures: u32,
+    pub images: u32,
     /// Why the episode ended, as its end record says.
     pub end: EndReason,
     /// SR under the default preset.
@@ -99,12 +99,12 @@ pub struct ImportLoss {
     /// The file or folder.
     pub file: PathBuf,
     /// What is wrong with it, and what that cost.
-    pub what: String,
+    pub message: String,
 }
 
 impl std::fmt::Display for ImportLoss {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.file.display(), self.what)
+        write!(f, "{}: {}", self.file.display(), self.message)
     }
 }
 
@@ -149,7 +149,7 @@ pub fn import(
         bytes: summary.bytes,
         task_id: built.task.task_id,
         steps: built.end.steps,
-        pictures: built
+        images: built
             .steps
             .iter()
             .filter(|(_, frame)| frame.is_some())

@@ -147,7 +147,7 @@ impl<'a> MappingFile<'a> {
         if !pointer.is_empty() && !pointer.starts_with('/') {
             return Err(self.error(
                 Some(value.span()),
-                format!("'{pointer}' is no JSON pointer; one begins with '/'"),
+                format!("'{pointer}' is not a JSON pointer; begin it with '/'"),
             ));
         }
         Ok(pointer)
@@ -170,7 +170,7 @@ impl<'a> MappingFile<'a> {
                     let unknown = || {
                         self.error(
                             Some(value.span()),
-                            format!("'{is}' is none of the eleven tools: {}", known()),
+                            format!("unknown tool '{is}'; the eleven tools are: {}", known()),
                         )
                     };
                     spec = Some(ToolSpec::by_name(&is).ok_or_else(unknown)?);

@@ -1,4 +1,4 @@
-//! Live worlds for agents that come from outside: households, each with an exclusive simulator
+//! Live worlds for agents that come from outside: sessions, each with an exclusive simulator
 //! that plays one episode after another and records it; and the pool that keeps hundreds of
 //! them in one process.
 //!

@@ -1,4 +1,4 @@
-//! Hundreds of households in one process: each used by one call at a time, few at work at once, the
+//! Hundreds of sessions in one process: each used by one call at a time, few at work at once, the
 //! idle ones put aside.
 
 use std::{
@@ -20,15 +20,15 @@ use crate::{Lease, LiveError, Session, SessionStatus, Setup, check_name};
 /// How much a pool may take.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Limits {
-    /// Households open at once.
+    /// Sessions open at once.
     pub sessions: usize,
     /// Simulators in memory at once; the others are snapshots.
     pub in_memory: usize,
     /// Calls at work at once: as many threads are busy.
     pub workers: usize,
-    /// How long after its last call a household is put aside.
+    /// How long after its last call a session is put aside.
     pub suspend_after: Duration,
-    /// How long after its last call a household is closed.
+    /// How long after its last call a session is closed.
     pub close_after: Duration,
     /// How long a call waits for a worker before it is refused.
     pub worker_timeout: Duration,
@@ -50,13 +50,13 @@ struct Slot {
     seen: Mutex<SessionInfo>,
 }
 
-/// What is known of a household without asking it.
+/// What is known of a session without asking it.
 struct SessionInfo {
     state: SessionStatus,
     used: Instant,
 }
 
-/// A household, as people see it.
+/// A session, as people see it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct SessionEntry {
     /// Name of the session in the pool.
@@ -82,7 +82,7 @@ impl SessionPool {
         }
     }
 
-    /// What all households play.
+    /// What all sessions play.
     pub fn setup(&self) -> &Arc<Setup> {
         &self.setup
     }
@@ -92,7 +92,7 @@ impl SessionPool {
         &self.limits
     }
 
-    /// Opens a household, or finds the one of that name.
+    /// Opens a session, or finds the one of that name.
     ///
     /// # Errors
     /// When the name is none, the pool is full or closing.
@@ -140,11 +140,11 @@ impl SessionPool {
         Ok(())
     }
 
-    /// Does something with a household, alone with it, on a worker. Once begun it is done to the
+    /// Does something with a session, alone with it, on a worker. Once begun it is done to the
     /// end, whoever stops waiting.
     ///
     /// # Errors
-    /// When there is no such household, or no worker had time for it; nothing was done then.
+    /// When there is no such session, or no worker had time for it; nothing was done then.
     pub async fn with_session<T: Send + 'static>(
         self: &Arc<Self>,
         name: &str,
@@ -195,11 +195,11 @@ impl SessionPool {
         }
     }
 
-    /// What a household's robot sees now. Who looks uses nothing: the household is put aside and
+    /// What a session's robot sees now. Who looks uses nothing: the session is put aside and
     /// closed as if nobody had.
     ///
     /// # Errors
-    /// When there is no such household, nothing runs in it, or no worker had time.
+    /// When there is no such session, nothing runs in it, or no worker had time.
     pub async fn render_frame(&self, name: &str) -> Result<Frame, LiveError> {
         let slot = self
             .lock()
@@ -228,7 +228,7 @@ impl SessionPool {
         looked.await.unwrap_or(Err(LiveError::Closing))
     }
 
-    /// Closes a household; what runs in it ends as aborted.
+    /// Closes a session; what runs in it ends as aborted.
     ///
     /// # Errors
     /// When there is none of that name, or its trace cannot be written.
@@ -245,7 +245,7 @@ impl SessionPool {
         left?
     }
 
-    /// Puts idle households aside and closes forgotten ones. To be called now and then.
+    /// Puts idle sessions aside and closes forgotten ones. To be called now and then.
     pub async fn reap_idle(self: &Arc<Self>) {
         let idle = |limit: Duration| -> Vec<(String, SessionStatus)> {
             let slots = self.lock();
@@ -257,7 +257,7 @@ impl SessionPool {
         for (name, _) in idle(self.limits.close_after) {
             match self.close(&name).await {
                 Ok(state) => {
-                    tracing::info!(session = name, trace = ?state.trace, "closed: nobody used it any more")
+                    tracing::info!(session = name, trace = ?state.trace, "closed: idle for too long")
                 }
                 Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
             }
@@ -269,7 +269,7 @@ impl SessionPool {
         }
     }
 
-    /// Ends every episode and closes every household; no call is taken from now on.
+    /// Ends every episode and closes every session; no call is taken from now on.
     pub async fn close_all(self: &Arc<Self>) -> usize {
         self.closing.store(true, Ordering::Release);
         let slots: Vec<Arc<Slot>> = std::mem::take(&mut *self.lock()).into_values().collect();
@@ -290,12 +290,12 @@ impl SessionPool {
         count
     }
 
-    /// Every household, by name.
+    /// Every session, by name.
     pub fn entries(&self) -> Vec<SessionEntry> {
         self.lock().values().map(|slot| slot.entry()).collect()
     }
 
-    /// One household.
+    /// One session.
     ///
     /// # Errors
     /// When there is none of that name.
@@ -322,7 +322,7 @@ impl SessionPool {
         }
     }
 
-    /// Puts a household aside, unless somebody is using it.
+    /// Puts a session aside, unless somebody is using it.
     fn park(&self, name: &str) {
         let Some(slot) = self.lock().get(name).cloned() else {
             return;
@@ -356,7 +356,7 @@ impl Slot {
     }
 }
 
-/// A household in use: what is known of it is renewed when that ends, by a panic too.
+/// A session in use: what is known of it is renewed when that ends, by a panic too.
 struct SessionGuard {
     household: OwnedMutexGuard<Session>,
     slot: Arc<Slot>,

@@ -1,4 +1,4 @@
-//! A household: an exclusive simulator in which one agent plays one episode after another. Never
+//! A session: an exclusive simulator in which one agent plays one episode after another. Never
 //! decides anything, never speaks a protocol.
 
 use std::{
@@ -87,9 +87,9 @@ pub struct StartedEpisode {
 pub struct CallResult {
     /// The record; only what the profile shows is for the policy.
     pub step: StepRecord,
-    /// The picture, where the tool returns one.
+    /// The image, where the tool returns one.
     pub frame: Option<Frame>,
-    /// With the published servers, which answer everything with a picture: what the head sees,
+    /// With the published servers, which answer everything with an image: what the head sees,
     /// where the tool returns none.
     pub head_frame: Option<Frame>,
     /// The state after the call.
@@ -115,10 +115,10 @@ pub struct PrivilegedState {
     pub robot: RobotState,
 }
 
-/// How a household stands, for people.
+/// How a session stands, for people.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct SessionStatus {
-    /// `empty`, `playing`, `parked`, `over` or `broken`.
+    /// `empty`, `playing`, `suspended`, `ended` or `failed`.
     pub state: &'static str,
     /// The task of the episode, if there is one.
     pub task_id: Option<String>,
@@ -146,7 +146,7 @@ pub struct EndedEpisode {
 }
 
 impl Session {
-    /// A household without an episode.
+    /// A session without an episode.
     pub fn new(name: &str, setup: Arc<Setup>, lease: Option<Lease>) -> Self {
         let (policy, now) = ("client".to_owned(), Phase::Empty);
         Self {
@@ -166,7 +166,7 @@ impl Session {
         name.clone_into(&mut self.policy);
     }
 
-    /// What all households play.
+    /// What all sessions play.
     pub fn setup(&self) -> &Arc<Setup> {
         &self.setup
     }
@@ -373,7 +373,7 @@ impl Session {
                 None,
             ),
             Phase::Parked(resting) => (
-                "parked",
+                "suspended",
                 Some(resting.episode.task()),
                 calls(resting.episode.steps()),
                 None,
@@ -388,9 +388,9 @@ impl Session {
                     success: metrics.success,
                     total_reward: metrics.total_reward,
                 };
-                ("over", Some(task), metrics.length, Some(ended))
+                ("ended", Some(task), metrics.length, Some(ended))
             }
-            Phase::Broken { .. } => ("broken", None, 0, None),
+            Phase::Broken { .. } => ("failed", None, 0, None),
         };
         SessionStatus {
             state,

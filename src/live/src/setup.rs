@@ -1,4 +1,4 @@
-//! What households play, and how it is recorded.
+//! What sessions play, and how it is recorded.
 
 use std::{
     collections::HashMap,
@@ -14,7 +14,7 @@ use serde_json::json;
 
 use crate::LiveError;
 
-/// What every household of a server plays.
+/// What every session of a server plays.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The tasks, in the order in which they are played.
@@ -35,7 +35,7 @@ pub struct Setup {
     pub run_id: String,
     /// Folder for the traces.
     pub folder: PathBuf,
-    /// Whether traces hold pictures, and what a recorded call survives.
+    /// Whether traces hold images, and what a recorded call survives.
     pub options: RecordOptions,
     /// Those of the tasks that are being played.
     pub stages: PreparedTaskCache,
@@ -45,7 +45,7 @@ pub struct Setup {
 #[derive(Clone, Debug, Default)]
 pub struct PreparedTaskCache(Arc<Mutex<HashMap<String, Weak<PreparedTask>>>>);
 
-/// A household that is let for a prompt group: it plays one task at one seed so many times.
+/// A session that is let for a prompt group: it plays one task at one seed so many times.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Lease {
     /// Id of the prompt group that the session is leased to.
@@ -58,7 +58,7 @@ pub struct Lease {
     pub rollouts: u32,
 }
 
-/// What tells an episode of a household from all others.
+/// What tells an episode of a session from all others.
 pub(crate) struct EpisodeKey<'a> {
     pub session: &'a str,
     /// How many episodes were begun there before.

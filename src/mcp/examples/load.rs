@@ -502,7 +502,7 @@ async fn parked(url: &str) -> Result<usize, Failure> {
     stream.read_to_string(&mut text).await?;
     let line = text
         .lines()
-        .find_map(|line| line.strip_prefix(r#"reel_sessions{state="parked"} "#));
+        .find_map(|line| line.strip_prefix(r#"reel_sessions{state="suspended"} "#));
     Ok(line
         .ok_or("the server does not say how many sessions are parked")?
         .trim()

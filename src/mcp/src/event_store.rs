@@ -195,7 +195,7 @@ impl EventStore for SessionEvents {
     ) -> Result<EventStream, EventStoreError> {
         let after: EventId = last_event_id
             .parse()
-            .map_err(|()| format!("{last_event_id:?} is no id of an event"))?;
+            .map_err(|()| format!("{last_event_id:?} is not an event id"))?;
         if self.all.lock().stream(self.session, after.stream).is_none() {
             return Err(format!("nothing is kept of the stream of event {last_event_id:?}").into());
         }

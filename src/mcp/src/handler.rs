@@ -1,4 +1,4 @@
-//! A policy session: takes calls of one agent to its household, and says what came of them.
+//! A policy session: takes calls of one agent to its session, and says what came of them.
 
 use std::{
     sync::Arc,
@@ -80,7 +80,7 @@ pub struct ToolServer {
     home: SessionOwner,
 }
 
-/// Whose household it is.
+/// Whose session it is.
 #[derive(Clone)]
 enum SessionOwner {
     /// That of the connection, closed with it.
@@ -128,7 +128,7 @@ elicit_safe!(Reply);
 const ANSWER: &str = "answer";
 
 impl ToolServer {
-    /// A server for one connection, with a household of its own.
+    /// A server for one connection, with a session of its own.
     pub fn new(
         pool: Arc<SessionPool>,
         questions: Arc<Questions>,
@@ -147,7 +147,7 @@ impl ToolServer {
         }
     }
 
-    /// A server for one connection of a worker, whose household outlives it.
+    /// A server for one connection of a worker, whose session outlives it.
     pub fn of_worker(
         pool: Arc<SessionPool>,
         questions: Arc<Questions>,
@@ -177,7 +177,7 @@ impl ToolServer {
         }
     }
 
-    /// The household of a request.
+    /// The session of a request.
     fn session(&self, context: &RequestContext<RoleServer>) -> Result<String, ErrorData> {
         match (self.worker(context), &self.home) {
             (Some(worker), _) => Ok(worker.session_name()),
@@ -221,7 +221,7 @@ impl ToolServer {
         result
     }
 
-    /// Takes a call to the household.
+    /// Takes a call to the session.
     async fn request(
         &self,
         session: &str,
@@ -377,7 +377,7 @@ impl ToolServer {
     fn runs(&self, session: &str) -> bool {
         self.pool
             .entry(session)
-            .is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"))
+            .is_ok_and(|entry| matches!(entry.state.state, "playing" | "suspended"))
     }
 
     fn policy(&self, context: &RequestContext<RoleServer>) -> String {

@@ -128,7 +128,7 @@ impl Connections {
         tokio::spawn(async move {
             match serve_server(handler, transport).await {
                 Ok(running) => drop(running.waiting().await),
-                Err(error) => tracing::debug!(%error, "a client went before it said who it is"),
+                Err(error) => tracing::debug!(%error, "a client left before its handshake"),
             }
         });
         let hello = Event::default()

@@ -23,7 +23,7 @@ use crate::{
     Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, sessions::Sessions,
 };
 
-/// A worker: whoever connects under its name acts in the same household.
+/// A worker: whoever connects under its name acts in the same session.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Worker(String);
 
@@ -38,7 +38,7 @@ impl Worker {
         check_name(&worker.session_name()).map(|()| worker)
     }
 
-    /// Name of its household: no name of a session that a connection has for its own.
+    /// Name of its session: no name of a session that a connection has for its own.
     pub fn session_name(&self) -> String {
         format!("w-{}", self.0)
     }
@@ -173,7 +173,7 @@ impl Shared {
     }
 }
 
-/// Says to the handler whose household a request is for.
+/// Says to the handler whose session a request is for.
 async fn name_worker(Path(worker): Path<String>, mut request: Request, next: Next) -> Response {
     match Worker::named(&worker) {
         Ok(worker) => {

@@ -201,7 +201,7 @@ impl SessionManager for Sessions {
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             let _ = REFUSED.try_with(|refused| refused.set(true));
             let full = io::Error::other(format!(
-                "{} sessions are open, which is the limit",
+                "the limit of {} open sessions is reached; close one, or raise limits.sessions",
                 self.limit
             ));
             return Err(SessionError::Io(full).into());

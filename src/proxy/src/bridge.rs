@@ -383,7 +383,7 @@ fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, R
         Err(error) => {
             return Err(RejectedRequest::new(
                 StatusCode::BAD_REQUEST,
-                format!("the message is no JSON: {error}"),
+                format!("the message is not JSON: {error}"),
             ));
         }
     };

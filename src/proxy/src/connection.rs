@@ -424,7 +424,10 @@ impl Connection {
         mut server: &TcpStream,
     ) -> io::Result<()> {
         if !self.blind.swap(true, Ordering::AcqRel) {
-            self.shared.setup.report.count(|counts| counts.blind += 1);
+            self.shared
+                .setup
+                .report
+                .count(|counts| counts.opaque_connections += 1);
         }
         server.write_all(buffer)?;
         io::copy(&mut agent, &mut server).map(drop)
@@ -432,7 +435,10 @@ impl Connection {
 
     fn copy(&self, buffer: &mut Vec<u8>, server: &TcpStream) -> io::Result<()> {
         if !self.blind.swap(true, Ordering::AcqRel) {
-            self.shared.setup.report.count(|counts| counts.blind += 1);
+            self.shared
+                .setup
+                .report
+                .count(|counts| counts.opaque_connections += 1);
         }
         loop {
             lock(&self.agent).pass(buffer)?;

@@ -484,7 +484,7 @@ impl Episodes {
         }
         let file = STANDARD
             .decode(&data)
-            .map_err(|error| format!("it is no Base64 ({error})"));
+            .map_err(|error| format!("it is not Base64 ({error})"));
         match file.and_then(reel_import::robot::camera_image) {
             Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
             Err(why) => {

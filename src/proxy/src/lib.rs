@@ -154,7 +154,7 @@ pub struct Setup {
 impl Setup {
     pub(crate) fn emit(&self, seen: ProxyEvent<'_>) {
         if let ProxyEvent::ImageOmitted { .. } = seen {
-            self.report.count(|counts| counts.pictures_left_out += 1);
+            self.report.count(|counts| counts.images_rejected += 1);
         }
         if let ProxyEvent::Ended { .. } = seen {
             self.report.count(|counts| counts.episodes += 1);

@@ -30,9 +30,9 @@ pub struct Counts {
     /// Messages that are not JSON-RPC: passed on.
     pub strange: u64,
     /// Connections whose bytes are not HTTP/1.1: passed on without a look.
-    pub blind: u64,
+    pub opaque_connections: u64,
     /// Pictures that cannot stand in a trace.
-    pub pictures_left_out: u64,
+    pub images_rejected: u64,
 }
 
 /// Traces that are being made whole beside what goes by.

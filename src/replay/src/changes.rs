@@ -34,7 +34,8 @@ pub struct Changes {
     /// Whether a digest of the simulator's state differs anywhere.
     pub state_differs: bool,
     /// Whether a digest of a picture differs anywhere.
-    pub pictures_differ: bool,
+    #[serde(alias = "pictures_differ")]
+    pub images_differ: bool,
 }
 
 /// A call that comes to something else.
@@ -43,7 +44,8 @@ pub struct ChangedOutcome {
     /// Index of the call in the episode, from 0.
     pub call: u32,
     /// The call, for people.
-    pub what: String,
+    #[serde(alias = "what")]
+    pub call_text: String,
     /// Outcome of the call as the trace records it.
     pub recorded: Outcome,
     /// Outcome of the call when executed again by this simulator.
@@ -186,7 +188,7 @@ impl Reexecution {
                 let (recorded, replayed) = (old.outcome.clone(), new.outcome.clone());
                 changes.outcomes.push(ChangedOutcome {
                     call: old.step,
-                    what: old.input.call.to_string(),
+                    call_text: old.input.call.to_string(),
                     recorded,
                     replayed,
                 });
@@ -203,7 +205,7 @@ impl Reexecution {
 impl Changes {
     fn compare_digests(&mut self, old: &StateDigests, new: &StateDigests) {
         self.state_differs |= old.state != new.state || old.physics_steps != new.physics_steps;
-        self.pictures_differ |= old.frame != new.frame;
+        self.images_differ |= old.frame != new.frame;
     }
 }
 
@@ -265,10 +267,10 @@ impl std::fmt::Display for Changes {
                 end.recorded, end.replayed
             ));
         }
-        match (self.state_differs, self.pictures_differ) {
-            (true, true) => parts.push("other motion and pictures".to_owned()),
+        match (self.state_differs, self.images_differ) {
+            (true, true) => parts.push("other motion and images".to_owned()),
             (true, false) => parts.push("other motion".to_owned()),
-            (false, true) => parts.push("other pictures".to_owned()),
+            (false, true) => parts.push("other images".to_owned()),
             (false, false) if self.no_outcome() => parts.push("the same episode".to_owned()),
             (false, false) => {}
         }

@@ -74,7 +74,7 @@ pub struct CallSummary {
     /// Index of the call in its episode, from 0.
     pub call: u32,
     /// As made, for people.
-    pub what: String,
+    pub call_text: String,
     /// Code of the error, if it failed.
     pub error: Option<ErrorCode>,
     /// What the agent was told.
@@ -236,7 +236,7 @@ fn deeds(trace: &Trace) -> Vec<CallSummary> {
         total += reward;
         CallSummary {
             call: step.step,
-            what: step.input.call.to_string(),
+            call_text: step.input.call.to_string(),
             error: step.outcome.error,
             text: step.outcome.text.clone(),
             changes: step.changes.physics.clone(),

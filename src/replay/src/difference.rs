@@ -26,7 +26,8 @@ pub enum EpisodePosition {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
     /// Moment of the episode at which the first difference lies.
-    pub moment: EpisodePosition,
+    #[serde(alias = "moment")]
+    pub position: EpisodePosition,
     /// The call as recorded, for people.
     pub call: Option<String>,
     /// First physics step (from 0, within this call) whose state digest differs.
@@ -46,7 +47,7 @@ impl Divergence {
     pub fn text(moment: EpisodePosition, field: &str, recorded: &str, replayed: &str) -> Self {
         let (recorded, replayed) = (recorded.to_owned(), replayed.to_owned());
         Self {
-            moment,
+            position: moment,
             call: None,
             physics_step: None,
             body: None,
@@ -59,7 +60,7 @@ impl Divergence {
 
 impl fmt::Display for Divergence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.moment {
+        match self.position {
             EpisodePosition::Header => write!(f, "in the header")?,
             EpisodePosition::Start => write!(f, "at the start")?,
             EpisodePosition::Call(call) => write!(f, "at call {call}")?,
@@ -153,7 +154,7 @@ fn moving(
         if let Some((field, recorded, replayed)) = body_field(a, b) {
             let body = Some(a.body.clone());
             return Err(Box::new(Divergence {
-                moment,
+                position: moment,
                 call,
                 physics_step,
                 body,
@@ -172,7 +173,7 @@ fn moving(
         let (recorded, replayed) = (value(old), value(new));
         let field = "state digest of the physics step".to_owned();
         return Err(Box::new(Divergence {
-            moment,
+            position: moment,
             call,
             physics_step,
             body: None,
@@ -223,7 +224,7 @@ fn fields<T: Serialize>(
         path
     };
     Err(Box::new(Divergence {
-        moment,
+        position: moment,
         call,
         physics_step,
         body: None,

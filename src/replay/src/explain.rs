@@ -27,7 +27,7 @@ pub struct Explanation {
     /// The outcome's text, `[-recorded-]` and `{+replayed+}`, where it differs.
     pub text: Option<String>,
     /// The picture, where it differs.
-    pub picture: Option<FrameChange>,
+    pub image: Option<FrameChange>,
     /// Motion states here after the first differing physics step. A trace holds only digests of the
     /// steps within a call: the other side's values come from the build that recorded it.
     pub bodies: Option<Vec<BodyState>>,
@@ -73,12 +73,12 @@ pub fn explain(trace: &Trace) -> Explanation {
         verdict,
         fields: Vec::new(),
         text: None,
-        picture: None,
+        image: None,
         bodies: None,
     };
     let mut replay = match Replay::start(trace, Detail::Full) {
         Ok((replay, _)) => replay,
-        Err(Verdict::Diverged { divergence }) if divergence.moment == EpisodePosition::Start => {
+        Err(Verdict::Diverged { divergence }) if divergence.position == EpisodePosition::Start => {
             return at_start(trace, divergence);
         }
         Err(verdict) => return plain(verdict),
@@ -94,7 +94,7 @@ pub fn explain(trace: &Trace) -> Explanation {
                 return Explanation {
                     fields: changes(recorded, &output.record),
                     text: text(recorded, &output.record),
-                    picture: picture(trace, recorded, &output.record, output.frame.as_ref()),
+                    image: picture(trace, recorded, &output.record, output.frame.as_ref()),
                     bodies: step.and_then(|step| {
                         state_at(trace, EpisodePosition::Call(recorded.step), step)
                             .ok()
@@ -164,7 +164,7 @@ fn at_start(trace: &Trace, divergence: Box<crate::Divergence>) -> Explanation {
         verdict: Verdict::Diverged { divergence },
         fields,
         text: None,
-        picture: None,
+        image: None,
         bodies,
     }
 }

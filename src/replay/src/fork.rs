@@ -108,7 +108,7 @@ impl<'t> Fork<'t> {
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct BranchVerification {
     /// Why it is none of that trace at all: no branch, or another's.
-    pub stranger: Option<String>,
+    pub unrelated: Option<String>,
     /// The first difference between what they have in common: `recorded` is the parent's.
     pub prefix: Option<Divergence>,
     /// What a replay of the branch found.
@@ -119,26 +119,26 @@ pub struct BranchVerification {
 impl BranchVerification {
     /// Whether all of it holds.
     pub fn holds(&self) -> bool {
-        self.stranger.is_none() && self.prefix.is_none() && self.verdict.is_exact()
+        self.unrelated.is_none() && self.prefix.is_none() && self.verdict.is_exact()
     }
 }
 
 /// Compares a branch with its parent up to the call it branches at, and replays it.
 pub fn verify_branch(branch: &Trace, parent: &Trace) -> BranchVerification {
     let verdict = verify_trace(branch);
-    let (stranger, prefix) = match stranger(branch, parent) {
-        Err(stranger) => (Some(stranger), None),
+    let (unrelated, prefix) = match unrelated(branch, parent) {
+        Err(reason) => (Some(reason), None),
         Ok(calls) => (None, prefix_difference(branch, parent, calls)),
     };
     BranchVerification {
-        stranger,
+        unrelated,
         prefix,
         verdict,
     }
 }
 
 /// How many calls it has from that trace, if it branches from it.
-fn stranger(branch: &Trace, parent: &Trace) -> Result<usize, String> {
+fn unrelated(branch: &Trace, parent: &Trace) -> Result<usize, String> {
     let Some(Parent { trace, call }) = &branch.header.parent else {
         return Err("it is no branch".to_owned());
     };

@@ -51,7 +51,8 @@ pub enum Verdict {
         /// Physics steps re-executed, those of a sleeping world left out.
         physics_steps: u64,
         /// Number of frames that the replay rendered.
-        pictures: u32,
+        #[serde(alias = "pictures")]
+        images: u32,
     },
     /// The replay differs from the trace in at least one compared value.
     Diverged {
@@ -64,7 +65,8 @@ pub enum Verdict {
         /// The version in the trace.
         recorded: u32,
         /// Version of this simulator for the trace's profile.
-        this: u32,
+        #[serde(alias = "this")]
+        current: u32,
         /// What changed in the versions between, the later ones last.
         changes: Vec<String>,
     },
@@ -112,22 +114,22 @@ impl std::fmt::Display for Verdict {
             Verdict::Exact {
                 calls,
                 physics_steps,
-                pictures,
+                images,
             } => {
                 write!(
                     f,
-                    "exact: {calls} calls, {physics_steps} physics steps, {pictures} frames"
+                    "exact: {calls} calls, {physics_steps} physics steps, {images} frames"
                 )
             }
             Verdict::Diverged { divergence } => write!(f, "DIVERGED {divergence}"),
             Verdict::OtherSimulator {
                 recorded,
-                this,
+                current,
                 changes,
             } => {
                 write!(
                     f,
-                    "recorded by simulator {recorded}, this is {this}: replay it with the build that recorded it"
+                    "recorded by simulator {recorded}, this is {current}: replay it with the build that recorded it"
                 )?;
                 changes
                     .iter()

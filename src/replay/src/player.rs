@@ -21,7 +21,7 @@ pub struct Replay<'t> {
     calls: usize,
     /// Executed physics steps, those of a sleeping world left out.
     physics_steps: u64,
-    pictures: u32,
+    images: u32,
 }
 
 /// What a call gave that differs from its record.
@@ -64,7 +64,7 @@ impl<'t> Replay<'t> {
                 detail,
                 calls: 0,
                 physics_steps,
-                pictures: 1,
+                images: 1,
             },
             frame,
         ))
@@ -93,7 +93,7 @@ impl<'t> Replay<'t> {
             detail: Detail::Full,
             calls,
             physics_steps: 0,
-            pictures: 0,
+            images: 0,
         })
     }
 
@@ -112,7 +112,7 @@ impl<'t> Replay<'t> {
             Ok(()) => {
                 self.calls += 1;
                 self.physics_steps += output.record.digests.physics_steps.len() as u64;
-                self.pictures += u32::from(output.frame.is_some());
+                self.images += u32::from(output.frame.is_some());
                 Ok(Some(output))
             }
         }
@@ -131,7 +131,7 @@ impl<'t> Replay<'t> {
         let exact = Verdict::Exact {
             calls: u32::try_from(self.trace.steps.len()).unwrap_or(u32::MAX),
             physics_steps: self.physics_steps,
-            pictures: self.pictures,
+            images: self.images,
         };
         if let Some(recorded) = &self.trace.end {
             let mut replayed = self.episode.end();
@@ -244,7 +244,7 @@ fn other_simulator(header: &EpisodeHeader) -> Verdict {
         .collect();
     Verdict::OtherSimulator {
         recorded,
-        this,
+        current: this,
         changes,
     }
 }

@@ -12,7 +12,7 @@ use crate::{Verdict, player::config, replay_with, verify_trace};
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum RepackError {
     /// Its pictures could not be brought back, or not these.
-    #[error("its pictures cannot be made again: {verdict}")]
+    #[error("its images cannot be rendered again: {verdict}")]
     NotExact { verdict: Box<Verdict> },
     /// It cannot be written.
     #[error(transparent)]

@@ -99,7 +99,7 @@ pub fn frames_at(
 ) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
     let none = |moment: &Option<u32>| Verdict::Refused {
         reason: match moment {
-            Some(call) => format!("the agent got no picture from call {call}"),
+            Some(call) => format!("call {call} returned no image to the agent"),
             None => "the agent got no picture before the first call".into(),
         },
     };
@@ -134,7 +134,7 @@ pub fn frames_at(
 pub(crate) fn no_call(trace: &Trace, call: usize) -> Verdict {
     let count = trace.steps.len();
     Verdict::Refused {
-        reason: format!("there is no call {call}: the episode has {count} calls, from 0"),
+        reason: format!("unknown call {call}: the episode has {count} calls, from 0"),
     }
 }
 

@@ -197,7 +197,7 @@ impl Analysis {
             ),
         };
         Ok(
-            json!({"trace": name, "says": said, "class": class, "decisive": blame.decisive, "wasted_steps": blame.wasted_steps}),
+            json!({"trace": name, "summary": said, "class": class, "decisive": blame.decisive, "wasted_steps": blame.wasted_steps}),
         )
     }
 }
@@ -207,7 +207,7 @@ fn shown(trace: &Trace) -> Value {
         .steps
         .iter()
         .map(|step| {
-            json!({"step": step.step, "call": step.input.call.to_string(), "says": step.outcome.text, "error": step.outcome.error,
+            json!({"step": step.step, "call": step.input.call.to_string(), "text": step.outcome.text, "error": step.outcome.error,
                 "reward": step.reward_total(), "held": step.held})
         })
         .collect();
@@ -268,14 +268,15 @@ impl ServerHandler for Analysis {
         request: CallToolRequestParams,
         _: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let busy =
-            |_| ErrorData::internal_error("too much is being asked; try again in a moment", None);
+        let busy = |_| {
+            ErrorData::internal_error("too many requests are waiting; try again in a moment", None)
+        };
         let _place = self.app.analyses.acquire().await.map_err(busy)?;
         let (server, name) = (self.clone(), request.name.to_string());
         let arguments = request.arguments.unwrap_or_default();
         let answered = tokio::task::spawn_blocking(move || server.answer(&name, &arguments)).await;
         let answered = answered.map_err(|_| {
-            ErrorData::internal_error("the analysis broke down; the log says where", None)
+            ErrorData::internal_error("the analysis panicked; the log has the details", None)
         })?;
         Ok(match answered {
             Ok(value) => {

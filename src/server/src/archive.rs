@@ -93,7 +93,7 @@ impl Archive {
                 format!("{name} is still being recorded"),
             ));
         }
-        Err(ApiError::not_found(format!("there is no trace {name}")))
+        Err(ApiError::not_found(format!("unknown trace {name}")))
     }
 
     /// Reads a finished trace of the archive by its name.
@@ -166,7 +166,9 @@ impl Archive {
         let taken = || {
             ApiError::conflict(
                 "exists",
-                format!("there is a trace {name} already; traces are never replaced"),
+                format!(
+                    "trace {name} exists already, and traces are never replaced; choose another name"
+                ),
             )
         };
         if path.exists() {
@@ -183,15 +185,18 @@ impl Archive {
         let (mut bytes, begun) = (0_u64, Instant::now());
         loop {
             let part = tokio::time::timeout(patience, body.next()).await;
-            let part =
-                part.map_err(|_| ApiError::timeout("the upload stood still for too long"))?;
+            let part = part.map_err(|_| {
+                ApiError::timeout("the upload stalled; send it again (limits.read_timeout_s)")
+            })?;
             let Some(part) = part else { break };
             let part = part.map_err(|error| {
                 ApiError::bad_request("broken_body", format!("the upload broke off: {error}"))
             })?;
             bytes += part.len() as u64;
             if begun.elapsed() > patience + Duration::from_secs(bytes / SLOWEST_UPLOAD) {
-                return Err(ApiError::timeout("the upload comes too slowly"));
+                return Err(ApiError::timeout(
+                    "the upload is too slow; send it again (limits.read_timeout_s)",
+                ));
             }
             if bytes > limit {
                 return Err(ApiError::too_large(format!(
@@ -207,7 +212,10 @@ impl Archive {
             tokio::task::spawn_blocking(move || Trace::read(&beside).map(drop)).await
         };
         let checked = checked.map_err(|_| {
-            ApiError::unprocessable("bad_trace", "reading it broke down".to_owned())
+            ApiError::unprocessable(
+                "bad_trace",
+                "the trace reader panicked; the log has the details".to_owned(),
+            )
         })?;
         if let Err(error) = checked {
             let shown = error.to_string().replace(&*beside.to_string_lossy(), name);

@@ -89,7 +89,7 @@ pub struct Play {
     /// Name of the policy in the traces; without it, what clients call themselves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub policy: Option<String>,
-    /// Whether traces hold pictures; without them they are drawn again on demand.
+    /// Whether traces hold images; without them they are drawn again on demand.
     pub images: bool,
     /// What an acknowledged call survives: `write` (the death of the process) or `fsync`
     /// (the loss of power).
@@ -97,7 +97,8 @@ pub struct Play {
     /// Who answers the `ask` calls of the policies.
     pub ask: AskResponder,
     /// How long a person may take to answer, in seconds.
-    pub ask_patience_s: u64,
+    #[serde(alias = "ask_patience_s")]
+    pub ask_timeout_s: u64,
 }
 
 /// In which order tasks are played.
@@ -118,20 +119,24 @@ pub struct Limits {
     /// Sessions open at once.
     pub sessions: usize,
     /// Simulators in memory at once; the others are snapshots.
-    pub awake: usize,
+    #[serde(alias = "awake")]
+    pub simulators: usize,
     /// Calls at work at once; 0: one for each core.
     pub workers: usize,
     /// Seconds after its last call until a session is put aside as a snapshot.
-    pub park_after_s: u64,
+    #[serde(alias = "park_after_s")]
+    pub suspend_after_s: u64,
     /// Seconds after its last call until a session is closed.
     pub close_after_s: u64,
     /// Seconds that a call waits for a worker.
-    pub patience_s: u64,
+    #[serde(alias = "patience_s")]
+    pub worker_timeout_s: u64,
     /// Most client connections that are open at once.
     pub connections: usize,
     /// Seconds that a client has for the head of a request, again for its body, and for reading
     /// any of the answer.
-    pub read_s: u64,
+    #[serde(alias = "read_s")]
+    pub read_timeout_s: u64,
     /// Largest body of a request, in MiB.
     pub body_mib: usize,
     /// Largest trace that is taken, in MiB.
@@ -143,7 +148,8 @@ pub struct Limits {
     /// Longest answer to SQL, in rows.
     pub sql_rows: usize,
     /// Longest time of a query, in seconds.
-    pub sql_s: u64,
+    #[serde(alias = "sql_s")]
+    pub sql_timeout_s: u64,
     /// Memory of a query before it spills, in MiB.
     pub sql_mib: usize,
     /// Queries, replays and renderings at once.
@@ -183,7 +189,7 @@ impl Default for Play {
             images: true,
             durability: "write".to_owned(),
             ask: AskResponder::Rules,
-            ask_patience_s: 120,
+            ask_timeout_s: 120,
         }
     }
 }
@@ -192,19 +198,19 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             sessions: 2_000,
-            awake: 256,
+            simulators: 256,
             workers: 0,
-            park_after_s: 30,
+            suspend_after_s: 30,
             close_after_s: 3_600,
-            patience_s: 60,
+            worker_timeout_s: 60,
             connections: 8_192,
-            read_s: 30,
+            read_timeout_s: 30,
             body_mib: 4,
             upload_mib: 1_024,
             requests_per_s: 2_000,
             burst: 4_000,
             sql_rows: 1_000_000,
-            sql_s: 60,
+            sql_timeout_s: 60,
             sql_mib: 512,
             analyses: 4,
         }
@@ -312,7 +318,7 @@ impl Config {
         let limits = &self.limits;
         let counts: [(&'static str, usize); 9] = [
             ("limits.sessions", limits.sessions),
-            ("limits.awake", limits.awake),
+            ("limits.simulators", limits.simulators),
             ("limits.connections", limits.connections),
             ("limits.body_mib", limits.body_mib),
             ("limits.upload_mib", limits.upload_mib),
@@ -326,9 +332,9 @@ impl Config {
         }
         let times = [
             ("limits.close_after_s", limits.close_after_s),
-            ("limits.patience_s", limits.patience_s),
-            ("limits.read_s", limits.read_s),
-            ("limits.sql_s", limits.sql_s),
+            ("limits.worker_timeout_s", limits.worker_timeout_s),
+            ("limits.read_timeout_s", limits.read_timeout_s),
+            ("limits.sql_timeout_s", limits.sql_timeout_s),
             ("limits.requests_per_s", u64::from(limits.requests_per_s)),
         ];
         if let Some((key, _)) = times.iter().find(|(_, time)| *time == 0) {
@@ -373,7 +379,7 @@ impl Config {
         Preset::from_toml(&text).map_err(|error| wrong(format!("{}: {error}", self.play.preset)))
     }
 
-    /// What households play; loads the tasks. Broken task files are left out
+    /// What sessions play; loads the tasks. Broken task files are left out
     /// and named by `on_broken`.
     ///
     /// # Errors
@@ -472,27 +478,27 @@ impl Config {
         let play = &self.play;
         reel_mcp::ToolServerOptions {
             ask: play.ask,
-            ask_patience: Duration::from_secs(play.ask_patience_s),
+            ask_patience: Duration::from_secs(play.ask_timeout_s),
             policy: play.policy.clone(),
             watch,
         }
     }
 
-    /// How many households there may be, and how long they last.
+    /// How many sessions there may be, and how long they last.
     pub fn pool(&self) -> reel_live::Limits {
         let limits = &self.limits;
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         reel_live::Limits {
             sessions: limits.sessions,
-            in_memory: limits.awake,
+            in_memory: limits.simulators,
             workers: if limits.workers == 0 {
                 cores()
             } else {
                 limits.workers
             },
-            suspend_after: Duration::from_secs(limits.park_after_s),
+            suspend_after: Duration::from_secs(limits.suspend_after_s),
             close_after: Duration::from_secs(limits.close_after_s),
-            worker_timeout: Duration::from_secs(limits.patience_s),
+            worker_timeout: Duration::from_secs(limits.worker_timeout_s),
         }
     }
 }

@@ -89,6 +89,6 @@ pub(crate) async fn serve(
     }
     tasks.close();
     if tokio::time::timeout(GRACE, tasks.wait()).await.is_err() {
-        tracing::warn!(open = tasks.len(), "some requests did not end in time");
+        tracing::warn!(open = tasks.len(), "some requests did not finish in time");
     }
 }

@@ -112,7 +112,7 @@ async fn admit(app: &App, request: &mut Request) -> Result<(), ApiError> {
     let key = caller.as_ref().map_or(address, |caller| caller.0.clone());
     if app.rates.0.check_key(&key).is_err() {
         return Err(ApiError::too_many(
-            "more requests a second than limits.requests_per_s; wait a moment",
+            "rate limit exceeded (limits.requests_per_s); wait a moment",
         ));
     }
     if let Some(caller) = caller {
@@ -144,7 +144,7 @@ fn authorize(
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
     let Some((_, token)) = token else {
         return Err(ApiError::unauthorized(
-            "a token is needed: Authorization: Bearer <token>; `reel server token create` makes one",
+            "no token: send `Authorization: Bearer <token>`; `reel server token create` creates one",
         ));
     };
     let Some(entry) = app.tokens.find(token.trim()) else {
@@ -156,10 +156,7 @@ fn authorize(
     let role = format!("{role:?}").to_lowercase();
     Err(ApiError::forbidden(
         "role",
-        format!(
-            "the token '{}' has not the role '{role}' that this needs",
-            entry.name
-        ),
+        format!("token '{}' lacks role '{role}'", entry.name),
     ))
 }
 
@@ -184,7 +181,7 @@ async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
     let read = tokio::time::timeout(app.read_patience(), axum::body::to_bytes(body, limit));
     match read.await {
         Err(_) => Err(ApiError::timeout(
-            "the body did not come in time (limits.read_s)",
+            "the request body timed out (limits.read_timeout_s)",
         )),
         Ok(Ok(bytes)) => {
             *request.body_mut() = Body::from(bytes);
@@ -198,7 +195,7 @@ async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
         }
         Ok(Err(error)) => Err(ApiError::bad_request(
             "broken_body",
-            format!("the body broke off: {error}"),
+            format!("the request body broke off: {error}"),
         )),
     }
 }

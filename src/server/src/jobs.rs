@@ -95,7 +95,7 @@ const EXPORT_OPTIONS: [&str; 31] = reel_world::words! {
 /// Where a job stands.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Stage {
+pub(crate) enum JobState {
     /// Others are at work.
     Waiting,
     /// The job's command is running now.
@@ -116,7 +116,7 @@ pub(crate) struct Job {
     /// What the job does, as the client requested it.
     pub work: Work,
     /// State of the job, e.g. waiting, running or failed.
-    pub stage: Stage,
+    pub state: JobState,
     /// How much is done.
     pub done: u64,
     /// Of how much, where that is known.
@@ -126,14 +126,14 @@ pub(crate) struct Job {
     /// What it reported, as `reel ... --json` prints it: one value a line.
     pub report: Vec<Value>,
     /// What it complained of.
-    pub complaints: Vec<String>,
+    pub errors: Vec<String>,
     /// When it was asked for, in seconds since 1970.
     pub created: u64,
 }
 
 impl Job {
     pub fn ended(&self) -> bool {
-        !matches!(self.stage, Stage::Waiting | Stage::Running)
+        !matches!(self.state, JobState::Waiting | JobState::Running)
     }
 }
 
@@ -142,12 +142,12 @@ pub(crate) struct Jobs {
     command: Arc<Paths>,
     next: AtomicU64,
     at_once: Arc<Semaphore>,
-    known: Mutex<VecDeque<JobState>>,
+    known: Mutex<VecDeque<KnownJob>>,
     closing: CancellationToken,
     running: prometheus_client::metrics::gauge::Gauge,
 }
 
-struct JobState {
+struct KnownJob {
     job: watch::Receiver<Job>,
     stop: CancellationToken,
 }
@@ -171,7 +171,7 @@ struct Progress {
 struct ProgressCount {
     done: u64,
     total: Option<u64>,
-    what: String,
+    message: String,
 }
 
 impl Jobs {
@@ -199,12 +199,12 @@ impl Jobs {
         let job = Job {
             id: self.next.fetch_add(1, Ordering::Relaxed),
             work,
-            stage: Stage::Waiting,
+            state: JobState::Waiting,
             done: 0,
             total: None,
             message: String::new(),
             report: Vec::new(),
-            complaints: Vec::new(),
+            errors: Vec::new(),
             created,
         };
         let (sender, receiver) = watch::channel(job.clone());
@@ -218,7 +218,7 @@ impl Jobs {
                 >= REMEMBERED
             {
                 return Err(ApiError::too_many(
-                    "too many jobs wait; try again when some are done",
+                    "too many jobs are waiting; try again later",
                 ));
             }
             while known.len() >= REMEMBERED {
@@ -227,7 +227,7 @@ impl Jobs {
                 };
                 known.remove(oldest);
             }
-            known.push_back(JobState {
+            known.push_back(KnownJob {
                 job: receiver,
                 stop: stop.clone(),
             });
@@ -241,17 +241,17 @@ impl Jobs {
             let place = tokio::select! {
                 place = at_once.acquire_owned() => place.expect("the places are never closed"),
                 () = stop.cancelled() => {
-                    sender.send_modify(|job| job.stage = Stage::Cancelled);
+                    sender.send_modify(|job| job.state = JobState::Cancelled);
                     return;
                 }
             };
             running.inc();
-            sender.send_modify(|job| job.stage = Stage::Running);
-            let stage = run(&command, &arguments, &sender, &stop).await;
-            sender.send_modify(|job| job.stage = stage);
+            sender.send_modify(|job| job.state = JobState::Running);
+            let state = run(&command, &arguments, &sender, &stop).await;
+            sender.send_modify(|job| job.state = state);
             running.dec();
             let job = sender.borrow();
-            tracing::info!(job = job.id, stage = ?job.stage, "a job ended");
+            tracing::info!(job = job.id, state = ?job.state, "a job ended");
             drop(place);
         });
         Ok(job)
@@ -273,8 +273,11 @@ impl Jobs {
             .iter()
             .find(|known| known.job.borrow().id == id)
             .map(|known| known.job.clone());
-        found
-            .ok_or_else(|| ApiError::not_found(format!("there is no job {id}, or it was long ago")))
+        found.ok_or_else(|| {
+            ApiError::not_found(format!(
+                "unknown job {id}; only the latest jobs are remembered"
+            ))
+        })
     }
 
     /// Stops a waiting or running job; fails if it has ended or is unknown.
@@ -283,7 +286,7 @@ impl Jobs {
         if job.borrow().ended() {
             return Err(ApiError::conflict(
                 "ended",
-                format!("job {id} has ended already"),
+                format!("job {id} has already ended"),
             ));
         }
         let known = self.lock();
@@ -294,7 +297,7 @@ impl Jobs {
         Ok(())
     }
 
-    fn lock(&self) -> MutexGuard<'_, VecDeque<JobState>> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<KnownJob>> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -335,7 +338,10 @@ impl Paths {
             }
             Work::Export { set, name, options } => {
                 reel_live::check_name(name).map_err(|_| {
-                    ApiError::unprocessable("bad_name", format!("'{name}' is no name for a folder"))
+                    ApiError::unprocessable(
+                        "bad_name",
+                        format!("'{name}' is not a valid folder name"),
+                    )
                 })?;
                 let set = match set {
                     Set::Sft => "sft",
@@ -364,7 +370,7 @@ impl Paths {
                         Value::Bool(false) | Value::Null => {}
                         Value::String(text) if text.contains('\0') || text.len() > OPTION_BYTES => {
                             let text = format!(
-                                "option '{option}' takes a text of at most {OPTION_BYTES} bytes, none of them 0"
+                                "option '{option}' takes a text of at most {OPTION_BYTES} bytes without NUL"
                             );
                             return Err(ApiError::unprocessable("bad_option", text));
                         }
@@ -405,7 +411,7 @@ async fn run(
     arguments: &[OsString],
     job: &watch::Sender<Job>,
     stop: &CancellationToken,
-) -> Stage {
+) -> JobState {
     let mut command = Command::new(&paths.reel);
     // Secrets of the server are no business of its jobs.
     command
@@ -420,8 +426,11 @@ async fn run(
     let mut child = match command.spawn() {
         Ok(child) => child,
         Err(error) => {
-            job.send_modify(|job| job.complaints.push(format!("cannot be started: {error}")));
-            return Stage::Failed;
+            job.send_modify(|job| {
+                job.errors
+                    .push(format!("the command cannot be started: {error}"))
+            });
+            return JobState::Failed;
         }
     };
     let (stdout, stderr) = (
@@ -436,23 +445,24 @@ async fn run(
     let complaints = lines(stderr, |line| {
         match serde_json::from_str::<Progress>(&line) {
             Ok(Progress { progress }) => job.send_modify(|job| {
-                (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
+                (job.done, job.total, job.message) =
+                    (progress.done, progress.total, progress.message);
             }),
-            Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.redact_path(&line))),
+            Err(_) => job.send_modify(|job| job.errors.push(paths.archive.redact_path(&line))),
         }
     });
     let ended = async { tokio::join!(reports, complaints, child.wait()).2 };
     tokio::select! {
         ended = ended => match ended {
             // 3: done, and what was left out is named.
-            Ok(status) if matches!(status.code(), Some(0 | 3)) => Stage::Done,
+            Ok(status) if matches!(status.code(), Some(0 | 3)) => JobState::Done,
             Ok(status) => {
-                job.send_modify(|job| job.complaints.push(format!("it ended with {status}")));
-                Stage::Failed
+                job.send_modify(|job| job.errors.push(format!("the command exited with {status}")));
+                JobState::Failed
             }
-            Err(_) => Stage::Failed,
+            Err(_) => JobState::Failed,
         },
-        () = stop.cancelled() => Stage::Cancelled,
+        () = stop.cancelled() => JobState::Cancelled,
     }
 }
 

@@ -141,7 +141,7 @@ impl Metrics {
 
     /// The text that Prometheus reads.
     pub fn text(&self, entries: &[SessionEntry]) -> String {
-        for state in ["empty", "playing", "parked", "over", "broken"] {
+        for state in ["empty", "playing", "suspended", "ended", "failed"] {
             let count = entries
                 .iter()
                 .filter(|entry| entry.state.state == state)

@@ -106,7 +106,7 @@ async fn embed(State(mock): State<Arc<Mock>>, body: Bytes) -> Response {
 }
 
 fn read(body: &[u8]) -> Result<Value, String> {
-    serde_json::from_slice(body).map_err(|error| format!("the request is no JSON: {error}"))
+    serde_json::from_slice(body).map_err(|error| format!("the request is not JSON: {error}"))
 }
 
 fn refused(status: StatusCode, what: &str) -> Response {

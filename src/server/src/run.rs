@@ -107,7 +107,10 @@ pub(crate) fn stopped() -> impl Future<Output = ()> {
 fn raise_file_limit() {
     match rlimit::increase_nofile_limit(u64::MAX) {
         Ok(limit) if limit < 8_192 => {
-            tracing::warn!(limit, "few files may be open; `ulimit -n` raises that")
+            tracing::warn!(
+                limit,
+                "the limit of open files is low; raise it with `ulimit -n`"
+            )
         }
         _ => {}
     }

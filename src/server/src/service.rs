@@ -68,7 +68,7 @@ impl App {
 
     /// How long a client may take to send something.
     pub fn read_patience(&self) -> Duration {
-        Duration::from_secs(self.config.limits.read_s)
+        Duration::from_secs(self.config.limits.read_timeout_s)
     }
 }
 
@@ -84,7 +84,7 @@ pub enum ServeError {
     Tokens(#[from] TokenError),
     /// The world could reach it, and there are no tokens.
     #[error(
-        "{0} is not a loopback address, and there are no tokens: whoever reaches it could do everything. Make one with `reel server token create NAME --role act`, or listen on 127.0.0.1"
+        "{0} is not a loopback address and there are no tokens, so everyone who reaches it has every role; create a token with `reel server token create NAME --role act`, or listen on 127.0.0.1"
     )]
     Open(SocketAddr),
     /// The address cannot be taken.
@@ -97,10 +97,10 @@ pub enum ServeError {
     #[error("cannot use the data folder: {0}")]
     Data(io::Error),
     /// The system refuses threads or sockets.
-    #[error("the system refuses: {0}")]
+    #[error("the operating system reported an error: {0}")]
     System(io::Error),
     /// What came over standard input.
-    #[error("what came in is not the Model Context Protocol: {0}")]
+    #[error("standard input is not Model Context Protocol: {0}")]
     Protocol(String),
 }
 
@@ -210,7 +210,7 @@ impl Service {
         let _ = serving.await;
         tending.abort();
         let sessions = app.pool.close_all().await;
-        tracing::info!(sessions, "every session is closed, every trace is whole");
+        tracing::info!(sessions, "all sessions are closed and all traces complete");
     }
 }
 
@@ -280,7 +280,7 @@ async fn tend(app: Arc<App>) {
         app.pool.reap_idle().await;
         app.rates.tidy();
         if let Err(error) = app.tokens.refresh() {
-            tracing::warn!(%error, "the tokens stay as they were");
+            tracing::warn!(%error, "cannot reload the token file; the tokens are unchanged");
         }
     }
 }

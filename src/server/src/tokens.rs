@@ -73,13 +73,13 @@ pub enum TokenError {
         source: io::Error,
     },
     /// It is no file of tokens.
-    #[error("{path} is no file of tokens: {message}", path = path.display())]
+    #[error("{path} is not a token file: {message}", path = path.display())]
     Syntax { path: PathBuf, message: String },
     /// A name that is taken.
-    #[error("there is a token called '{0}' already; revoke it first")]
+    #[error("token '{0}' exists already; revoke it first")]
     Taken(String),
     /// A name of nobody.
-    #[error("no token is called '{0}'")]
+    #[error("unknown token '{0}'")]
     Unknown(String),
 }
 

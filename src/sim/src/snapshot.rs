@@ -36,11 +36,11 @@ pub struct Snapshot {
 pub enum SnapshotError {
     /// Taken by another simulator.
     #[error(
-        "the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it can be made again"
+        "the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it is created again on demand"
     )]
     OtherSimulator { found: u32 },
     /// The bytes cannot be decoded, or their content does not fit the task.
-    #[error("the snapshot is damaged ({problem}); delete it, it can be made again")]
+    #[error("the snapshot is damaged ({problem}); delete it, it is created again on demand")]
     Damaged { problem: String },
     /// Of another task, scene or seed.
     #[error(

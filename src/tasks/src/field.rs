@@ -125,7 +125,7 @@ impl<'a> Field<'a> {
     pub fn receptacle(&self, scene: &Scene) -> Result<ReceptacleId, Problem> {
         let id = ReceptacleId::from(self.text()?);
         if scene.receptacle(&id).is_none() {
-            return Err(self.problem(format!("{id} is no receptacle of the scene")));
+            return Err(self.problem(format!("{id} is not a receptacle of the scene")));
         }
         Ok(id)
     }

@@ -347,7 +347,7 @@ impl<'a> Reader<'a> {
         let mut listed: Vec<ReceptacleId> = Vec::new();
         for (name, state) in field.entries()? {
             let Some(receptacle) = self.scene.receptacle(&name.into()) else {
-                return Err(state.problem(format!("{name} is no receptacle of the scene")));
+                return Err(state.problem(format!("{name} is not a receptacle of the scene")));
             };
             listed.push(receptacle.id.clone());
             let mut here: Vec<&str> = objects
@@ -418,7 +418,7 @@ impl<'a> Reader<'a> {
         for (key, field) in moves.entries()? {
             let object = InstanceId::from(key);
             let Some(from) = initial.receptacle_of(&object).cloned() else {
-                return Err(field.problem(format!("{key} is no object of the task")));
+                return Err(field.problem(format!("{key} is not an object of the task")));
             };
             goal.remove(&from, &object);
             goal.add(&field.receptacle(self.scene)?, &object);

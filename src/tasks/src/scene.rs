@@ -122,7 +122,7 @@ fn check(scene: &Scene) -> Result<(), Fault> {
         if !scene.rooms.iter().any(|room| room.name == receptacle.room) {
             return Err((
                 field,
-                format!("its room {:?} is no room of the scene", receptacle.room),
+                format!("its room {:?} is not a room of the scene", receptacle.room),
             ));
         }
         check_range(&receptacle.surface_min, &receptacle.surface_max)
@@ -132,7 +132,7 @@ fn check(scene: &Scene) -> Result<(), Fault> {
         {
             return Err((
                 field,
-                format!("covers {covered}, which is no other receptacle of the scene"),
+                format!("covers {covered}, which is not another receptacle of the scene"),
             ));
         }
     }

@@ -134,7 +134,8 @@ pub struct Opinion {
 #[serde(rename_all = "lowercase")]
 pub enum Source {
     /// The rules', on what the simulator recorded.
-    Proven,
+    #[serde(alias = "proven")]
+    Rules,
     /// The judge's: a proposal.
     Judge,
 }
@@ -153,7 +154,8 @@ pub struct JudgedCase {
     /// Whose word the three are.
     pub source: Source,
     /// What the rules found, unchanged.
-    pub proven: Option<RuleFinding>,
+    #[serde(alias = "proven")]
+    pub rule_finding: Option<RuleFinding>,
     /// What the judge said.
     pub opinion: Opinion,
     /// Whether it names the proven class; absent where nothing is proven.
@@ -312,7 +314,7 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> J
             proven.class.clone(),
             proven.sub_class.clone(),
             proven.step,
-            Source::Proven,
+            Source::Rules,
         ),
         None => (
             opinion.class.clone(),
@@ -327,7 +329,7 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> J
         sub_class,
         step,
         source,
-        proven: case.rule_finding.clone(),
+        rule_finding: case.rule_finding.clone(),
         opinion,
         agrees,
         reduced: case.reduced,

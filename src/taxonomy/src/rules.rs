@@ -151,8 +151,8 @@ impl Rule {
         };
         let class = field("Class")?;
         let class = CLASSES.iter().find(|known| **known == class);
-        let class =
-            class.ok_or_else(|| wrong(format!("its class is none of {}", CLASSES.join(", "))))?;
+        let class = class
+            .ok_or_else(|| wrong(format!("its class is not one of {}", CLASSES.join(", "))))?;
         let sub_class = field("Sub-class")?.to_owned();
         if !sub_class
             .chars()

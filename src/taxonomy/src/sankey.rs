@@ -50,7 +50,7 @@ pub enum SankeyError {
         largest: f32,
     },
     /// There is no memory for a picture of this size.
-    #[error("a picture of {width_px} x {height_px} pixels is too large: choose a smaller scale")]
+    #[error("an image of {width_px} x {height_px} pixels is too large; choose a smaller scale")]
     Size { width_px: u32, height_px: u32 },
     /// The PNG could not be written.
     #[error("the diagram could not be encoded as PNG: {0}")]

@@ -336,7 +336,7 @@ impl<'a> Assembly<'a> {
                 match message.kind.as_str() {
                     "outside" => once(&mut draft.user_reply, codec::read_reply(message)?),
                     "answer" => once(&mut draft.answer, codec::read_reply(message)?),
-                    other => Err(format!("{other:?} is no kind of reply").into()),
+                    other => Err(format!("{other:?} is not a kind of reply").into()),
                 }
             }
             schema::TOOL_RESULT => {

@@ -30,7 +30,7 @@ pub struct DoctorReport {
     /// How many steps are whole.
     pub steps: u32,
     /// How many pictures there are.
-    pub pictures: usize,
+    pub images: usize,
     /// How the episode ended, if it did.
     pub end: Option<EndReason>,
     /// Everything that is wrong; empty in a healthy trace.
@@ -50,7 +50,7 @@ pub struct Finding {
     /// The step; none before and at the start.
     pub step: Option<u32>,
     /// What is wrong with it.
-    pub what: String,
+    pub message: String,
     /// What the user should do about it, in words.
     pub advice: String,
 }
@@ -65,7 +65,7 @@ impl std::fmt::Display for Finding {
             f,
             ", {}: {}; {}",
             position(self.step),
-            self.what,
+            self.message,
             self.advice
         )
     }
@@ -99,7 +99,7 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
         path: path.to_owned(),
         bytes: bytes.len() as u64,
         steps: 0,
-        pictures: 0,
+        images: 0,
         end: None,
         findings: Vec::new(),
         notes: Vec::new(),
@@ -120,7 +120,7 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
     match &loaded.trace {
         Ok(trace) => {
             examination.steps = trace.steps.len() as u32;
-            examination.pictures = trace.image_count();
+            examination.images = trace.image_count();
             examination.end = trace.end.as_ref().map(|end| end.reason);
             let pictures = trace
                 .images
@@ -203,7 +203,7 @@ impl Visitor for Examiner<'_> {
                 offset: Some(at.offset),
                 record,
                 step,
-                what,
+                message: what,
                 advice: advice.to_owned(),
             });
         };
@@ -359,7 +359,7 @@ impl Index {
                 offset,
                 record,
                 step: None,
-                what,
+                message: what,
                 advice,
             });
         };
@@ -595,7 +595,7 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
         offset,
         record,
         step,
-        what,
+        message: what,
         advice: advice.to_owned(),
     }
 }

@@ -43,7 +43,7 @@ pub enum TraceError {
     TargetExists { of: PathBuf, path: PathBuf },
     /// A file that recovery wrote because it could restore nothing.
     #[error(
-        "nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}"
+        "no part of the recording {source_name} could be restored ({lost}); this file only records that: {path}"
     )]
     NothingRestored {
         path: PathBuf,
@@ -135,7 +135,7 @@ pub enum TraceError {
         found: Digest,
     },
     /// A picture cannot be read or is not the recorded one.
-    #[error("the picture of {} {problem}; it was changed or damaged: {path}", position(*.step))]
+    #[error("the image of {} {problem}; it was changed or damaged: {path}", position(*.step))]
     Image {
         path: PathBuf,
         /// The step; none: the start.
@@ -161,7 +161,7 @@ pub enum TraceError {
     },
     /// A line that holds no log-probabilities of a decision.
     #[error(
-        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel trace logprobs list` shows the form: {path}"
+        "line {line} is not a JSON object of episode_id, step, policy, logprobs and, if known, tokens ({problem}); `reel trace logprobs list` shows the form: {path}"
     )]
     ScoredLine {
         path: PathBuf,

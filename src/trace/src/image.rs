@@ -67,14 +67,14 @@ pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
 /// # Errors
 /// What is wrong with it.
 pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, String> {
-    let refused = |error: png::DecodingError| format!("no PNG picture that can be read ({error})");
+    let refused = |error: png::DecodingError| format!("not a readable PNG image ({error})");
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
     let mut reader = decoder.read_info().map_err(refused)?;
     let size = (reader.info().width as usize, reader.info().height as usize);
     if size != expected {
         return Err(format!(
-            "a picture of {} x {} pixels instead of {} x {}",
+            "an image of {} x {} pixels instead of {} x {}",
             size.0, size.1, expected.0, expected.1
         ));
     }

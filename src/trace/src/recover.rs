@@ -321,7 +321,7 @@ fn spoilt_pictures(trace: &Trace) -> BTreeMap<Option<u32>, String> {
         .map(|(step, error)| {
             (
                 step,
-                format!("the picture of {} is left out: {error}", position(step)),
+                format!("the image of {} is dropped: {error}", position(step)),
             )
         })
         .collect()

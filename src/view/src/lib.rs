@@ -32,7 +32,7 @@ pub enum ViewError {
     #[error(transparent)]
     Trace(#[from] reel_trace::TraceError),
     /// A PNG cannot be made.
-    #[error("cannot encode a picture: {0}")]
+    #[error("cannot encode an image: {0}")]
     Png(#[from] png::EncodingError),
     /// A film cannot be encoded.
     #[error("cannot encode the film: {0}")]

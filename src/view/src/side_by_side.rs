@@ -109,7 +109,7 @@ fn column(deed: &CallSummary, short: bool) -> Vec<(String, String)> {
     } else {
         format!("{:+.2}", deed.reward)
     };
-    let mut what = wrap(&deed.what, COLUMN - 12, 2).into_iter();
+    let mut what = wrap(&deed.call_text, COLUMN - 12, 2).into_iter();
     let mut lines = vec![(
         format!("{:>3}  {}", deed.call, what.next().unwrap_or_default()),
         reward,

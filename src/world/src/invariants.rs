@@ -121,7 +121,7 @@ fn receptacles_are_the_scenes(moment: &InvariantInput<'_>) -> Result<(), String>
         .find(|id| id.as_str() != crate::FLOOR && moment.scene.receptacle(id).is_none());
     match unknown {
         None => Ok(()),
-        Some(id) => Err(format!("{id} is no receptacle of the scene")),
+        Some(id) => Err(format!("{id} is not a receptacle of the scene")),
     }
 }
 

@@ -294,7 +294,7 @@ fn check(data: &MeshData) -> Result<(), MeshDefect> {
             "pixels of textures",
             texels,
             TEXELS_MAX,
-            "scale its pictures down",
+            "scale its images down",
         ),
         (
             "materials",

@@ -1,35 +1,15 @@
 /** What the service tells of training sets. */
 
-export type Export = {
-  name: string;
-  created: number;
-  bytes: number;
-  card?: string;
-  manifest: {
-    format?: string; style?: string; table_version?: number; shards?: Record<string, { rows: number }[]>;
-    tokens?: { examples: number; longest: number; over: number; budget: number }; left_out?: Record<string, number>;
-  };
-};
+import type { Export as Listed } from "../../lib/generated";
 
-export type Part = { text: string } | { image: number } | { call: { name: string; arguments: Record<string, unknown> } };
-export type Example = {
-  number: number;
-  error?: string;
-  split?: string | null;
-  turns?: { role: string; learned: boolean; parts: Part[] }[];
-  tools?: unknown;
-  images?: (string | null)[];
-  meta?: Record<string, unknown> | null;
-  oddities?: string[];
-};
+export type { Example, Lint } from "../../lib/generated";
+export type Export = Listed & { manifest: Manifest };
 
-export type Finding = { kind: string; severity: string; message: string; excerpt?: string;
-  examples: { index: number; line: number }[] };
-export type Check = {
-  check: string; what: string; applies: boolean; findings: number; rows: number; share: number; worst: string | null;
-  kinds: Record<string, number>; note: string; examples: Finding[];
+/** The fields of `manifest.json` that pages show. */
+export type Manifest = {
+  format?: string; style?: string; table_version?: number; shards?: Record<string, { rows: number }[]>;
+  tokens?: { examples: number; longest: number; over: number; budget: number }; excluded?: Record<string, number>;
 };
-export type Lint = { rows: number; unreadable: number; checks: Check[] };
 
 export function rowsOf({ manifest }: Export): number {
   const shards = Object.values(manifest.shards ?? {}).flat();

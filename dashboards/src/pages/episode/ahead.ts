@@ -4,8 +4,10 @@ import { framePath } from "../../lib/trace";
 import { momentOf, queryOf, viewOf } from "./camera";
 
 export function pathsOf(trace: string) {
-  const trunk = `/api/traces/${encodeURIComponent(trace)}`;
-  return { episode: `${trunk}/episode`, steps: `${trunk}/steps?limit=1000`, scene: `${trunk}/scene`, blame: `${trunk}/blame` };
+  const trunk = `/api/traces/${encodeURIComponent(trace)}` as const;
+  return {
+    episode: `${trunk}/episode`, steps: `${trunk}/steps?limit=1000`, scene: `${trunk}/scene`, blame: `${trunk}/blame`,
+  } as const;
 }
 
 /** The picture comes first: it takes longest. */

@@ -1,5 +1,6 @@
 /** What SQL can name here: tables with their columns, functions, and the queries that come with the service. */
 import { get, sql } from "../../lib/api";
+import type { NamedQuery } from "../../lib/generated";
 
 export interface Column {
   name: string;
@@ -18,12 +19,7 @@ export interface Func {
   tells: string;
 }
 
-export interface NamedQuery {
-  name: string;
-  summary: string;
-  parameters: Record<string, string>;
-  sql: string;
-}
+export type { NamedQuery };
 
 export interface Schema {
   tables: Table[];
@@ -42,7 +38,7 @@ WHERE c.table_schema = 'public' ORDER BY c.table_name, c.ordinal_position`, {}, 
       `SELECT routine_name AS name, max(syntax_example) AS syntax, max(description) AS tells FROM information_schema.routines
 GROUP BY routine_name ORDER BY routine_name`, {}, signal,
     ),
-    get<NamedQuery[]>("/api/queries", signal),
+    get("/api/queries", signal),
   ]);
   const named = new Set(queries.map((query) => query.name));
   const tables = new Map<string, Table>();

@@ -14,7 +14,7 @@ use super::{
 use crate::{oracle::OracleOptions, random};
 use exploration::{exploration, false_history, questions, repeated_failure, stale_marker, turning};
 
-/// Things that are in nobody's household here: what one looks for in vain.
+/// Categories that no scene of Reel has.
 const ABSENT: [&str; 6] = reel_world::words! {
     telescope violin umbrella surfboard typewriter "snow globe"
 };

@@ -206,7 +206,7 @@ fn a_run_that_broke_off_goes_on_and_asks_nothing_twice() {
     let error = run(&trace, &broken.base_url, &path, &fine).unwrap_err();
     assert!(
         matches!(error, AnnotateError::Model { from: BATCH, .. })
-            && error.to_string().contains("run again"),
+            && error.to_string().contains("run the command again"),
         "{error}"
     );
     assert!(matches!(

@@ -412,8 +412,8 @@ fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value 
         "asks": mean(&|report| f64::from(report.asks)),
         "reward": mean(&|report| report.total_reward),
         "latency_s": mean(&|report| report.latency_ns as f64 / 1e9),
-        "tokens_read": (!counted.is_empty()).then_some(tokens[0]),
-        "tokens_written": (!counted.is_empty()).then_some(tokens[1]),
+        "prompt_tokens": (!counted.is_empty()).then_some(tokens[0]),
+        "completion_tokens": (!counted.is_empty()).then_some(tokens[1]),
         "cost": prices.filter(|_| !counted.is_empty()).map(|prices| cost(tokens, prices)),
         "user_rules_broken": broken,
     })
@@ -479,7 +479,10 @@ fn table(
         let spl = row["spl"]
             .as_f64()
             .map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
-        let tokens = match (row["tokens_read"].as_u64(), row["tokens_written"].as_u64()) {
+        let tokens = match (
+            row["prompt_tokens"].as_u64(),
+            row["completion_tokens"].as_u64(),
+        ) {
             (Some(read), Some(written)) => format!("{read} + {written}"),
             _ => "-".to_owned(),
         };

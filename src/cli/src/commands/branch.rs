@@ -251,8 +251,8 @@ fn told(descent: &BranchVerification, branch: &Trace) -> String {
         .parent
         .as_ref()
         .map_or(0, |parent| parent.call);
-    let prefix = match (&descent.stranger, &descent.prefix) {
-        (Some(stranger), _) => format!("NO BRANCH of it: {stranger}"),
+    let prefix = match (&descent.unrelated, &descent.prefix) {
+        (Some(reason), _) => format!("NO BRANCH of it: {reason}"),
         (None, Some(difference)) => format!("NOT THE SAME as its parent (recorded) {difference}"),
         (None, None) => format!("branches at call {call}, the same before"),
     };

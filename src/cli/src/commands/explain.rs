@@ -118,7 +118,7 @@ fn other_states(
     let (Some(step), Some(ours)) = (divergence.physics_step, &explanation.bodies) else {
         return Ok(None);
     };
-    let place = match divergence.moment {
+    let place = match divergence.position {
         EpisodePosition::Call(call) => format!("{call}:{step}"),
         _ => format!("start:{step}"),
     };
@@ -154,7 +154,7 @@ fn other_states(
 }
 
 fn draw(explanation: &Explanation, trace: &Path, folder: &Path) -> anyhow::Result<Option<PathBuf>> {
-    let Some(picture) = &explanation.picture else {
+    let Some(picture) = &explanation.image else {
         return Ok(None);
     };
     let (Some(recorded), Some(replayed)) = (&picture.recorded, &picture.replayed) else {
@@ -194,7 +194,7 @@ fn print(
     if let Some(text) = &explanation.text {
         println!("  text: {text}");
     }
-    if let Some(picture) = &explanation.picture {
+    if let Some(picture) = &explanation.image {
         match (picture.pixels, picture.bbox, picture.most) {
             (Some(0), ..) => println!("  image: RGB is equal, ids or depth differ"),
             (Some(pixels), Some([x0, y0, x1, y1]), Some(most)) => {

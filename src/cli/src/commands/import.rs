@@ -256,9 +256,7 @@ fn tell(
     match result {
         Ok(imported) if as_json => println!("{}", serde_json::to_string(imported)?),
         Ok(imported) => {
-            let ImportedEpisode {
-                steps, pictures, ..
-            } = imported;
+            let ImportedEpisode { steps, images, .. } = imported;
             let end = format!("{:?}", imported.end).to_lowercase();
             let success = if imported.success {
                 "success"
@@ -266,7 +264,7 @@ fn tell(
                 "no success"
             };
             println!(
-                "{}: {steps} steps, {pictures} frames, {end}, {success}",
+                "{}: {steps} steps, {images} frames, {end}, {success}",
                 imported.trace.display()
             );
             imported

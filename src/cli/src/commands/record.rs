@@ -356,8 +356,8 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
             (counts.refused, "refused"),
             (counts.too_large, "messages over the limit"),
             (counts.strange, "messages not of the protocol"),
-            (counts.blind, "connections not understood"),
-            (counts.pictures_left_out, "images left out"),
+            (counts.opaque_connections, "connections not understood"),
+            (counts.images_rejected, "images left out"),
         ];
         let odd: String = odd
             .iter()
@@ -380,7 +380,7 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
     } else {
         println!("{text}");
     }
-    let lost = counts.unrecorded + counts.refused + counts.too_large + counts.pictures_left_out;
+    let lost = counts.unrecorded + counts.refused + counts.too_large + counts.images_rejected;
     Ok(if lost > 0 {
         ExitStatus::Partial
     } else {

@@ -139,12 +139,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         } else if let Verdict::Exact {
             calls,
             physics_steps,
-            pictures,
+            images,
         } = verdict
         {
             totals[0] += u64::from(*calls);
             totals[1] += physics_steps;
-            totals[2] += u64::from(*pictures);
+            totals[2] += u64::from(*images);
             if paths.len() == 1 {
                 println!("{}: {verdict}", path.display());
             }
@@ -154,9 +154,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
     if !arguments.json && paths.len() > 1 {
-        let [calls, physics_steps, pictures] = totals;
+        let [calls, physics_steps, images] = totals;
         println!(
-            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {pictures} frames",
+            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {images} frames",
             paths.len()
         );
         if let Some(count) = arguments.restored {
@@ -230,7 +230,7 @@ fn tell_outcomes(judgements: &[ReplayReport], json: bool) -> anyhow::Result<Exit
             );
             println!(
                 "  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}",
-                changed.call, changed.what
+                changed.call, changed.call_text
             );
         }
     }

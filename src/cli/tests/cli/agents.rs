@@ -131,7 +131,7 @@ fn both_styles_complete_twenty_tasks_and_replay_with_nobody_there() {
                 "{style}: {row}"
             );
             assert!(
-                row["tokens_read"].as_u64() > Some(1000) && row["latency_s"].as_f64() > Some(0.0),
+                row["prompt_tokens"].as_u64() > Some(1000) && row["latency_s"].as_f64() > Some(0.0),
                 "{row}"
             );
         }

@@ -65,7 +65,7 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let report = reel!(folder, "import real-eval eval_output --out traces --json");
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
-        (&report["steps"], &report["end"], &report["pictures"]),
+        (&report["steps"], &report["end"], &report["images"]),
         (&json!(2), &json!("finished"), &json!(1))
     );
     let trace = report["trace"].as_str().unwrap();

@@ -27,7 +27,7 @@ pub enum BranchError {
         verdict: Box<Verdict>,
     },
     /// The parent's calls end before the one to go on with.
-    #[error("there is no call {from} to go on with: the episode has {calls} calls, from 0: {path}", path = path.display())]
+    #[error("cannot continue from call {from}: the episode has {calls} calls, from 0: {path}", path = path.display())]
     NoSuchCall {
         path: PathBuf,
         /// Index of the parent's call to continue from, from 0.
@@ -35,7 +35,7 @@ pub enum BranchError {
         calls: usize,
     },
     /// A picture of the parent is wanted and cannot be had.
-    #[error("the pictures before call {call} cannot be had: {what}: {path}", what = told(verdict), path = path.display())]
+    #[error("the images before call {call} cannot be rendered: {what}: {path}", what = told(verdict), path = path.display())]
     Frames {
         path: PathBuf,
         call: usize,

@@ -202,7 +202,7 @@ fn who_cannot_be_a_parent_is_told_why() {
         )),
         "{ended}"
     );
-    assert!(refused(&parent, last + 1).contains("there is no call"));
+    assert!(refused(&parent, last + 1).contains("unknown call"));
 
     let mut other = parent.clone();
     other.header.sim_version = 1;
@@ -287,9 +287,10 @@ fn a_past_that_is_not_the_parents_is_found() {
             .contains("substituted")
     );
 
-    let stranger = |branch: &Trace, parent: &Trace| verify_branch(branch, parent).stranger.unwrap();
-    assert!(stranger(&branch, &branch).contains("branches from the trace"));
-    assert_eq!(stranger(&parent, &parent), "it is no branch");
+    let unrelated =
+        |branch: &Trace, parent: &Trace| verify_branch(branch, parent).unrelated.unwrap();
+    assert!(unrelated(&branch, &branch).contains("branches from the trace"));
+    assert_eq!(unrelated(&parent, &parent), "it is no branch");
     let descent = verify_branch(&branch, &parent);
     assert!(
         descent.holds() && matches!(descent.verdict, Verdict::Exact { calls: 5, .. }),

@@ -31,16 +31,16 @@ pub enum ImageFormat {
 #[derive(thiserror::Error, Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ImageError {
     /// There are no bytes to read.
-    #[error("the picture is empty")]
+    #[error("the image is empty")]
     Empty,
     /// Another format, or none.
-    #[error("the picture is no PNG, JPEG or WebP")]
+    #[error("the image is not PNG, JPEG or WebP")]
     Unknown,
     /// The header names no size.
-    #[error("the header of the picture is broken")]
+    #[error("the header of the image is broken")]
     Header,
     /// It stops before its end.
-    #[error("the picture is cut off")]
+    #[error("the image is cut off")]
     CutOff,
 }
 

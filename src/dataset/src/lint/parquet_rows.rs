@@ -127,7 +127,7 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<FormatWarning>, LintError>
             .is_some_and(|it| it.to_string().contains(r#""_type":"Image""#));
         if !decoded {
             let told = format!(
-                "`{name}` holds pictures, but no `huggingface` metadata says so: datasets hands out raw bytes"
+                "`{name}` holds images, but no `huggingface` metadata declares them: datasets returns raw bytes"
             );
             notes.push(format_warning("features", false, told));
         }

@@ -55,7 +55,7 @@ pub struct CheckReport {
     /// Name of the check, e.g. `rows`.
     pub check: &'static str,
     /// What it looks for.
-    pub what: &'static str,
+    pub description: &'static str,
     /// Whether the dataset has what the check needs.
     pub applies: bool,
     /// Number of findings, including those that `examples` leaves out.
@@ -165,7 +165,7 @@ impl fmt::Display for Report {
             .iter()
             .filter(|check| !check.examples.is_empty())
         {
-            writeln!(f, "\n{}: {}", check.check, check.what)?;
+            writeln!(f, "\n{}: {}", check.check, check.description)?;
             for (kind, count) in &check.kinds {
                 let of_kind: Vec<&Finding> = check
                     .examples
@@ -221,12 +221,12 @@ impl<'a> Findings<'a> {
     pub(crate) fn new(
         dataset: &'a Dataset,
         check: &'static str,
-        what: &'static str,
+        description: &'static str,
         kept_of_kind: usize,
     ) -> Self {
         let report = CheckReport {
             check,
-            what,
+            description,
             applies: true,
             findings: 0,
             rows: 0,
@@ -289,7 +289,7 @@ impl<'a> Findings<'a> {
 
     /// The dataset has nothing that the check could look at; what it seemed to find is forgotten.
     pub(crate) fn not_applicable(&mut self, why: impl Into<String>) {
-        let (check, what) = (self.report.check, self.report.what);
+        let (check, what) = (self.report.check, self.report.description);
         self.report = Self::new(self.dataset, check, what, self.kept_of_kind).report;
         self.report.applies = false;
         self.report.note = why.into();

@@ -94,7 +94,7 @@ fn same_inputs_same_bytes() {
         manifest
             .leakage
             .iter()
-            .map(|it| it.what.as_str())
+            .map(|it| it.kind.as_str())
             .collect::<Vec<_>>(),
         ["scene"],
         "all play at home"

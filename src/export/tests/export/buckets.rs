@@ -57,7 +57,7 @@ fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
     let bucket = made("bucket", &files.iter().map(named).collect::<Vec<_>>());
 
     let how = ExportOptions {
-        pictures: true,
+        images: true,
         words: AnnotationSource::Rules,
         ..options(Format::Trl)
     };
@@ -69,7 +69,7 @@ fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
             "{:?}",
             report.refused
         );
-        assert!(report.pictures > 4);
+        assert!(report.images > 4);
         rows(&at(name), "train")
     };
     let mut there = exported(&bucket, "of-bucket");

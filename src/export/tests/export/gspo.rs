@@ -90,7 +90,7 @@ fn the_objective_of_a_group_and_what_is_left_out() {
     let report = gspo(&store, &options).unwrap();
     assert_eq!((report.sequences.len(), report.groups.len()), (2, 1));
     assert_eq!(
-        report.left_out["episodes without log-probabilities of these policies"],
+        report.excluded["episodes without log-probabilities of these policies"],
         1
     );
     assert_eq!(

@@ -40,7 +40,7 @@ fn options(format: Format) -> ExportOptions {
         words: AnnotationSource::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).unwrap(),
-        pictures: false,
+        images: false,
         allow_unverified: false,
         replay: true,
         rollouts: None,
@@ -211,10 +211,10 @@ fn equal_stores_and_options_give_equal_bytes() {
         .ingest(&play(&traces, "oracle", Images::Full), &|_, _| ())
         .unwrap();
     let how = ExportOptions {
-        pictures: true,
+        images: true,
         ratios: Ratios::new([0.5, 0.25, 0.25]).unwrap(),
         writer: WriterOptions {
-            pictures: ImageOptions::default(),
+            images: ImageOptions::default(),
             ..options(Format::MsSwift).writer
         },
         ..options(Format::MsSwift)
@@ -317,7 +317,7 @@ fn mistakes_are_no_examples_but_recoveries_are() {
         (
             report.episodes,
             report.examples.values().sum::<u64>(),
-            report.left_out,
+            report.excluded,
         )
     };
     let all = Selection {
@@ -386,14 +386,14 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
             ..ImageOptions::default()
         };
         let writer = WriterOptions {
-            pictures,
+            images: pictures,
             ..options(format).writer
         };
         let report = export(
             &store,
             &sets.join(format.as_str()),
             &ExportOptions {
-                pictures: true,
+                images: true,
                 writer,
                 ..options(format)
             },
@@ -474,7 +474,7 @@ fn rollouts_are_worth_what_they_are_better_than_their_group() {
     let report = rl("all", RolloutOptions::default());
     let rows = rows(&dir.path().join("all"), "train");
     assert_eq!(
-        (report.episodes, &report.left_out),
+        (report.episodes, &report.excluded),
         (
             3,
             &BTreeMap::from([("episodes of groups with too few rollouts", 1)])
@@ -532,7 +532,7 @@ fn rollouts_are_worth_what_they_are_better_than_their_group() {
     assert_eq!(
         (
             report.episodes,
-            report.left_out["episodes beyond the size of their group"]
+            report.excluded["episodes beyond the size of their group"]
         ),
         (2, 1)
     );
@@ -636,7 +636,7 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
     let (report, row) = export("left-out", options(Format::Trl));
     assert_eq!(
         (
-            report.left_out["decisions whose History contradicts the record"],
+            report.excluded["decisions whose History contradicts the record"],
             row
         ),
         (1, None)
@@ -658,7 +658,7 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
             ..options(Format::Trl)
         },
     );
-    assert_eq!(report.history.mended + report.history.dropped, 1);
+    assert_eq!(report.history.corrected + report.history.dropped, 1);
     assert!(
         row.as_ref()
             .is_some_and(|row| row.contains("I looked around.") && !row.contains("bed_1")),
@@ -674,10 +674,10 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
     );
     assert!(
         !report
-            .left_out
+            .excluded
             .contains_key("decisions whose History contradicts the record"),
         "{:?}",
-        report.left_out
+        report.excluded
     );
     assert!(row.is_some_and(|row| !row.contains("bed_1")));
     // what is rewarded is what was said
@@ -693,6 +693,6 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
             ..options(Format::Trl)
         },
     );
-    assert_eq!(report.history.mended + report.history.dropped, 0);
+    assert_eq!(report.history.corrected + report.history.dropped, 0);
     assert!(row.is_some_and(|row| row.contains("I placed the object on bed_1.")));
 }

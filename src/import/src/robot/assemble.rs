@@ -520,7 +520,7 @@ impl EpisodeBuilder {
             None => {
                 if self.first.is_none() || !known {
                     notes.push(
-                        "nothing says whether the episode was a success; it counts as none"
+                        "the recording does not say whether the episode succeeded; it counts as a failure"
                             .to_owned(),
                     );
                 }

@@ -158,7 +158,7 @@ fn call(said: &EntryMessage<'_>, mapping: &Mapping) -> Result<CallEvent, String>
     let arguments = match said.get("arguments") {
         Some(Value::String(text)) if text.is_empty() => json!({}),
         Some(Value::String(text)) => {
-            parse_text(text).ok_or_else(|| format!("arguments that are no JSON: {text}"))?
+            parse_text(text).ok_or_else(|| format!("arguments that are not JSON: {text}"))?
         }
         Some(arguments) => arguments.clone(),
         None => json!({}),
@@ -353,7 +353,7 @@ impl<'a> EntryMessage<'a> {
         if value.is_object() {
             Ok(value)
         } else {
-            Err(format!("{key} is no object"))
+            Err(format!("{key} is not an object"))
         }
     }
 
@@ -363,7 +363,7 @@ impl<'a> EntryMessage<'a> {
         if value.is_string() || value.is_null() {
             Ok(value.clone())
         } else {
-            Err(format!("{key} is no name"))
+            Err(format!("{key} is not a name"))
         }
     }
 

@@ -149,7 +149,7 @@ fn png(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
 }
 
 fn jpeg(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
-    let refused = |error| format!("no JPEG picture that can be read ({error:?})");
+    let refused = |error| format!("not a readable JPEG image ({error:?})");
     let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(data), options);
     decoder.decode_headers().map_err(refused)?;
@@ -166,7 +166,7 @@ fn jpeg(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
 fn check(width: usize, height: usize) -> Result<(), String> {
     let pixels = width.saturating_mul(height);
     if pixels == 0 || pixels > PIXELS_MAX {
-        Err(format!("a picture of {width} x {height} pixels"))
+        Err(format!("an image of {width} x {height} pixels"))
     } else {
         Ok(())
     }

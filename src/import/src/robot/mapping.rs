@@ -276,7 +276,7 @@ fn clock(file: &MappingFile<'_>, value: &Spanned<DeValue<'_>>) -> Result<Clock, 
         "publish_time" => Ok(Clock::Publish),
         other => Err(file.error(
             Some(value.span()),
-            format!("'{other}' is no clock; there are: log_time, publish_time"),
+            format!("unknown clock '{other}'; use log_time or publish_time"),
         )),
     }
 }

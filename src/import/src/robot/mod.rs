@@ -103,7 +103,7 @@ pub fn import(
     for (ns, what) in played.iter_mut().flat_map(|playing| playing.lost()) {
         losses.push(ImportLoss {
             file: recording.to_owned(),
-            what: format!("{what}, at {}", seconds(ns)),
+            message: format!("{what}, at {}", seconds(ns)),
         });
     }
     let wanted: BTreeSet<ImageLocation> = played
@@ -177,7 +177,7 @@ fn write(
         bytes: summary.bytes,
         task_id: recorded.task.task_id,
         steps: recorded.end.steps,
-        pictures: shown,
+        images: shown,
         end: recorded.end.reason,
         success: recorded.end.metrics.success,
         losses: Vec::new(),
@@ -269,9 +269,9 @@ impl Reading<'_> {
                     Err(why) => self.garble(&path, topic, ns, why),
                 }
             });
-            losses.extend(lost.into_iter().map(|what| ImportLoss {
+            losses.extend(lost.into_iter().map(|message| ImportLoss {
                 file: path.clone(),
-                what,
+                message,
             }));
         }
         events.sort_by_key(|event| event.ns);
@@ -330,7 +330,7 @@ impl Reading<'_> {
             &(u64, u64, String),
         )| ImportLoss {
             file: file.clone(),
-            what: format!(
+            message: format!(
                 "{count} of the messages on {topic} cannot be read and are left out, the first at {} ({why})",
                 seconds(*ns)
             ),
@@ -342,13 +342,15 @@ impl Reading<'_> {
     fn note_topics(&self, notes: &mut Vec<String>) {
         for (topic, entries) in &self.mapping.topics {
             if !self.topics.contains(topic) {
-                notes.push(format!("there is no message on {topic}"));
+                notes.push(format!("no message on {topic}"));
             } else if let Some(camera) = entries
                 .iter()
                 .find_map(|entry| entry.name.as_deref())
                 .filter(|name| *name != HEAD)
             {
-                notes.push(format!("the pictures of the camera {camera} on {topic} are not kept; those of {HEAD} are"));
+                notes.push(format!(
+                    "images of the camera {camera} on {topic} are dropped; those of {HEAD} are kept"
+                ));
             }
         }
     }

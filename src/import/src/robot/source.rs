@@ -94,7 +94,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
         Err(error) => {
             files.losses.push(ImportLoss {
                 file: metadata,
-                what: format!(
+                message: format!(
                     "it cannot be read ({error}); the order of files follows from their names"
                 ),
             });
@@ -104,10 +104,10 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
             match paths(&text) {
                 Some(named) => Some(named),
                 None => {
-                    let what = "it names no files (relative_file_paths); their order follows from their names".to_owned();
+                    let message = "it names no files (relative_file_paths); their order follows from their names".to_owned();
                     files.losses.push(ImportLoss {
                         file: metadata,
-                        what,
+                        message,
                     });
                     None
                 }
@@ -157,7 +157,7 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
             true => files.paths.push(path),
             false => files.losses.push(ImportLoss {
                 file: path,
-                what: format!("{METADATA} names it, and it is not there"),
+                message: format!("{METADATA} names it, and it is not there"),
             }),
         }
     }

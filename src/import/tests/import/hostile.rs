@@ -142,7 +142,7 @@ fn a_missing_file_is_less_information() {
     let report = survives(episode.folder(), &out).unwrap();
     assert!(
         report.losses[0]
-            .what
+            .message
             .contains("it counts 13 steps, but there are 5"),
         "{:?}",
         report.losses
@@ -164,7 +164,7 @@ fn alien_pictures_cost_the_picture_alone() {
         fs::write(&path, alien).unwrap();
         let report = survives(episode.folder(), &out).unwrap();
         assert_eq!(
-            (report.steps, report.pictures, report.losses.len()),
+            (report.steps, report.images, report.losses.len()),
             (13, 11, 1)
         );
         assert_eq!(report.losses[0].file, path);

@@ -74,7 +74,7 @@ fn every_field_comes_through() {
     let (report, trace) = imported(episode.folder(), &out);
     assert_eq!((&report.losses[..], &report.notes[..]), (&[][..], &[][..]));
     assert_eq!(
-        (report.steps, report.pictures, report.end, report.success),
+        (report.steps, report.images, report.end, report.success),
         (13, 12, EndReason::Finished, true)
     );
 

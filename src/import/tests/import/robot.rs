@@ -208,7 +208,7 @@ fn every_field_comes_through() {
     assert_eq!(
         (
             imported.steps,
-            imported.pictures,
+            imported.images,
             imported.end,
             imported.success
         ),
@@ -451,7 +451,7 @@ fn parts_of_a_recording_in_their_order() {
     fs::remove_file(folder.join("drive_3.mcap")).unwrap();
     let (recording, trace) = place.import(&folder);
     assert_eq!(
-        recording.losses[0].what,
+        recording.losses[0].message,
         "metadata.yaml names it, and it is not there"
     );
     assert_eq!(trace.steps.len(), 5);
@@ -719,7 +719,7 @@ fn raw_pictures_in_every_order_of_colours() {
     let (recording, trace) = place.import(&path);
     assert!(
         recording.losses[0]
-            .what
+            .message
             .contains("(0 bytes for 640 x 480 pixels in rgb8)"),
         "{:?}",
         recording.losses

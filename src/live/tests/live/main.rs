@@ -1,4 +1,4 @@
-//! Households at work: equal to what a runner records, whoever is put aside when, and
+//! Sessions at work: equal to what a runner records, whoever is put aside when, and
 //! whatever breaks next door.
 
 use reel_vectors::episodes;
@@ -125,7 +125,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
             .into_iter()
             .map(|entry| (entry.state.state, entry.state.ended.unwrap().success))
             .collect();
-        assert_eq!(states, [("over", true); 3]);
+        assert_eq!(states, [("ended", true); 3]);
         let paths = traces(&traced);
         assert_eq!(paths.len(), 3);
         let read: Vec<Trace> = paths
@@ -241,7 +241,7 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
         matches!(&broken, Err(LiveError::Broken(why)) if why.contains("the roof fell in")),
         "{broken:?}"
     );
-    assert_eq!(pool.entry("broken").unwrap().state.state, "broken");
+    assert_eq!(pool.entry("broken").unwrap().state.state, "failed");
     let after = pool
         .with_session("broken", |household| household.call(call("walk_around")))
         .await
@@ -367,7 +367,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
         .unwrap();
     tokio::time::sleep(park_after * 2).await;
     pool.reap_idle().await;
-    assert_eq!(pool.entry("a").unwrap().state.state, "parked");
+    assert_eq!(pool.entry("a").unwrap().state.state, "suspended");
     pool.with_session("a", |household| household.call(call("walk_around")))
         .await
         .unwrap()

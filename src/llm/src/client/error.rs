@@ -119,11 +119,11 @@ fn hint(status: u16) -> &'static str {
         300..=399 => "give the address it leads to",
         401 | 403 => "check the key in the environment variable",
         404 => "check the base url (mostly it ends in /v1) and the model's name",
-        413 => "send fewer pictures or less text",
+        413 => "send fewer images or less text",
         429 => "the limit of calls or the quota is used up: use fewer threads, or wait",
         500..=599 => "its own trouble: see its log, or try again later",
         _ => {
-            "it does not take this request: check the model's name, and whether it takes pictures, `temperature` and `max_tokens`"
+            "the endpoint rejects this request: check the model's name, and whether it accepts images, `temperature` and `max_tokens`"
         }
     }
 }

@@ -28,9 +28,11 @@ pub struct LoggedCall {
     /// Whether the reply was kept from an equal request.
     pub cached: bool,
     /// Tokens read, where they were counted.
-    pub tokens_read: Option<u32>,
+    #[serde(alias = "tokens_read")]
+    pub prompt_tokens: Option<u32>,
     /// Tokens written, where they were counted.
-    pub tokens_written: Option<u32>,
+    #[serde(alias = "tokens_written")]
+    pub completion_tokens: Option<u32>,
     /// How long this call took, all tries and pauses.
     pub latency_ns: u64,
     /// Why there is no reply.

@@ -152,7 +152,7 @@ pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, I
 
 fn json(body: &str) -> Result<Value, InvalidReply> {
     serde_json::from_str(body).map_err(|error| InvalidReply {
-        what: format!("it is no JSON ({error})"),
+        what: format!("it is not JSON ({error})"),
         cut: error.classify() == Category::Eof,
     })
 }

@@ -130,7 +130,7 @@ impl Client {
         request: Digest,
         url: &str,
         (attempts, cached): (u32, bool),
-        [tokens_read, tokens_written]: [Option<u32>; 2],
+        [prompt_tokens, completion_tokens]: [Option<u32>; 2],
         error: Option<&ModelError>,
     ) -> Result<(), ModelError> {
         let Some(log) = &self.log else { return Ok(()) };
@@ -141,8 +141,8 @@ impl Client {
             model: self.endpoint.model.clone(),
             attempts,
             cached,
-            tokens_read,
-            tokens_written,
+            prompt_tokens,
+            completion_tokens,
             latency_ns: self.clock.now_ns().saturating_sub(time_ns),
             error: error.map(ToString::to_string),
         })

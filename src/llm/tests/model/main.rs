@@ -386,7 +386,7 @@ fn an_equal_request_is_not_asked_twice() {
     assert_eq!(
         (
             calls[0].request,
-            calls[0].tokens_read,
+            calls[0].prompt_tokens,
             calls[0].model.as_str()
         ),
         (first.request, Some(11), "judge-1")

@@ -28,7 +28,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
         exact.verdict.is_exact()
             && exact.fields.is_empty()
             && exact.text.is_none()
-            && exact.picture.is_none()
+            && exact.image.is_none()
     );
 
     let mut other = base.clone();
@@ -49,7 +49,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
         panic!("{}", explanation.verdict)
     };
     assert_eq!(
-        (divergence.moment, divergence.physics_step),
+        (divergence.position, divergence.physics_step),
         (EpisodePosition::Call(call), Some(11))
     );
     let field = |name: &str| {
@@ -112,7 +112,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
 
     let found = first_divergence(&base, &other).unwrap();
     assert_eq!(
-        (found.moment, found.physics_step),
+        (found.position, found.physics_step),
         (EpisodePosition::Call(call), Some(11))
     );
     assert_eq!(first_divergence(&base, &base), None);
@@ -120,7 +120,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     shorter.end = None;
     shorter.steps.pop();
     assert_eq!(
-        first_divergence(&base, &shorter).map(|found| found.moment),
+        first_divergence(&base, &shorter).map(|found| found.position),
         Some(EpisodePosition::End)
     );
 }
@@ -171,7 +171,7 @@ fn a_differing_picture_is_measured() {
     recorder.end(other.end.as_ref().unwrap()).unwrap();
 
     let explanation = explain(&Trace::read(&path).unwrap());
-    let picture = explanation.picture.unwrap();
+    let picture = explanation.image.unwrap();
     assert_eq!(
         (picture.pixels, picture.bbox, picture.most),
         (Some(2), Some([40, 30, 41, 33]), Some(7))

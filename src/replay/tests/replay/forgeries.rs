@@ -41,7 +41,7 @@ fn no_forged_output_or_digest_is_exact() {
             trace.steps[step.step as usize] = changed;
             relink(&mut trace);
             let verdict = verify_trace(&trace);
-            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.moment == EpisodePosition::Call(step.step));
+            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.position == EpisodePosition::Call(step.step));
             assert!(named, "{field} of call {} was forged: {verdict}", step.step);
             Some(field)
         })

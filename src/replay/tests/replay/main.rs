@@ -80,7 +80,7 @@ fn what_cannot_be_replayed_is_said_to_be_so() {
         verify_trace(&other),
         Verdict::OtherSimulator {
             recorded,
-            this,
+            current: this,
             changes
         }
     );

@@ -61,7 +61,7 @@ fn no_changed_trace_is_exact() {
             let path = write(&folder.path().join(format!("{base}-{call}.mcap")), &trace);
             let expected = if *call as usize == trace.steps.len() { EpisodePosition::End } else { EpisodePosition::Call(*call) };
             let verdict = verify(&path);
-            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.moment == expected);
+            let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.position == expected);
             (!named).then(|| format!("episode {base} written without call {call}: {verdict}"))
         })
         .collect();
@@ -123,7 +123,7 @@ impl Case {
         let fits = |found: &Divergence| {
             let body = self.field.is_empty() || found.body == self.body;
             let physics_step = self.field.is_empty() || found.physics_step == self.physics_step;
-            found.moment == self.moment
+            found.position == self.moment
                 && found.field.starts_with(self.field)
                 && body
                 && physics_step

@@ -83,13 +83,13 @@ fn a_trace_of_the_old_published_tools_is_of_another_simulator_and_one_of_the_pap
     let verdict = verify_trace(&old);
     let Verdict::OtherSimulator {
         recorded: 2,
-        this,
+        current,
         changes,
     } = &verdict
     else {
         panic!("{verdict}")
     };
-    assert_eq!(*this, sim_version(Profile::RealRepo));
+    assert_eq!(*current, sim_version(Profile::RealRepo));
     assert!(
         changes[0].starts_with("simulator 3: the published servers' tools"),
         "{changes:?}"

@@ -77,7 +77,7 @@ pub enum ResetError {
         text: String,
     },
     /// The text is no payload.
-    #[error("the text is no task: {text}")]
+    #[error("the text is not a task: {text}")]
     NoTask {
         /// The text as the server sent it.
         text: String,

@@ -152,7 +152,7 @@ pub(super) async fn keep(
     let kept = analyse(&app, move |app| {
         let file = file(app, &name)?;
         let text = serde_json::to_string_pretty(&definition)
-            .map_err(|_| ApiError::internal("it cannot be written"))?
+            .map_err(|_| ApiError::internal("the definition cannot be written"))?
             + "\n";
         if text.len() as u64 > FILE_BYTES {
             return Err(ApiError::unprocessable(
@@ -181,7 +181,7 @@ pub(super) async fn drop(
     let gone = analyse(&app, move |app| match fs::remove_file(file(app, &name)?) {
         Ok(()) => Ok(StatusCode::NO_CONTENT),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Err(ApiError::not_found(format!(
-            "there is no panel or page '{name}' in the folder definitions"
+            "unknown panel or page '{name}'; see GET /api/definitions"
         ))),
         Err(error) => Err(ApiError::disk(error)),
     });

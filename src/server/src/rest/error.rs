@@ -113,13 +113,13 @@ impl ApiError {
 
     /// Logs a failed disk operation and makes an error with status 507.
     pub fn disk(error: std::io::Error) -> Self {
-        tracing::error!(%error, "the disk refuses");
+        tracing::error!(%error, "disk error");
         let full = error.kind() == std::io::ErrorKind::StorageFull;
         let code = if full { "disk_full" } else { "disk" };
         Self::new(
             StatusCode::INSUFFICIENT_STORAGE,
             code,
-            format!("the disk refuses: {error}"),
+            format!("disk error: {error}"),
         )
     }
 }
@@ -180,7 +180,7 @@ impl From<LiveError> for ApiError {
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
         Self::not_found(format!(
-            "the tables cannot be read: {error}; a job of kind 'ingest' makes them"
+            "cannot read the tables: {error}; start a job of kind 'ingest' to create them"
         ))
     }
 }

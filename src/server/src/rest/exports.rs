@@ -25,7 +25,7 @@ use crate::service::App;
 
 /// What an export writes last.
 const MANIFEST: &str = "manifest.json";
-/// Most examples of an answer: they come with their pictures.
+/// Most examples of an answer: they come with their images.
 const EXAMPLES_MAX: usize = 20;
 
 /// A finished training set: its files, its manifest and its card.
@@ -35,7 +35,7 @@ pub(super) struct Export {
     name: String,
     /// When it was finished, in seconds since 1970.
     created: u64,
-    /// Size of its files, pictures included.
+    /// Size of its files, images included.
     bytes: u64,
     /// What it says of itself: format, options, counts, table version.
     #[schema(value_type = Object)]
@@ -100,10 +100,10 @@ fn few() -> usize {
     5
 }
 
-/// Examples as the model sees them: turns of texts, calls and pictures (as `data:` URIs).
+/// Examples as the model sees them: turns of texts, calls and images (as `data:` URIs).
 #[utoipa::path(get, path = "/api/exports/{export}/examples", tag = "tables", security(("token" = [])),
     params(("export" = String, Path), Rows),
-    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Examples")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn examples(
     State(app): State<Arc<App>>,
@@ -113,7 +113,7 @@ pub(super) async fn examples(
     if !(1..=EXAMPLES_MAX).contains(&rows.limit) {
         return Err(ApiError::bad_request(
             "bad_parameter",
-            format!("limit is a number from 1 to {EXAMPLES_MAX}"),
+            format!("limit must be from 1 to {EXAMPLES_MAX}"),
         ));
     }
     let found = analyse(&app, move |app| {
@@ -136,10 +136,10 @@ pub(super) async fn examples(
 }
 
 /// What is wrong with a training set: leaks, contradictions, duplicates,
-/// bad labels, missing pictures.
+/// bad labels, missing images.
 #[utoipa::path(get, path = "/api/exports/{export}/lint", tag = "tables", security(("token" = [])),
     params(("export" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Lint")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn findings(
     State(app): State<Arc<App>>,
@@ -157,7 +157,7 @@ pub(super) async fn findings(
 
 fn unknown(name: &str) -> ApiError {
     ApiError::not_found(format!(
-        "there is no finished export '{name}'; a job of kind 'export' makes one"
+        "unknown export '{name}'; start a job of kind 'export'"
     ))
 }
 
@@ -230,11 +230,11 @@ fn shown(example: Example) -> Value {
     json!({
         "number": example.location.index, "split": example.split, "turns": turns, "tools": example.tools,
         "images": example.images.iter().map(data_uri).collect::<Vec<_>>(), "meta": example.meta,
-        "oddities": example.warnings.iter().map(|oddity| &oddity.message).collect::<Vec<_>>(),
+        "warnings": example.warnings.iter().map(|warning| &warning.message).collect::<Vec<_>>(),
     })
 }
 
-/// A picture as text; null where it is not there.
+/// An image as text; null where it is not there.
 fn data_uri(image: &Image) -> Option<String> {
     let bytes = image_bytes(image)?;
     let kind = match &bytes[..] {

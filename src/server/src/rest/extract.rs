@@ -24,17 +24,17 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
         if bytes.trim_ascii_start().starts_with(b"[") {
             return Err(ApiError::unprocessable(
                 "bad_body",
-                "the body is not what is asked for: it is a list".to_owned(),
+                "the body does not match the schema: it is a list".to_owned(),
             ));
         }
         serde_json::from_slice(&bytes).map(Body).map_err(|error| {
             if error.is_data() {
                 ApiError::unprocessable(
                     "bad_body",
-                    format!("the body is not what is asked for: {error}"),
+                    format!("the body does not match the schema: {error}"),
                 )
             } else {
-                ApiError::bad_request("no_json", format!("the body is no JSON: {error}"))
+                ApiError::bad_request("no_json", format!("the body is not JSON: {error}"))
             }
         })
     }

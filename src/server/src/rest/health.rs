@@ -34,7 +34,7 @@ pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, 
     if app.ready.load(Ordering::Acquire) {
         Ok(healthz().await)
     } else {
-        Err(ApiError::busy("it is shutting down"))
+        Err(ApiError::busy("the server is shutting down"))
     }
 }
 

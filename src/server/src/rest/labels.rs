@@ -92,7 +92,10 @@ pub(super) async fn set(
         .or_else(|| label.author.clone());
     let author = author.filter(|author| !author.trim().is_empty());
     let author = author.ok_or_else(|| {
-        ApiError::unprocessable("no_author", "say who says so: author".to_owned())
+        ApiError::unprocessable(
+            "no_author",
+            "the label has no author; set `author`".to_owned(),
+        )
     })?;
     // The command knows what a label may be, and the tables take one writer at a time.
     let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);

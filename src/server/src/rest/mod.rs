@@ -19,7 +19,7 @@ mod sql;
 mod tables;
 mod traces;
 
-use std::{any::Any, sync::Arc};
+use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use axum::{
     Json, Router,
@@ -44,12 +44,15 @@ pub(crate) use tables::rows;
 
 use crate::service::App;
 
+/// Schemas of what other crates serialise: records of traces, blame, sessions, examples.
+const RECORDS: &str = include_str!("records.json");
+
 /// General part of the OpenAPI document: title, tags and security scheme.
 #[derive(OpenApi)]
 #[openapi(
     info(title = "Reel", description = "Episodes of embodied agents: traces, replay, blame, tables, jobs, live sessions."),
     tags(
-        (name = "traces", description = "Recorded episodes: files, steps, pictures, replay, branches, blame, rewards"),
+        (name = "traces", description = "Recorded episodes: files, steps, images, replay, branches, blame, rewards"),
         (name = "tables", description = "Episodes in the tables, SQL, named queries, labels"),
         (name = "jobs", description = "Long work: ingest, exports, replays"),
         (name = "sessions", description = "Live sessions of policies, prompt groups, questions to people"),
@@ -80,7 +83,7 @@ const NAMES: [(&str, &str); 5] = [
     ("file", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("export", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
-    ("moment", r"^(start|[0-9]{1,9})(\.png)?$"),
+    ("step", r"^(start|[0-9]{1,9})(\.png)?$"),
     ("worker", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,61}$"),
 ];
 
@@ -125,16 +128,16 @@ impl Modify for Everywhere {
             };
             may_answer(
                 "403",
-                "A host or a page that may not call, or a token without the role",
+                "A host or origin that is not allowed, or a token that lacks the role",
             );
-            may_answer("429", "Too much at once; wait a moment");
+            may_answer("429", "Too many requests; wait a moment");
             if operation.security.is_some() {
-                may_answer("401", "No token, or an unknown one");
+                may_answer("401", "No token, or an unknown or revoked one");
             }
             if let Some(body) = &mut operation.request_body {
                 body.required = Some(Required::True);
-                may_answer("408", "The body did not come in time");
-                may_answer("413", "The body is larger than what is taken");
+                may_answer("408", "The request body timed out");
+                may_answer("413", "The request body is too large");
             }
         }
     }
@@ -184,6 +187,13 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(jobs::events));
     let (router, mut document) = routes.split_for_parts();
     Everywhere.modify(&mut document);
+    let records: BTreeMap<String, RefOr<Schema>> =
+        serde_json::from_str(RECORDS).expect("records.json holds schemas");
+    document
+        .components
+        .get_or_insert_default()
+        .schemas
+        .extend(records);
     (router, document)
 }
 
@@ -207,13 +217,13 @@ pub(crate) fn router(app: &Arc<App>) -> Router {
 /// What is there is asked for in another way; the header `Allow` says in which.
 async fn other_method(method: Method) -> ApiError {
     ApiError::not_allowed(format!(
-        "{method} is nothing that this path takes; /api/openapi.json says what it does"
+        "method {method} is not allowed on this path; see /api/openapi.json"
     ))
 }
 
 /// Answers 404 for paths that no route serves.
 pub(crate) async fn not_found() -> ApiError {
-    ApiError::not_found("there is nothing here; /api/openapi.json says what there is".to_owned())
+    ApiError::not_found("unknown path; see /api/openapi.json".to_owned())
 }
 
 /// A handler panicked: the client learns that, and everybody else goes on.
@@ -222,8 +232,8 @@ pub(crate) fn broke_down(panic: Box<dyn Any + Send + 'static>) -> Response {
     let text = text
         .or_else(|| panic.downcast_ref::<String>().cloned())
         .unwrap_or_default();
-    tracing::error!(panic = text, "a request broke down");
-    ApiError::internal("the request broke down; the log says where").into_response()
+    tracing::error!(panic = text, "request panicked");
+    ApiError::internal("the request panicked; the log has the details").into_response()
 }
 
 /// An error as clients see it: names, never paths of this machine.
@@ -237,12 +247,12 @@ async fn analyse<T: Send + 'static>(
     work: impl FnOnce(&App) -> Result<T, ApiError> + Send + 'static,
 ) -> Result<T, ApiError> {
     let waiting = tokio::time::timeout(
-        std::time::Duration::from_secs(app.config.limits.patience_s),
+        std::time::Duration::from_secs(app.config.limits.worker_timeout_s),
         app.analyses.acquire(),
     );
     let place = waiting
         .await
-        .map_err(|_| ApiError::busy("too much is being asked; try again in a moment"))?;
+        .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
     let _place = place.expect("the places are never closed");
     let inner = app.clone();
     match tokio::task::spawn_blocking(move || work(&inner)).await {

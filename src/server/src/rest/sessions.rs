@@ -25,7 +25,7 @@ use crate::service::App;
 
 /// Live sessions, by name.
 #[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions", security(("token" = [])),
-    responses((status = 200, body = Vec<Object>)))]
+    responses((status = 200, body = ref("#/components/schemas/Sessions"))))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     Json(
         app.pool
@@ -39,7 +39,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
 /// State of one live session, by the session's name.
 #[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 200, body = ref("#/components/schemas/Session")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(
     State(app): State<Arc<App>>,
     PathParams(session): PathParams<String>,
@@ -82,7 +82,7 @@ pub(super) async fn close(
 
 /// Questions of policies that wait for a person (`play.ask = "rest"`).
 #[utoipa::path(get, path = "/api/questions", tag = "sessions", security(("token" = [])),
-    responses((status = 200, body = Vec<Object>)))]
+    responses((status = 200, body = ref("#/components/schemas/Questions"))))]
 pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
     Json(json!(app.questions.pending()))
 }
@@ -109,7 +109,7 @@ pub(super) async fn answer(
         Ok(StatusCode::NO_CONTENT)
     } else {
         Err(ApiError::not_found(format!(
-            "session {session} asks nothing at the moment"
+            "session {session} has no open question"
         )))
     }
 }

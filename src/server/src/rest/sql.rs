@@ -68,7 +68,7 @@ impl App {
         let limits = &self.config.limits;
         Limits {
             memory_bytes: limits.sql_mib << 20,
-            time: std::time::Duration::from_secs(limits.sql_s),
+            time: std::time::Duration::from_secs(limits.sql_timeout_s),
             rows: limits.sql_rows,
         }
     }
@@ -175,8 +175,8 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
         AnswerFormat::Csv => "text/csv; charset=utf-8",
         AnswerFormat::Arrow => "application/vnd.apache.arrow.stream",
     };
-    let patience = std::time::Duration::from_secs(app.config.limits.patience_s);
-    let busy = || ApiError::busy("too much is being asked; try again in a moment");
+    let patience = std::time::Duration::from_secs(app.config.limits.worker_timeout_s);
+    let busy = || ApiError::busy("too many requests are waiting; try again in a moment");
     tokio::time::timeout(patience, app.analyses.acquire())
         .await
         .map_err(|_| busy())?
@@ -201,7 +201,7 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
         }
         Some(Err(error)) => Err(told(&app, error.into())),
         None => Err(ApiError::internal(
-            "the query broke down; the log says where",
+            "the query panicked; the log has the details",
         )),
     }
 }

@@ -127,7 +127,7 @@ pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<
     let batches = session.run_with(sql, parameters)?;
     let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
     let rows: Vec<Value> =
-        serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is no JSON"))?;
+        serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is not JSON"))?;
     let named = |mut row: Value| {
         let path = row
             .get("trace")

@@ -81,7 +81,7 @@ pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
     } else {
         Err(ApiError::bad_request(
             "bad_parameter",
-            format!("limit: from 1 to {PAGE}"),
+            format!("limit must be from 1 to {PAGE}"),
         ))
     }
 }
@@ -219,9 +219,7 @@ pub(super) async fn delete(
         .await
         .map_err(|error| match error.kind() {
             // Somebody else was faster.
-            std::io::ErrorKind::NotFound => {
-                ApiError::not_found(format!("there is no trace {trace}"))
-            }
+            std::io::ErrorKind::NotFound => ApiError::not_found(format!("unknown trace {trace}")),
             _ => ApiError::disk(error),
         })?;
     tracing::info!(trace, "deleted");
@@ -231,7 +229,7 @@ pub(super) async fn delete(
 /// What a trace says of its episode: header, task, the state before the first call, end.
 #[utoipa::path(get, path = "/api/traces/{trace}/episode", operation_id = "trace_episode", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/TraceEpisode")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episode(
     State(app): State<Arc<App>>,
@@ -256,7 +254,7 @@ pub(super) async fn episode(
 /// The scene that a trace plays in: rooms, walls, receptacles.
 #[utoipa::path(get, path = "/api/traces/{trace}/scene", operation_id = "trace_scene", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Scene")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn scene(
     State(app): State<Arc<App>>,
@@ -300,7 +298,7 @@ pub(super) struct Steps {
 /// The steps of an episode, as they were recorded.
 #[utoipa::path(get, path = "/api/traces/{trace}/steps", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), Steps),
-    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Steps")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn steps(
     State(app): State<Arc<App>>,
@@ -340,9 +338,9 @@ fn head() -> String {
     "head".to_owned()
 }
 
-/// A picture of the episode as PNG, drawn by going there: `start`, or the number of a step.
-#[utoipa::path(get, path = "/api/traces/{trace}/frames/{moment}", tag = "traces", security(("token" = [])),
-    params(("trace" = String, Path), ("moment" = String, Path, description = "start, or the number of a step"), Camera),
+/// An image of the episode as PNG, drawn by going there: `start`, or the number of a step.
+#[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step"), Camera),
     responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn frame(
@@ -353,7 +351,7 @@ pub(super) async fn frame(
     let step = match moment.strip_suffix(".png").unwrap_or(&moment) {
         "start" => None,
         number => Some(number.parse::<u32>().map_err(|_| {
-            ApiError::bad_request("bad_path", "a moment is 'start' or the number of a step")
+            ApiError::bad_request("bad_path", "the step of a frame is 'start' or a number")
         })?),
     };
     let png = analyse(&app, move |app| {
@@ -397,7 +395,7 @@ fn not_executed(verdict: &Verdict) -> ApiError {
 /// Executes an episode again and compares every digest.
 #[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/ReplayVerdict")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn replay(
     State(app): State<Arc<App>>,
@@ -407,7 +405,7 @@ pub(super) async fn replay(
         let trace = app.archive.read(&name)?;
         let verdict = reel_replay::verify_catching_panics(&trace);
         Ok(
-            json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "says": verdict.to_string()}),
+            json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "message": verdict.to_string()}),
         )
     });
     answer.await.map(Json)
@@ -438,7 +436,7 @@ pub(super) struct BranchBody {
 /// Plays another future of an episode, from any call, into a trace of its own.
 #[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)), request_body = BranchBody,
-    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 201, body = ref("#/components/schemas/Branch")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn branch(
     State(app): State<Arc<App>>,
@@ -449,8 +447,12 @@ pub(super) async fn branch(
         let wrong = |message: String| ApiError::unprocessable("bad_branch", message);
         let parent = app.archive.read(&name)?;
         let path = app.archive.path(&body.name)?;
-        let taken =
-            || ApiError::conflict("exists", format!("there is a trace {} already", body.name));
+        let taken = || {
+            ApiError::conflict(
+                "exists",
+                format!("trace {} exists already; choose another name", body.name),
+            )
+        };
         if path.exists() || path.with_added_extension("part").exists() {
             return Err(taken());
         }
@@ -523,7 +525,7 @@ pub(super) struct BlameQuery {
 /// would have been better.
 #[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), BlameQuery),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Blame")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn blame(
     State(app): State<Arc<App>>,
@@ -556,7 +558,7 @@ pub(super) struct RewardQuery {
 /// The rewards of an episode under a preset, term by term.
 #[utoipa::path(get, path = "/api/traces/{trace}/reward", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), RewardQuery),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/RewardReport")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn reward(
     State(app): State<Arc<App>>,

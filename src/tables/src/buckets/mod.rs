@@ -85,7 +85,7 @@ pub fn bucket(
         let key: AmazonS3ConfigKey = name
             .to_ascii_lowercase()
             .parse()
-            .map_err(|_| settings(format!("'{name}' is no option of S3")))?;
+            .map_err(|_| settings(format!("'{name}' is not an option of S3")))?;
         builder = builder.with_config(key, value);
     }
     if builder

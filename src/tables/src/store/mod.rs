@@ -98,7 +98,7 @@ pub enum StoreError {
     #[error("no tables here; fill them with `reel ingest`: {location}")]
     NoStore { location: String },
     /// The store does not have the version that was asked for.
-    #[error("there is no version {version}; the newest is {newest}: {location}")]
+    #[error("unknown version {version}, the newest is {newest}: {location}")]
     NoVersion {
         version: u64,
         newest: u64,
@@ -106,7 +106,7 @@ pub enum StoreError {
     },
     /// A file of this version is gone.
     #[error(
-        "version {version} needs a file that is gone, perhaps vacuumed: {file}; open another version or ingest anew: {location}"
+        "version {version} needs a missing file, perhaps vacuumed: {file}; open another version or ingest the traces into a new store: {location}"
     )]
     Missing {
         version: u64,
@@ -127,7 +127,7 @@ pub enum StoreError {
     },
     /// Others wrote all the time.
     #[error(
-        "others keep writing to this store: gave up after {tries} tries; nothing of this step was written: {location}"
+        "gave up after {tries} tries, because other writers keep changing the store; nothing was written, try again: {location}"
     )]
     Busy { tries: u32, location: String },
     /// A file or folder cannot be read or written.
@@ -150,7 +150,7 @@ pub enum StoreError {
     Parquet { source: ParquetError, path: String },
     /// A task or scene in the tables is none.
     #[error(
-        "the {problem} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}"
+        "the {problem} in the tables is damaged: {reason}; ingest the traces into a new store: {digest}"
     )]
     Document {
         /// Which kind of document is damaged: `task` or `scene`.

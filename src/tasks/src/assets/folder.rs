@@ -210,7 +210,7 @@ impl AssetFolder {
                     "bytes",
                     found,
                     FILE_BYTES_MAX as usize,
-                    "export it with fewer triangles or smaller pictures",
+                    "export it with fewer triangles or smaller images",
                 ))
             }
             false => Ok(bytes),

@@ -253,7 +253,7 @@ fn numbers(text: &str) -> Result<Vec<f32>, String> {
     text.split_whitespace()
         .map(|word| {
             word.parse()
-                .map_err(|_| format!("'{}' is no number", short(word)))
+                .map_err(|_| format!("'{}' is not a number", short(word)))
         })
         .collect()
 }
@@ -267,7 +267,7 @@ fn corner(text: &str, lists: &Lists) -> Result<Corner, String> {
             .ok_or_else(|| format!("there is no {what} {}, but {count}", short(word))),
     };
     let position = next("vertex", lists.positions.len())?
-        .ok_or_else(|| format!("'{}' is no corner of a face", short(text)))?;
+        .ok_or_else(|| format!("'{}' is not a corner of a face", short(text)))?;
     Ok((
         position,
         next("texture point", lists.texture_points.len())?,

@@ -101,7 +101,7 @@ impl Checkout {
         for path in paths {
             if path.extension().is_none_or(|extension| extension != "yaml") {
                 let problem =
-                    "is no task: the folder may hold only files tasks/<family>/<task>.yaml"
+                    "is not a task file: the folder may hold only files tasks/<family>/<task>.yaml"
                         .to_owned();
                 checkout.complaints.push(TaskError::Bundle {
                     file: path.display().to_string(),

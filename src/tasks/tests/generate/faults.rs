@@ -54,9 +54,9 @@ fn found(scene: &Value) -> Vec<Finding> {
 /// That a fault is found of something, and how it is told.
 fn assert_found(scene: &Value, fault: SceneFault, at: &str, told: &str) {
     let findings = found(scene);
-    let hit = findings
-        .iter()
-        .any(|finding| finding.fault == fault && finding.at == at && finding.what.contains(told));
+    let hit = findings.iter().any(|finding| {
+        finding.fault == fault && finding.at == at && finding.message.contains(told)
+    });
     assert!(
         hit,
         "no {fault:?} of {at} that tells {told:?} in {findings:?}"

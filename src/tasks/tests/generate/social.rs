@@ -38,7 +38,7 @@ fn made() -> &'static [(Arc<Scene>, Task)] {
             types,
             count: 64,
             seed: 1,
-            placing: reel_tasks::generate::task::Placing::Reach,
+            placing: reel_tasks::generate::task::Placing::NearEdge,
             jobs: 2,
         };
         let made = make(&options, || {}).unwrap().tasks;

@@ -15,7 +15,7 @@ use reel_world::{Family, ReceptacleId, Scene, Task};
 fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> GenerateReport {
     let (families, types) = (&Family::ALL, &TaskType::ALL);
     let (library, table) = (objects(), Compatibility::committed());
-    let placing = Placing::Reach;
+    let placing = Placing::NearEdge;
     make(
         &GenerateOptions {
             scenes,
@@ -135,7 +135,7 @@ fn what_falls_flies_or_rests_elsewhere_is_rejected() {
     for (at, expected) in [
         (
             [x, y, elsewhere.surface_height() + 0.1],
-            SettleError::RestsElsewhere,
+            SettleError::Displaced,
         ),
         ([start[0] + 0.5, start[1], 1.2], SettleError::Fell),
         ([500.0, 500.0, 1.0], SettleError::FlewAway),
@@ -185,7 +185,7 @@ fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
         types,
         count: 40,
         seed: 1,
-        placing: Placing::Reach,
+        placing: Placing::NearEdge,
         jobs: 2,
     };
     let made = make(&options, || {}).unwrap();
@@ -303,7 +303,7 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
         types: &[TaskType::Gather],
         count: 1,
         seed: 1,
-        placing: Placing::Reach,
+        placing: Placing::NearEdge,
         jobs: 1,
     };
     let error = |options: &GenerateOptions<'_>| make(options, || {}).unwrap_err().to_string();
@@ -313,7 +313,7 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
             scenes: &twice[..1],
             ..options
         })
-        .starts_with("none of these families")
+        .starts_with("no selected family")
     );
 }
 
@@ -392,7 +392,7 @@ fn a_table_by_a_model_says_where_things_go() {
         types,
         count: 6,
         seed: 1,
-        placing: Placing::Reach,
+        placing: Placing::NearEdge,
         jobs: 2,
     };
     let made = make(&options, || {}).unwrap();

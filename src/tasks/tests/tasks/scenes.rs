@@ -251,11 +251,11 @@ fn what_no_schema_can_say_the_loader_says() {
         (wall, "walls[0]: is not a straight line along x or y"),
         (
             lid,
-            "receptacles[0] (table_1): covers pot_7, which is no other receptacle of the scene",
+            "receptacles[0] (table_1): covers pot_7, which is not another receptacle of the scene",
         ),
         (
             changed("/receptacles/0/room", json!("attic")),
-            "receptacles[0] (table_1): its room \"attic\" is no room of the scene",
+            "receptacles[0] (table_1): its room \"attic\" is not a room of the scene",
         ),
         (
             changed("/receptacles/0/surface_max", json!([0.5, 2, 0.75])),

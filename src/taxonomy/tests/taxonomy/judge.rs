@@ -91,7 +91,7 @@ fn agreement() {
             verdict.source,
             verdict.agrees
         ),
-        ("Lost Memory", 3, Source::Proven, Some(true))
+        ("Lost Memory", 3, Source::Rules, Some(true))
     );
     assert_eq!(
         (
@@ -146,13 +146,13 @@ fn what_is_proven_cannot_be_overturned() {
         );
         assert_eq!(
             (verdict.source, verdict.agrees, verdict.opinion.overruled),
-            (Source::Proven, Some(false), true)
+            (Source::Rules, Some(false), true)
         );
         assert_eq!(
             (verdict.opinion.class.as_str(), verdict.opinion.step),
             ("Object Confusion", 7)
         );
-        assert_eq!(verdict.proven, case.rule_finding);
+        assert_eq!(verdict.rule_finding, case.rule_finding);
     }
 }
 
@@ -178,7 +178,7 @@ fn where_nothing_is_proven_it_proposes() {
                 verdict.agrees,
                 verdict.opinion.overruled,
                 verdict.reduced,
-                &verdict.proven
+                &verdict.rule_finding
             ),
             (None, false, true, &proven)
         );

@@ -146,31 +146,8 @@ const TYPES: &[&str] = &[
 /// Files and identifiers in them that keep such a word because it is written into JSON, TOML or
 /// tables: another name there is a change of format.
 const SERIALISED: &[(&str, &str)] = &[
-    ("src/dataset/src/dataset.rs", "pictures"),
-    ("src/dataset/src/lint/report.rs", "what"),
-    ("src/dataset/src/split.rs", "what"),
-    ("src/export/src/lib.rs", "pictures"),
-    ("src/export/src/lib.rs", "mended"),
     ("src/history/src/step_facts.rs", "things"),
     ("src/history/src/step_facts.rs", "seen"),
-    ("src/import/src/lib.rs", "pictures"),
-    ("src/import/src/lib.rs", "what"),
-    ("src/proxy/src/report.rs", "pictures_left_out"),
-    ("src/replay/src/changes.rs", "pictures_differ"),
-    ("src/replay/src/changes.rs", "what"),
-    ("src/replay/src/comparison.rs", "what"),
-    ("src/replay/src/difference.rs", "moment"),
-    ("src/replay/src/explain.rs", "picture"),
-    ("src/replay/src/fork.rs", "stranger"),
-    ("src/server/src/config.rs", "awake"),
-    ("src/tasks/src/generate/scene/check.rs", "what"),
-    ("src/tasks/src/generate/task/make.rs", "Reach"),
-    ("src/tasks/src/generate/task/settle.rs", "RestsElsewhere"),
-    ("src/tasks/src/generate/task/statistics.rs", "seen"),
-    ("src/taxonomy/src/judge.rs", "Proven"),
-    ("src/taxonomy/src/judge.rs", "proven"),
-    ("src/trace/src/doctor.rs", "pictures"),
-    ("src/trace/src/doctor.rs", "what"),
 ];
 
 /// Files and identifiers in them that keep such a word: `then` composes poses as in nalgebra, the

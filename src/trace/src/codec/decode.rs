@@ -187,8 +187,9 @@ pub(crate) fn read_reply(message: reel::UserDialogue) -> Read<UserReply> {
 }
 
 pub(crate) fn read_outcome(message: &reel::ToolResult) -> Read<Outcome> {
-    let code =
-        |text: &String| ErrorCode::parse(text).ok_or_else(|| format!("{text:?} is no error code"));
+    let code = |text: &String| {
+        ErrorCode::parse(text).ok_or_else(|| format!("{text:?} is not an error code"))
+    };
     let error = message.error.as_ref().map(code).transpose()?;
     let class = error.map(|code| class_word(code.class()));
     if class != message.error_class.as_deref() {
@@ -433,7 +434,7 @@ fn digest(bytes: &[u8]) -> Read<Digest> {
 }
 
 fn json(text: &str) -> Read<Value> {
-    serde_json::from_str(text).map_err(|error| format!("a field is no JSON text ({error})"))
+    serde_json::from_str(text).map_err(|error| format!("a field is not JSON ({error})"))
 }
 
 fn parse_word<T: DeserializeOwned>(word: &str) -> Read<T> {

@@ -67,7 +67,7 @@ fn a_healthy_trace_has_no_findings() {
         (0, 0),
         "{examination:?}"
     );
-    assert_eq!((examination.steps, examination.pictures), (3, 4));
+    assert_eq!((examination.steps, examination.images), (3, 4));
     assert!(examination.end.is_some());
 }
 
@@ -213,7 +213,7 @@ fn foreign_channels_and_newer_schemas_are_notes_changed_ones_findings() {
     assert_eq!(examination.findings.len(), 1);
     let finding = &examination.findings[0];
     assert!(
-        finding.record == "schema of /tool/call" && finding.what.contains("reel.v1.ToolCall"),
+        finding.record == "schema of /tool/call" && finding.message.contains("reel.v1.ToolCall"),
         "{finding}"
     );
 }
@@ -257,10 +257,10 @@ fn it_goes_on_after_the_first_finding() {
         "{found:#?}"
     );
     assert!(
-        found.iter().any(|f| f.what.contains("data section"))
+        found.iter().any(|f| f.message.contains("data section"))
             && found
                 .iter()
-                .any(|f| f.what.contains("checksum of the index"))
+                .any(|f| f.message.contains("checksum of the index"))
     );
     assert!(found.iter().all(|finding| !finding.advice.is_empty()));
     assert!(examine(Path::new("/nowhere/x.mcap")).is_err());

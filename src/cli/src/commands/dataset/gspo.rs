@@ -174,7 +174,7 @@ fn table(options: &GspoOptions, report: &GspoReport) -> String {
             group.group, group.sequences, of.loss, of.kl, of.clipped.low, of.clipped.high
         );
     }
-    for (reason, count) in &report.left_out {
+    for (reason, count) in &report.excluded {
         text += &format!("  left out: {count} {reason}\n");
     }
     text

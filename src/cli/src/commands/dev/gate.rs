@@ -63,8 +63,8 @@ struct OutcomeLine {
 #[derive(Serialize)]
 struct TraceComparison {
     trace: PathBuf,
-    this: OutcomeLine,
-    that: Option<OutcomeLine>,
+    current: OutcomeLine,
+    other: Option<OutcomeLine>,
 }
 
 /// Replays a corpus, also with another build if named, and lists what changed.
@@ -99,7 +99,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .into_iter()
         .zip(this)
         .zip(that)
-        .map(|((trace, this), that)| TraceComparison { trace, this, that })
+        .map(|((trace, current), other)| TraceComparison {
+            trace,
+            current,
+            other,
+        })
         .collect();
     if arguments.json {
         for row in &rows {
@@ -110,7 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let exact = rows
         .iter()
-        .all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(OutcomeLine::is_exact));
+        .all(|row| row.current.is_exact() && row.other.as_ref().is_none_or(OutcomeLine::is_exact));
     Ok(if exact {
         ExitStatus::Success
     } else {
@@ -192,7 +196,7 @@ impl OutcomeLine {
 
 impl TraceComparison {
     fn lines(&self) -> impl Iterator<Item = (&'static str, &OutcomeLine)> {
-        [("this", Some(&self.this)), ("that", self.that.as_ref())]
+        [("this", Some(&self.current)), ("that", self.other.as_ref())]
             .into_iter()
             .filter_map(|(name, line)| Some((name, line?)))
     }
@@ -208,7 +212,7 @@ impl TraceComparison {
         for (call, known) in &calls {
             text.push_str(&format!(
                 "{name}: call {call} {}\n  recorded  {}\n",
-                known.what,
+                known.call_text,
                 outcome_line(&known.recorded)
             ));
             for (build, line) in self.lines() {
@@ -284,13 +288,13 @@ fn table(folder: &Path, rows: &[TraceComparison], against: Option<&Path>) -> Str
     };
     text.push_str(&format!(
         "\n{} of {} traces are exact in this build",
-        exact(|row| Some(&row.this)),
+        exact(|row| Some(&row.current)),
         rows.len()
     ));
     if let Some(binary) = against {
         text.push_str(&format!(
             ", {} in {}",
-            exact(|row| row.that.as_ref()),
+            exact(|row| row.other.as_ref()),
             binary.display()
         ));
     }

@@ -66,7 +66,7 @@ struct Figures {
     physics_steps_per_s: f64,
     bare_rapier_steps_per_s: f64,
     physics_to_bare: f64,
-    picture_ms: f64,
+    frame_ms: f64,
     geometry_ms: f64,
     webp_ms: f64,
     /// One worker, images stored.
@@ -116,7 +116,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
     let first = tasks.first().context("no task could be made")?;
 
     let (ours, bare) = physics(&scene, first);
-    let [picture_ms, geometry_ms, webp_ms] = pictures(&scene, first);
+    let [frame_ms, geometry_ms, webp_ms] = pictures(&scene, first);
 
     let play = |name: &str,
                 images: Option<Images>,
@@ -180,7 +180,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
         physics_steps_per_s: ours,
         bare_rapier_steps_per_s: bare,
         physics_to_bare: ours / bare,
-        picture_ms,
+        frame_ms,
         geometry_ms,
         webp_ms,
         episodes_per_s: episodes / record,
@@ -218,7 +218,7 @@ fn print(figures: &Figures) {
     );
     row(
         "picture",
-        format!("{:.2} ms", figures.picture_ms),
+        format!("{:.2} ms", figures.frame_ms),
         format!("{:.2} ms ids and depth alone", figures.geometry_ms),
     );
     row(

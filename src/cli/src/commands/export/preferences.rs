@@ -248,7 +248,7 @@ fn options(arguments: &Arguments) -> ExportOptions {
             ..Selection::default()
         },
         writer: WriterOptions {
-            pictures: ImageOptions {
+            images: ImageOptions {
                 encoding: Encoding::Png,
                 pixels_max,
                 ..ImageOptions::default()
@@ -260,7 +260,7 @@ fn options(arguments: &Arguments) -> ExportOptions {
         words: AnnotationSource::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).expect("all of it is one part"),
-        pictures: !arguments.no_images,
+        images: !arguments.no_images,
         allow_unverified: false,
         replay: true,
         rollouts: None,

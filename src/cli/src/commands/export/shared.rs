@@ -149,7 +149,7 @@ impl CommonArguments {
                 ..Selection::default()
             },
             writer: WriterOptions {
-                pictures: ImageOptions {
+                images: ImageOptions {
                     encoding: encoding.unwrap_or_default(),
                     pixels_max,
                     ..ImageOptions::default()
@@ -164,7 +164,7 @@ impl CommonArguments {
             split_by: self.split,
             ratios: Ratios::new([train, self.validation, self.test])
                 .context("--validation and --test")?,
-            pictures: encoding.is_some(),
+            images: encoding.is_some(),
             allow_unverified: self.allow_unverified,
             replay: !self.no_replay,
             rollouts: None,
@@ -278,9 +278,9 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<ExitSta
     );
     println!(
         "  {} images; store version {}",
-        report.pictures, report.table_version
+        report.images, report.table_version
     );
-    for (reason, count) in &report.left_out {
+    for (reason, count) in &report.excluded {
         println!("  left out: {count} {reason}");
     }
     if !report.refused.is_empty() {
@@ -292,10 +292,10 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<ExitSta
             report.unverified
         );
     }
-    if report.history.mended + report.history.dropped > 0 {
+    if report.history.corrected + report.history.dropped > 0 {
         println!(
             "  sentences of Histories that the record refutes: {} mended, {} dropped",
-            report.history.mended, report.history.dropped
+            report.history.corrected, report.history.dropped
         );
     }
     Ok(answer)

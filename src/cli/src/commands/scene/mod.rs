@@ -350,11 +350,11 @@ fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<ExitStatus> {
             for Finding {
                 at,
                 place: [x, y],
-                what,
+                message,
                 ..
             } in findings
             {
-                println!("{scene}: {at} at ({x:.2}, {y:.2}): {what}");
+                println!("{scene}: {at} at ({x:.2}, {y:.2}): {message}");
             }
             println!("{scene}: {} findings", findings.len());
         }

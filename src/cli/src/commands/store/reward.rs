@@ -225,7 +225,7 @@ fn line(
         let line = json!({
             "episode_id": episode.episode_id, "policy": episode.policy, "task_id": episode.task_id, "trace": episode.trace,
             "before": before, "after": after, "components": components, "steps": steps,
-            "done": endings.map(|ending| ending.map(|(step, why)| json!({ "step": step, "why": why.as_str() }))),
+            "end": endings.map(|ending| ending.map(|(step, why)| json!({ "step": step, "reason": why.as_str() }))),
         });
         return line.to_string();
     }

@@ -187,7 +187,7 @@ impl Counts {
         let reasons = |(why, count): (&SkipReason, &usize)| (why.to_string(), json!(count));
         let skipped: serde_json::Map<String, Value> = self.skipped.iter().map(reasons).collect();
         json!({
-            "annotated": self.annotated, "kept": self.kept, "questions": self.questions, "skipped": skipped,
+            "annotated": self.annotated, "unchanged": self.kept, "questions": self.questions, "skipped": skipped,
             "fallbacks": self.fallbacks, "out": arguments.out,
         })
     }

@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         placing: if arguments.format == "real-proc" {
             Placing::Grid
         } else {
-            Placing::Reach
+            Placing::NearEdge
         },
         jobs: inputs::workers(arguments.jobs),
     };
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         let rejected: Vec<_> = statistics
             .rejected
             .iter()
-            .map(|(why, count)| json!({ "filter": Rejection::FILTERS[why.filter()], "why": why.as_str(), "count": count }))
+            .map(|(why, count)| json!({ "filter": Rejection::FILTERS[why.filter()], "reason": why.as_str(), "count": count }))
             .collect();
         let summary = json!({
             "tasks": statistics.tasks, "drafts": statistics.drafts, "filters": statistics.filters(), "rejected": rejected,
@@ -127,14 +127,14 @@ fn print(statistics: &Statistics, arguments: &Arguments) {
     );
     println!("  filter      seen  passed");
     for step in statistics.filters() {
-        let share = if step.seen == 0 {
+        let share = if step.examined == 0 {
             100.0
         } else {
-            100.0 * step.passed as f64 / step.seen as f64
+            100.0 * step.passed as f64 / step.examined as f64
         };
         println!(
             "  {:8} {:7} {:7}  {share:5.1}%",
-            step.filter, step.seen, step.passed
+            step.filter, step.examined, step.passed
         );
         for (why, count) in statistics
             .rejected

@@ -174,7 +174,7 @@ fn check(path: &Path, scene: &inputs::SceneArguments, as_json: bool) -> anyhow::
         let broken: Vec<String> = report.broken.iter().map(ToString::to_string).collect();
         println!(
             "{}",
-            json!({ "loaded": loaded, "files": files, "oddities": report.warnings, "broken": broken })
+            json!({ "loaded": loaded, "files": files, "warnings": report.warnings, "broken": broken })
         );
     } else {
         for oddity in &report.warnings {

@@ -208,8 +208,8 @@ fn label(verdict: &JudgedCase) -> LabelRow {
         .map(|name| format!(" (proposes '{name}')"))
         .unwrap_or_default();
     let standing = match verdict.source {
-        Source::Proven if opinion.overruled => " [overruled by what is proven]",
-        Source::Proven | Source::Judge => "",
+        Source::Rules if opinion.overruled => " [overruled by what is proven]",
+        Source::Rules | Source::Judge => "",
     };
     LabelRow {
         episode_id: verdict.episode_id.clone(),

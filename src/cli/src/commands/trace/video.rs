@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.json {
         println!(
             "{}",
-            json!({ "file": out, "width": width, "height": height, "pictures": pictures.len(), "bytes": bytes })
+            json!({ "file": out, "width": width, "height": height, "frames": pictures.len(), "bytes": bytes })
         );
     } else {
         println!(

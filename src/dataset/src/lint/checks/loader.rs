@@ -89,7 +89,7 @@ impl Check for Loader {
                     add(
                         "ignored key",
                         Severity::Error,
-                        "pictures in a column that dataset_info.json does not name are ignored"
+                        "images in a column that dataset_info.json does not name are ignored"
                             .into(),
                     );
                 }

@@ -98,7 +98,7 @@ fn losses(text: &str) -> Vec<ParserLoss> {
             } else if !is_tool(&tool_name) {
                 lose(
                     "unknown tool name",
-                    format!("`{tool_name}` is no tool of the published servers"),
+                    format!("`{tool_name}` is not a tool of the published servers"),
                 );
             }
             Some((tool_name, arguments))

@@ -228,7 +228,7 @@ impl Tool {
             other => {
                 return vec![(
                     "wrong type",
-                    format!("the arguments of {} are no object: {other}", self.name),
+                    format!("the arguments of {} are not an object: {other}", self.name),
                 )];
             }
         };

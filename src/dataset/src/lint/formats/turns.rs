@@ -84,7 +84,7 @@ impl<'a> Reader<'a> {
         match path {
             Some(path) => image(path, self.source.resolve),
             None => {
-                let why = format!("expected the path of a picture, found {}", kind_of(value));
+                let why = format!("expected the path of an image, found {}", kind_of(value));
                 Image {
                     name: String::new(),
                     source: ImageSource::Broken(why),
@@ -168,7 +168,7 @@ impl<'a> Reader<'a> {
         for arguments in calls.as_array().into_iter().flatten().filter_map(arguments) {
             let told = match (&arguments, self.source.format) {
                 (Value::String(text), _) if serde_json::from_str::<Value>(text).is_err() => {
-                    "`arguments` is a text that is no JSON"
+                    "`arguments` is a text that is not JSON"
                 }
                 (Value::String(_), _) | (_, Format::Trl | Format::Parquet | Format::MsSwift) => {
                     continue;

@@ -36,7 +36,7 @@ fn torn_anywhere_up_to_the_tear() {
                 recording
                     .losses
                     .iter()
-                    .any(|loss| loss.what.contains("breaks off"))
+                    .any(|loss| loss.message.contains("breaks off"))
             )
         );
         let trace = healthy(&recording.episodes[0].trace);
@@ -95,10 +95,10 @@ fn a_damaged_chunk_costs_its_messages() {
     };
     assert_eq!(loss.file, path);
     assert!(
-        loss.what.starts_with("the chunk at byte ")
-            && loss.what.contains("with the messages from 179000000"),
+        loss.message.starts_with("the chunk at byte ")
+            && loss.message.contains("with the messages from 179000000"),
         "{}",
-        loss.what
+        loss.message
     );
     assert_eq!(
         (trace.steps.len(), trace.steps[0].outcome.text.as_str()),
@@ -127,13 +127,13 @@ fn gibberish_is_counted_by_topic() {
         };
         assert_eq!((&odometry.file, &result.file), (&path, &path));
         let first = "2 of the messages on /odom cannot be read and are left out, the first at 1790000001.500000000 s (no ";
-        assert!(odometry.what.starts_with(first), "{}", odometry.what);
+        assert!(odometry.message.starts_with(first), "{}", odometry.message);
         assert!(
             result
-                .what
+                .message
                 .starts_with("1 of the messages on /result cannot be read"),
             "{}",
-            result.what
+            result.message
         );
         assert_eq!(
             (trace.steps.len(), trace.steps[0].outcome.error),
@@ -154,7 +154,7 @@ fn gibberish_is_counted_by_topic() {
     let losses: Vec<&str> = recording
         .losses
         .iter()
-        .map(|loss| loss.what.as_str())
+        .map(|loss| loss.message.as_str())
         .collect();
     assert_eq!(losses.len(), 2, "{losses:?}");
     assert_eq!(

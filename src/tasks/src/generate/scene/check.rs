@@ -55,7 +55,7 @@ pub struct Finding {
     /// Where on the floor, in metres.
     pub place: [f64; 2],
     /// What is wrong, in a sentence for people.
-    pub what: String,
+    pub message: String,
 }
 
 /// Everything that is wrong with a scene, in the order of its furniture.
@@ -124,7 +124,7 @@ impl<'a> Check<'a> {
             fault,
             at: at.to_string(),
             place,
-            what,
+            message: what,
         });
     }
 

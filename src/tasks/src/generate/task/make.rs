@@ -48,7 +48,7 @@ pub struct GenerateOptions<'a> {
 pub enum Placing {
     /// Within reach over an edge, as the paper says.
     #[default]
-    Reach,
+    NearEdge,
     /// On the grid of REAL's generator.
     Grid,
 }
@@ -59,7 +59,7 @@ pub enum Placing {
 pub enum MakeError {
     /// No family has one of the types.
     #[error(
-        "none of these families has tasks of these types; docs/tasks.md lists which have which"
+        "no selected family has tasks of the selected types; docs/tasks.md lists the types of each family"
     )]
     NothingWanted,
     /// Two scenes have one name.
@@ -379,7 +379,7 @@ fn place(
         for index in here {
             let size = task.objects[index].size;
             let [x, y, z] = match placing {
-                Placing::Reach => placement.place(site, size, stream)?,
+                Placing::NearEdge => placement.place(site, size, stream)?,
                 Placing::Grid => {
                     let footprint = [size[0], size[1]];
                     let best = grid.best(footprint, |at| site.free_floor_near(at));

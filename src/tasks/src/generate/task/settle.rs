@@ -23,7 +23,7 @@ pub enum SettleError {
     /// An object flew out of the scene, or its state is not finite.
     FlewAway,
     /// An object rests elsewhere than the graph says.
-    RestsElsewhere,
+    Displaced,
 }
 
 impl SettleError {
@@ -32,7 +32,7 @@ impl SettleError {
         match self {
             SettleError::Fell => "an object fell by more than 0.3 m",
             SettleError::FlewAway => "an object flew away",
-            SettleError::RestsElsewhere => "an object rests elsewhere than the graph says",
+            SettleError::Displaced => "an object rests elsewhere than the graph says",
         }
     }
 }
@@ -71,7 +71,7 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, SettleError> {
         if place == Some(&object.receptacle) {
             Ok(position)
         } else {
-            Err(SettleError::RestsElsewhere)
+            Err(SettleError::Displaced)
         }
     };
     spawned

@@ -67,7 +67,7 @@ pub struct FilterCounts {
     /// Name of the filter, one of [`Rejection::FILTERS`].
     pub filter: &'static str,
     /// How many came to it.
-    pub seen: usize,
+    pub examined: usize,
     /// How many it let pass.
     pub passed: usize,
 }
@@ -87,7 +87,7 @@ impl Statistics {
             let passed = seen - stopped(index);
             let step = FilterCounts {
                 filter: Rejection::FILTERS[index],
-                seen,
+                examined: seen,
                 passed,
             };
             seen = passed;

@@ -166,7 +166,7 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
     assert!(
         found
             .iter()
-            .any(|finding| finding.what.contains("data section")),
+            .any(|finding| finding.message.contains("data section")),
         "{found:?}"
     );
 
