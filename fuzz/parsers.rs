@@ -10,8 +10,11 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Tool, answer::AssistantTurn};
 /// Frames that images of a trace may have, in pixels.
 const PIXELS_MAX: u32 = (4 * FRAME_WIDTH * FRAME_HEIGHT) as u32;
 
+/// A parser of any bytes.
+pub type Parser = fn(&[u8]);
+
 /// The parsers by name; the folder of the same name in `fuzz/corpus` has inputs.
-pub const PARSERS: &[(&str, fn(&[u8]))] = &[
+pub const PARSERS: &[(&str, Parser)] = &[
     ("answer", |bytes| {
         text(bytes, |text| {
             AssistantTurn::parse(text);

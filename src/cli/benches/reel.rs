@@ -81,7 +81,7 @@ fn parse_an_answer() -> AssistantTurn {
 fn match_a_pattern(bencher: Bencher, text: &str) {
     let pattern = reel_query::pattern::Pattern::parse(text).expect("a valid pattern");
     let conditions = (1_u64 << pattern.conditions().len()) - 1;
-    let masks: Vec<u64> = (0..12).map(|step| step * 0x9e37 & conditions).collect();
+    let masks: Vec<u64> = (0..12).map(|step| (step * 0x9e37) & conditions).collect();
     let mut matcher = pattern.matcher();
     bencher.bench_local(|| matcher.count(black_box(&masks)));
 }
