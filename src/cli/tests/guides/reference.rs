@@ -31,9 +31,10 @@ pub fn commands() -> BTreeMap<String, String> {
             .lines()
             .take_while(|line| !line.starts_with("Options:"))
         {
+            // Two spaces, the name, and at least one space before what it is for.
             let child = line
                 .strip_prefix("  ")
-                .and_then(|line| line.split("  ").next());
+                .and_then(|line| line.split(' ').next());
             let child = child.filter(|it| it.starts_with(|c: char| c.is_ascii_lowercase()));
             names.extend(
                 child
