@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
 built=dist/index.html
-if [[ -f $built ]] && [[ -z $(find src public index.html ./*.json ./*.ts ./*.js ./*.mjs -newer "$built" -print -quit) ]]; then
+if [[ -f $built ]] && [[ -z $(find src public index.html ./*.json ./*.ts ./*.js ./*.mjs ../schemas/openapi.json -newer "$built" -print -quit 2>/dev/null) ]]; then
   exit 0
 fi
 # A fresh Debian has no Node; where it may be installed, it is.
@@ -26,4 +26,6 @@ if ! npm ci --no-audit --no-fund --loglevel=error; then
   echo "skipped: the web pages, because their packages cannot be installed" >&2
   exit 0
 fi
+# The types of what the service answers. A change of src/lib/generated.ts is to be committed.
+[[ ! -f ../schemas/openapi.json ]] || node generate.mjs
 "${vite[@]}" npx vite build --logLevel warn

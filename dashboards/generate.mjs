@@ -1,5 +1,6 @@
-// Writes src/lib/generated.ts from ../schemas/openapi.json: a type for each schema, and the answer of
-// each GET and POST by its path. With --check it writes nothing and fails if the file is not current.
+// Writes src/lib/generated.ts from ../schemas/openapi.json, which REEL_BLESS=1 cargo test --test guides
+// reference writes: a type for each schema, and the answer of each GET and POST by its path. With
+// --check it writes nothing and fails if the file is not current.
 //
 //     node generate.mjs [--check]
 import { readFileSync, writeFileSync } from "node:fs";

@@ -87,6 +87,9 @@ fn reference_of_the_rest_routes() {
         write_schema(&mut page, schema);
     }
     compare("docs/reference/rest.md", &page);
+    // The types of the web pages come from this one: node dashboards/generate.mjs.
+    let document = serde_json::to_string_pretty(&document).unwrap() + "\n";
+    compare("schemas/openapi.json", &document);
 }
 
 fn write_operation(page: &mut String, method: &str, path: &str, operation: &Value) {
