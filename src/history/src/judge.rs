@@ -703,8 +703,7 @@ impl Judge<'_> {
         let Some((name, said)) = predicate.content.words.split_first() else {
             return Vec::new();
         };
-        let tool =
-            reel_world::ToolSpec::by_name(name).map_or(name.as_str(), |spec| spec.paper_name);
+        let tool = reel_world::ToolSpec::paper_name_of(name);
         let same = |fact: &Fact| {
             let argument = fact.step_facts.argument.as_deref().map(str::to_lowercase);
             let given = said.is_empty() && predicate.content.quote.is_none();

@@ -183,7 +183,7 @@ impl StepFacts {
 
     /// What a bare call and the text of its outcome tell; everything else is left open.
     pub fn from_call(step: u32, call: &ToolCall, text: &str) -> Self {
-        let tool = ToolSpec::by_name(&call.name).map_or(call.name.as_str(), |spec| spec.paper_name);
+        let tool = ToolSpec::paper_name_of(&call.name);
         let argument = call.argument().or_else(|| call.values().next());
         let error = ErrorCode::from_message(text);
         let receptacle = || match tool {

@@ -26,7 +26,7 @@ use crate::{
         header_metadata,
     },
     reader::{DocumentCache, Parsed},
-    robot::{CameraImage, RobotLog},
+    robot::{Alignment, CameraImage, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{
         self,
         foxglove::CompressedImage,
@@ -363,19 +363,19 @@ impl<'a> Assembly<'a> {
                 Ok(())
             }
             schema::PRIMITIVE => {
-                let outcome = codec::read_primitive(decode(data)?);
+                let outcome = PrimitiveOutcome::from(decode::<reel::PrimitiveOutcome>(data)?);
                 self.expect_moment(outcome.step)?;
                 self.robot.primitives.push(outcome);
                 Ok(())
             }
             schema::VLA => {
-                let measured = codec::read_vla(decode(data)?);
+                let measured = VlaLatency::from(decode::<reel::VlaLatency>(data)?);
                 self.expect_moment(measured.step)?;
                 self.robot.vla.push(measured);
                 Ok(())
             }
             schema::ALIGNMENT => {
-                let measured = codec::read_alignment(decode(data)?);
+                let measured = Alignment::from(decode::<reel::Alignment>(data)?);
                 self.expect_moment(measured.step)?;
                 self.robot.alignments.push(measured);
                 Ok(())

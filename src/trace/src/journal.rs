@@ -23,7 +23,7 @@ use reel_world::{
 use crate::{
     Images, Timing, TraceError, codec, container, encode_webp, image,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
-    schema::{self, Channel, foxglove::log::Level},
+    schema::{self, Channel, foxglove::log::Level, reel},
     viewer,
 };
 
@@ -260,19 +260,19 @@ impl<W: Write + Seek> Journal<W> {
     /// Records what a skill came to.
     pub(crate) fn primitive(&mut self, outcome: &PrimitiveOutcome) -> Result<(), TraceError> {
         self.expect_moment(outcome.step, "the outcome of a primitive")?;
-        self.message(schema::PRIMITIVE, &codec::primitive(outcome))
+        self.message(schema::PRIMITIVE, &reel::PrimitiveOutcome::from(outcome))
     }
 
     /// Records how long an inference of the low-level model took.
     pub(crate) fn vla(&mut self, measured: &VlaLatency) -> Result<(), TraceError> {
         self.expect_moment(measured.step, "a latency")?;
-        self.message(schema::VLA, &codec::vla(measured))
+        self.message(schema::VLA, &reel::VlaLatency::from(measured))
     }
 
     /// Records how far the robot was off.
     pub(crate) fn alignment(&mut self, measured: &Alignment) -> Result<(), TraceError> {
         self.expect_moment(measured.step, "an alignment")?;
-        self.message(schema::ALIGNMENT, &codec::alignment(measured))
+        self.message(schema::ALIGNMENT, &reel::Alignment::from(measured))
     }
 
     /// Records everything that a log holds of a moment.

@@ -418,6 +418,11 @@ impl ToolSpec {
             .find(|spec| spec.paper_name == name || spec.repo_name == name)
     }
 
+    /// The paper's name of a tool under either of its names; the name itself if it is no tool.
+    pub fn paper_name_of(name: &str) -> &str {
+        Self::by_name(name).map_or(name, |spec| spec.paper_name)
+    }
+
     /// The name in a name set.
     pub fn name(&self, names: NameSet) -> &'static str {
         match names {

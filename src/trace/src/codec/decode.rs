@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use super::encode::class_word;
 use crate::{
-    robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency},
+    robot::Odometry,
     schema::reel::{self, marker::Target},
 };
 
@@ -293,63 +293,6 @@ pub(crate) fn read_odometry(message: reel::Odometry) -> Read<Odometry> {
         y,
         yaw,
     })
-}
-
-pub(crate) fn read_primitive(message: reel::PrimitiveOutcome) -> PrimitiveOutcome {
-    let reel::PrimitiveOutcome {
-        step,
-        unix_ns,
-        skill,
-        target,
-        success,
-        duration_ns,
-        control_steps,
-        error,
-    } = message;
-    PrimitiveOutcome {
-        step,
-        unix_ns,
-        skill,
-        target,
-        success,
-        duration_ns,
-        control_steps,
-        error,
-    }
-}
-
-pub(crate) fn read_vla(message: reel::VlaLatency) -> VlaLatency {
-    let reel::VlaLatency {
-        step,
-        unix_ns,
-        latency_ns,
-    } = message;
-    VlaLatency {
-        step,
-        unix_ns,
-        latency_ns,
-    }
-}
-
-pub(crate) fn read_alignment(message: reel::Alignment) -> Alignment {
-    let reel::Alignment {
-        step,
-        unix_ns,
-        target,
-        odometry_error_m,
-        yaw_error_rad,
-        image_shift_px,
-        image_rmse_px,
-    } = message;
-    Alignment {
-        step,
-        unix_ns,
-        target,
-        odometry_error_m,
-        yaw_error_rad,
-        image_shift_px,
-        image_rmse_px,
-    }
 }
 
 fn body(body: reel::BodyState) -> Read<BodyState> {

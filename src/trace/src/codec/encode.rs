@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::{
     Timing,
-    robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency},
+    robot::Odometry,
     schema::reel::{self, episode_event::Event, marker::Target},
 };
 
@@ -162,66 +162,6 @@ pub(crate) fn odometry(measured: &Odometry) -> reel::Odometry {
         x: Some(x),
         y: Some(y),
         yaw: Some(yaw),
-    }
-}
-
-/// What a skill came to.
-pub(crate) fn primitive(outcome: &PrimitiveOutcome) -> reel::PrimitiveOutcome {
-    let PrimitiveOutcome {
-        step,
-        unix_ns,
-        skill,
-        target,
-        success,
-        duration_ns,
-        control_steps,
-        error,
-    } = outcome.clone();
-    reel::PrimitiveOutcome {
-        step,
-        unix_ns,
-        skill,
-        target,
-        success,
-        duration_ns,
-        control_steps,
-        error,
-    }
-}
-
-/// How long an inference took.
-pub(crate) fn vla(measured: &VlaLatency) -> reel::VlaLatency {
-    let VlaLatency {
-        step,
-        unix_ns,
-        latency_ns,
-    } = *measured;
-    reel::VlaLatency {
-        step,
-        unix_ns,
-        latency_ns,
-    }
-}
-
-/// How far the robot was off.
-pub(crate) fn alignment(measured: &Alignment) -> reel::Alignment {
-    let Alignment {
-        step,
-        unix_ns,
-        target,
-        odometry_error_m,
-        yaw_error_rad,
-        image_shift_px,
-        image_rmse_px,
-    } = measured.clone();
-    reel::Alignment {
-        step,
-        unix_ns,
-        target,
-        odometry_error_m,
-        yaw_error_rad,
-        image_shift_px,
-        image_rmse_px,
     }
 }
 

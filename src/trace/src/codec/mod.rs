@@ -6,6 +6,56 @@ mod encode;
 pub(crate) use decode::*;
 pub(crate) use encode::*;
 
+use crate::{
+    robot::{Alignment, PrimitiveOutcome, VlaLatency},
+    schema::reel,
+};
+
+/// Conversions of a type whose message has the same fields; the compiler names a field that only
+/// one of them has.
+macro_rules! same_fields {
+    ($name:ident { $($field:ident),* }) => {
+        impl From<&$name> for reel::$name {
+            fn from(value: &$name) -> Self {
+                let $name { $($field),* } = value.clone();
+                Self { $($field),* }
+            }
+        }
+
+        impl From<reel::$name> for $name {
+            fn from(message: reel::$name) -> Self {
+                let reel::$name { $($field),* } = message;
+                Self { $($field),* }
+            }
+        }
+    };
+}
+
+same_fields!(PrimitiveOutcome {
+    step,
+    unix_ns,
+    skill,
+    target,
+    success,
+    duration_ns,
+    control_steps,
+    error
+});
+same_fields!(VlaLatency {
+    step,
+    unix_ns,
+    latency_ns
+});
+same_fields!(Alignment {
+    step,
+    unix_ns,
+    target,
+    odometry_error_m,
+    yaw_error_rad,
+    image_shift_px,
+    image_rmse_px
+});
+
 #[cfg(test)]
 mod tests {
     use prost::Message;

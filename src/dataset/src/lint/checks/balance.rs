@@ -5,7 +5,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Check, RowFacts, row_facts::tool_name};
+use reel_world::ToolSpec;
+
+use super::{Check, RowFacts};
 use crate::lint::{Severity, report::Findings};
 
 pub(super) struct Balance {
@@ -41,7 +43,7 @@ impl Check for Balance {
 
     fn see(&mut self, seen: &RowFacts, _: &mut Findings) {
         for call in seen.answers.iter().flat_map(|said| &said.calls) {
-            count(&mut self.tools, tool_name(&call.name));
+            count(&mut self.tools, ToolSpec::paper_name_of(&call.name));
         }
         // One look at the tools of a dataset's first row and now and then is enough:
         // the lists are long.
@@ -50,7 +52,7 @@ impl Check for Balance {
                 .tools()
                 .into_iter()
                 .flatten()
-                .map(|tool| tool_name(&tool.name).to_owned());
+                .map(|tool| ToolSpec::paper_name_of(&tool.name).to_owned());
             self.declared.extend(names.take(NAMES_MAX));
         }
         let family = seen

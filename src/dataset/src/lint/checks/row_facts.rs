@@ -3,7 +3,6 @@
 
 use std::collections::HashMap;
 
-use reel_world::ToolSpec;
 use serde_json::Value;
 
 use crate::lint::{
@@ -296,9 +295,4 @@ fn is_of_type(value: &Value, wanted: &str) -> bool {
         "object" => value.is_object(),
         _ => true,
     }
-}
-
-/// A tool's name in the paper, whichever of its names is used; other tools keep theirs.
-pub(super) fn tool_name(name: &str) -> &str {
-    ToolSpec::by_name(name).map_or(name, |spec| spec.paper_name)
 }
