@@ -195,7 +195,7 @@ error = "/error"
         assert!(error("[tools.a]\narguments.place = \"x\"\n").contains("needs 'is'"));
         assert!(
             error("[state]\ngraph = \"world\"\n")
-                .starts_with("line 2, column 9: 'world' is no JSON pointer")
+                .starts_with("line 2, column 9: 'world' is not a JSON pointer")
         );
         assert!(
             error("[state]\npose = \"/x\"\n")

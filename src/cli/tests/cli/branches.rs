@@ -136,11 +136,11 @@ fn what_cannot_be_branched_or_compared_is_told() {
         )
     };
     assert!(refused(&["2"]).contains("name what follows at call 2"));
-    assert!(refused(&["99", "--policy", "oracle"]).contains("there is no call 99"));
+    assert!(refused(&["99", "--policy", "oracle"]).contains("unknown call 99"));
     assert!(refused(&["2", "--policy", "clever"]).contains("no policy is called 'clever'"));
     assert!(refused(&["2", "--call", "pick(1)"]).contains("write a call as {\"name\": \"pick\""));
     assert!(refused(&["2", "--then", "parent:x"]).contains("--then parent:x"));
-    assert!(refused(&["2", "--then", "parent:99"]).contains("there is no call 99 to go on with"));
+    assert!(refused(&["2", "--then", "parent:99"]).contains("cannot continue from call 99"));
     assert!(refused(&["2", "--policy", "oracle", "--out", trace]).contains("is the parent"));
     let steps: Value = serde_json::from_str(&reel!(folder, "show {trace} --json")).unwrap();
     let last = steps["steps"].as_array().unwrap().len().to_string();

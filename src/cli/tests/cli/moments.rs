@@ -50,7 +50,7 @@ fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     let read = |path: &str| fs::read(folder.join(path)).unwrap();
     assert!(read("one/call_004.png") == read("all/call_004.png"));
     let beyond = complaint(folder, 2, &format!("show {trace} --at 99 --no-cache"));
-    assert!(beyond.contains("there is no call 99"), "{beyond}");
+    assert!(beyond.contains("unknown call 99"), "{beyond}");
 
     assert!(reel!(folder, "replay {trace} --restored 3").contains("exact"));
     assert!(reel!(folder, "replay {trace} --explain").contains("exact"));

@@ -66,7 +66,7 @@ fn doctor_and_recover_by_exit_code() {
     fs::remove_file(&recovered).unwrap();
     assert!(expect(folder, 1, "trace doctor traces").contains("not healthy"));
     assert!(expect(folder, 3, "trace recover traces").contains("nothing can be restored"));
-    assert!(reel!(folder, "trace doctor {name}").contains("nothing of the recording"));
+    assert!(reel!(folder, "trace doctor {name}").contains("no part of the recording"));
     let missing = complaint(folder, 2, "trace recover nowhere");
     assert!(
         missing.contains("no such recording or folder: nowhere"),

@@ -438,10 +438,10 @@ graph = "/world"
         );
         assert!(
             error("[topics.\"/a\"]\nis = \"odometry\"\nyaw = \"yaw\"\n")
-                .starts_with("line 3, column 7: 'yaw' is no JSON pointer")
+                .starts_with("line 3, column 7: 'yaw' is not a JSON pointer")
         );
         assert!(error("[topics.\"/a\"]\nyaw = \"/yaw\"\n").contains("needs 'is'"));
-        assert!(error("clock = \"mine\"\n").starts_with("line 1, column 9: 'mine' is no clock"));
+        assert!(error("clock = \"mine\"\n").starts_with("line 1, column 9: unknown clock 'mine'"));
         assert!(error("[topics.\"/a\"]\nis = 3\n").starts_with("line 2, column 6: expected"));
         assert!(error("[tools.a]\nis = \"fly\"\n").starts_with("line 2, column 6"));
         assert!(error("topics = 3\n").contains("topics must be a table"));

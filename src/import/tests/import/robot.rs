@@ -203,7 +203,7 @@ fn every_field_comes_through() {
     let place = Place::new();
     let (recording, trace) = place.said(&episode());
     assert_eq!(recording.losses, []);
-    assert_eq!(recording.notes, ["there is no message on /raw"]);
+    assert_eq!(recording.notes, ["no message on /raw"]);
     let imported = &recording.episodes[0];
     assert_eq!(
         (

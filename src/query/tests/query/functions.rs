@@ -325,7 +325,7 @@ fn the_simulator_answers_in_sql() {
         .run("SELECT frame(trace, 999) FROM episodes")
         .unwrap_err()
         .to_string();
-    assert!(error.contains("there is no call 999"), "{error}");
+    assert!(error.contains("unknown call 999"), "{error}");
 }
 
 #[test]

@@ -54,6 +54,6 @@ fn every_moment_from_every_camera_is_the_same_by_any_way() {
         view_at(&trace, Some(99), &Viewpoint::TopDown, None)
             .unwrap_err()
             .to_string()
-            .contains("there is no call 99")
+            .contains("unknown call 99")
     );
 }

@@ -115,7 +115,7 @@ fn pictures_drawn_again_are_those_that_were_recorded() {
         let verdict = frames_at(trace, &BTreeSet::from([Some(999)])).unwrap_err();
         assert_eq!(
             verdict.to_string(),
-            "REFUSED the agent got no picture from call 999"
+            "REFUSED call 999 returned no image to the agent"
         );
     }
 }

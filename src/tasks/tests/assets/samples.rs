@@ -323,7 +323,7 @@ pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
     file(
         "words.obj",
         b"v 0 zero 0\n",
-        Some("line 1: 'zero' is no number"),
+        Some("line 1: 'zero' is not a number"),
     );
 
     // Numbers that mean nothing.

@@ -122,7 +122,7 @@ fn what_is_wrong_with_such_a_file_says_where() {
     let error = |from, to| file(from, to).unwrap_err();
     assert!(
         error("dest: table_2", "dest: moon_1")
-            .contains("episodes[0].dest: moon_1 is no receptacle")
+            .contains("episodes[0].dest: moon_1 is not a receptacle")
     );
     assert!(error("[find mug]", "[dance]").contains("execution_plan[0]: expected a step such as"));
     assert!(error("target_object_id: m", "target_object_id: k").contains("no k stands on table_1"));

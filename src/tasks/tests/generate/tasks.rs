@@ -331,7 +331,7 @@ fn a_goal_of_several_moves_is_checked_when_it_is_read() {
         .unwrap_err()
         .to_string();
     assert!(
-        error.contains("ghost_on_table_1_at_x is no object of the task"),
+        error.contains("ghost_on_table_1_at_x is not an object of the task"),
         "{error}"
     );
 }

@@ -179,8 +179,8 @@ fn broken_files_are_named_with_line_and_field() {
         "two_episodes.yaml:9: episodes: expected 1 episode, found 2",
         "unclosed_bracket.yaml:7: illegal placement of ':' indicator",
         "unknown_family.yaml:10: episodes[0].family: expected FDP, FODP, FDO or SUL",
-        "unknown_in_graph.yaml:13: episodes[0].initial_world_graph.attic_1: attic_1 is no receptacle of the scene",
-        "unknown_receptacle.yaml:15: episodes[0].dest: table_9 is no receptacle of the scene",
+        "unknown_in_graph.yaml:13: episodes[0].initial_world_graph.attic_1: attic_1 is not a receptacle of the scene",
+        "unknown_receptacle.yaml:15: episodes[0].dest: table_9 is not a receptacle of the scene",
     ];
     assert_eq!(messages(&report.broken), expected);
 }

@@ -122,7 +122,7 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
     let (recovery, found) = recovered("picture.mcap.part", &bytes);
     assert_eq!((recovery.steps, recovery.lost.len()), (6, 1));
     assert!(
-        recovery.lost[0].starts_with("the picture of step 3 is left out"),
+        recovery.lost[0].starts_with("the image of step 3 is dropped"),
         "{:?}",
         recovery.lost
     );
