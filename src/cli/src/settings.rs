@@ -80,17 +80,9 @@ pub const KEYS: [Key; 6] = [
 ];
 
 /// Keys of the configuration of `reel serve`, by which its file is recognised.
-const SERVER_KEYS: [&str; 9] = [
-    "listen",
-    "data",
-    "definitions",
-    "tokens",
-    "hosts",
-    "origins",
-    "log",
-    "play",
-    "limits",
-];
+const SERVER_KEYS: [&str; 9] = reel_world::words! {
+    listen data definitions tokens hosts origins log play limits
+};
 
 /// Commands that ask a model by default; the others ask one only with `--model`.
 const ASKING: [&str; 2] = ["bench", "judge"];

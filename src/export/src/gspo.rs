@@ -204,12 +204,9 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
     report(sequences, &sums, options, left_out)
 }
 
-const COLUMNS: &[&str] = &[
-    "episode_id",
-    "steps.list.element.step",
-    "steps.list.element.tokens",
-    "steps.list.element.logprobs",
-];
+const COLUMNS: &[&str] = &reel_world::words! {
+    episode_id "steps.list.element.step" "steps.list.element.tokens" "steps.list.element.logprobs"
+};
 
 #[derive(Deserialize)]
 struct SequenceRow {

@@ -79,6 +79,7 @@ mod tests {
         let marker = || json!({"marker_id": "1"});
         let handler = "Error executing pick: Traceback ...";
         let asked_wrongly = format!("{handler}\nKeyError: 'marker_id'\n");
+        #[rustfmt::skip]
         let cases = [
             (
                 "pick",
@@ -92,31 +93,11 @@ mod tests {
                 "No landmark selected. Use 'navigate_to' first.",
                 ErrorCode::NoLandmark,
             ),
-            (
-                "grab",
-                json!({}),
-                "Action 'grab' not recognized.",
-                ErrorCode::UnknownTool,
-            ),
-            (
-                "pick",
-                json!({}),
-                asked_wrongly.as_str(),
-                ErrorCode::BadArguments,
-            ),
+            ("grab", json!({}), "Action 'grab' not recognized.", ErrorCode::UnknownTool),
+            ("pick", json!({}), asked_wrongly.as_str(), ErrorCode::BadArguments),
             ("pick", marker(), handler, ErrorCode::BackendError),
-            (
-                "pick",
-                marker(),
-                "The gripper is on strike.",
-                ErrorCode::BackendError,
-            ),
-            (
-                "",
-                Value::Null,
-                "No tool selected.",
-                ErrorCode::UnparsableOutput,
-            ),
+            ("pick", marker(), "The gripper is on strike.", ErrorCode::BackendError),
+            ("", Value::Null, "No tool selected.", ErrorCode::UnparsableOutput),
         ];
         for (name, arguments, text, expected) in cases {
             assert_eq!(

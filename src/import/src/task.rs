@@ -24,13 +24,9 @@ const KNOWN: &[&str] = &reel_world::words! {
     source_distractors destination_distractors object_distractors execution_plan
 };
 /// Keys that belong to the task and have no place of their own.
-const OF_TASK: &[&str] = &[
-    "global_index",
-    "episode_idx",
-    "episode_local_idx",
-    "episode_range",
-    "distractor_metadata",
-];
+const OF_TASK: &[&str] = &reel_world::words! {
+    global_index episode_idx episode_local_idx episode_range distractor_metadata
+};
 
 /// What the steps of an episode say of its world.
 #[derive(Clone, Debug, Default)]

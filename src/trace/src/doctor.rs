@@ -436,43 +436,16 @@ impl Index {
             return findings;
         };
         let (first, last) = self.span.unwrap_or_default();
+        #[rustfmt::skip]
         let counts = [
-            (
-                "messages",
-                stats.message_count,
-                self.messages.values().sum(),
-            ),
-            (
-                "schemas",
-                stats.schema_count.into(),
-                self.schemas.len() as u64,
-            ),
-            (
-                "channels",
-                stats.channel_count.into(),
-                self.channels.len() as u64,
-            ),
-            (
-                "attachments",
-                stats.attachment_count.into(),
-                self.attachments.len() as u64,
-            ),
-            (
-                "metadata records",
-                stats.metadata_count.into(),
-                self.metadata.len() as u64,
-            ),
+            ("messages", stats.message_count, self.messages.values().sum()),
+            ("schemas", stats.schema_count.into(), self.schemas.len() as u64),
+            ("channels", stats.channel_count.into(), self.channels.len() as u64),
+            ("attachments", stats.attachment_count.into(), self.attachments.len() as u64),
+            ("metadata records", stats.metadata_count.into(), self.metadata.len() as u64),
             ("chunks", stats.chunk_count.into(), self.chunks.len() as u64),
-            (
-                "nanoseconds at the first message",
-                stats.message_start_time,
-                first,
-            ),
-            (
-                "nanoseconds at the last message",
-                stats.message_end_time,
-                last,
-            ),
+            ("nanoseconds at the first message", stats.message_start_time, first),
+            ("nanoseconds at the last message", stats.message_end_time, last),
         ];
         for (what, said, found) in counts {
             if said != found {

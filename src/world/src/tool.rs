@@ -240,17 +240,14 @@ pub enum Lifecycle {
 
 /// Why a call is not a tool; a severe error that costs a step and is told to the policy.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum CallError {
     /// No tool of this name.
     #[error("{}", ToolText::UnknownTool.text(&[name]))]
-    UnknownTool {
-        /// The tool name that the policy called.
-        name: String,
-    },
+    UnknownTool { name: String },
     /// The arguments are no JSON object.
     #[error("{}", ToolText::NotAnObject.text(&[tool, found]))]
     NotAnObject {
-        /// Name of the tool, as the policy called it.
         tool: &'static str,
         /// JSON type that the arguments have, e.g. `a list`.
         found: &'static str,
@@ -258,7 +255,6 @@ pub enum CallError {
     /// An argument is missing.
     #[error("{}", ToolText::MissingArgument.text(&[tool, argument]))]
     Missing {
-        /// Name of the tool, as the policy called it.
         tool: &'static str,
         /// Name of the missing argument, e.g. `marker_id`.
         argument: &'static str,
@@ -266,13 +262,10 @@ pub enum CallError {
     /// An argument has the wrong type.
     #[error("{}", ToolText::WrongType.text(&[tool, argument, expected, found]))]
     WrongType {
-        /// Name of the tool, as the policy called it.
         tool: &'static str,
         /// Name of the argument with the wrong type, e.g. `marker_id`.
         argument: &'static str,
-        /// What it should be.
         expected: &'static str,
-        /// The value as JSON, shortened.
         found: String,
     },
 }

@@ -16,16 +16,11 @@ use reel_world::{Receptacle, Scene, Task, language};
 ///   the target does not fit.
 pub fn violations(task: &Task, scene: &Scene, reply: &str, seen_target: bool) -> Vec<&'static str> {
     let bare = without_places(scene, reply);
+    #[rustfmt::skip]
     let checks = [
-        (
-            "not_goal_driven",
-            leads_astray(task, scene, reply, &bare, seen_target),
-        ),
+        ("not_goal_driven", leads_astray(task, scene, reply, &bare, seen_target)),
         ("exact_position", tells_position(task, scene, reply, &bare)),
-        (
-            "target_named_too_early",
-            !seen_target && names_target(task, &bare),
-        ),
+        ("target_named_too_early", !seen_target && names_target(task, &bare)),
         ("raw_id", spoken_id(task, scene, reply).is_some()),
     ];
     checks

@@ -13,20 +13,12 @@ use serde_json::{Map, Value, json};
 use super::{Decision, ToolResult, names::path_component};
 
 /// Fields of a task that its files repeat, in their order.
-const IDENTITY: &[&str] = &[
-    "benchmark_task_id",
-    "family",
-    "global_index",
-    "task_id",
-    "episode_idx",
-];
-const DESCRIPTION: &[&str] = &[
-    "task_description",
-    "scene_id",
-    "source_furniture",
-    "destination_furniture",
-    "target_object",
-];
+const IDENTITY: &[&str] = &reel_world::words! {
+    benchmark_task_id family global_index task_id episode_idx
+};
+const DESCRIPTION: &[&str] = &reel_world::words! {
+    task_description scene_id source_furniture destination_furniture target_object
+};
 
 /// Why a run cannot go on.
 #[derive(Debug, thiserror::Error)]

@@ -34,6 +34,7 @@ pub(crate) enum Kind {
 type Key = (&'static str, &'static [&'static str]);
 
 /// The word of each kind, and its keys.
+#[rustfmt::skip]
 const KINDS: &[(&str, Kind, &[Key])] = &[
     (
         "call",
@@ -106,22 +107,10 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
         ],
     ),
     ("camera", Kind::Camera, &[("data", &["/data"])]),
-    (
-        "graph",
-        Kind::Graph,
-        &[("graph", &["/world_graph", "/graph", ""])],
-    ),
+    ("graph", Kind::Graph, &[("graph", &["/world_graph", "/graph", ""])]),
     ("held", Kind::Held, &[("held", &["/held", "/data", ""])]),
-    (
-        "landmark",
-        Kind::Landmark,
-        &[("landmark", &["/landmark", "/data", ""])],
-    ),
-    (
-        "markers",
-        Kind::Markers,
-        &[("markers", &["/markers", "/marker_map", ""])],
-    ),
+    ("landmark", Kind::Landmark, &[("landmark", &["/landmark", "/data", ""])]),
+    ("markers", Kind::Markers, &[("markers", &["/markers", "/marker_map", ""])]),
     (
         "reply",
         Kind::Reply,

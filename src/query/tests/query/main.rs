@@ -85,6 +85,7 @@ fn failures_are_counted_by_what_went_wrong() {
             .nav("desk_2")
             .nav("desk_1")
     };
+    #[rustfmt::skip]
     let plays = [
         new("01", Family::SUL)
             .nav("table_1")
@@ -118,20 +119,14 @@ fn failures_are_counted_by_what_went_wrong() {
             .pick(TARGET)
             .nav("cabinet_1")
             .ended(EndReason::Horizon),
-        new("07", Family::SUL)
-            .nav("table_1")
-            .find("alarm clock")
-            .ended(EndReason::Horizon),
+        new("07", Family::SUL) .nav("table_1") .find("alarm clock") .ended(EndReason::Horizon),
         new("08", Family::FDP).nav("table_1").pick(TARGET).finish(),
         new("09", Family::FDP)
             .nav("table_1")
             .nav("desk_1")
             .nav("table_1")
             .ended(EndReason::Horizon),
-        new("10", Family::FDP)
-            .nav("table_1")
-            .pick(TARGET)
-            .ended(EndReason::Fault),
+        new("10", Family::FDP) .nav("table_1") .pick(TARGET) .ended(EndReason::Fault),
         // asked, so that no question is missing; picked the wrong one first and put it back
         new("11", Family::SUL)
             .ask("Which?", "The white one.")

@@ -342,20 +342,12 @@ pub fn document() -> String {
 }
 
 /// Nested structs with a section of their own.
+#[rustfmt::skip]
 const NESTED: [(&str, &[Column]); 12] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
-    (
-        "A measurement of a robot (`episodes.measurements`, view `measurements`)",
-        MEASURED,
-    ),
-    (
-        "Log-probabilities (`steps.logprobs`, view `logprobs`)",
-        LOGPROBS,
-    ),
-    (
-        "A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)",
-        CHANGE,
-    ),
+    ("A measurement of a robot (`episodes.measurements`, view `measurements`)", MEASURED),
+    ("Log-probabilities (`steps.logprobs`, view `logprobs`)", LOGPROBS),
+    ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
     ("A reward term (`steps.terms`, view `rewards`)", TERM),
     ("A marker (`steps.marker_map`, view `markers`)", MARKER),
     (
@@ -364,15 +356,9 @@ const NESTED: [(&str, &[Column]); 12] = [
     ),
     ("An object (`tasks.objects`, view `objects`)", OBJECT),
     ("A receptacle (`scenes.receptacles`)", RECEPTACLE),
-    (
-        "A recomputed term (`rescored.terms`, view `rewards`)",
-        STEP_TERM,
-    ),
+    ("A recomputed term (`rescored.terms`, view `rewards`)", STEP_TERM),
     ("A finding (`classes.secondary`)", FINDING),
-    (
-        "A refuted claim (`contradictions.claims`, view `refuted_claims`)",
-        CLAIM,
-    ),
+    ("A refuted claim (`contradictions.claims`, view `refuted_claims`)", CLAIM),
 ];
 
 fn has_section(columns: &[Column]) -> bool {

@@ -9,44 +9,33 @@ use crate::{Table, rows::Rows};
 
 /// What the replay of a trace file found: a row of `verdicts`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
 pub struct TraceVerdict {
-    /// BLAKE3 of the file's bytes.
     pub file_digest: String,
-    /// The trace's chain digest; empty where the file could not be read.
     pub trace_digest: String,
-    /// The simulator that replayed it.
     pub sim_version: u32,
-    /// Version of Reel that replayed it.
     pub build: String,
-    /// `exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`.
     pub verdict: String,
-    /// What was found, in words.
     pub reason: String,
 }
 
 /// What the Histories of a trace claim against its record: a row of `contradictions`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
 pub struct CheckedTrace {
-    /// Id of the episode.
     pub episode_id: String,
-    /// The trace's chain digest.
     pub trace_digest: String,
-    /// Version of the checker.
     pub checker_version: u32,
-    /// The claims that the record refutes, in the order of the steps and their texts.
     pub claims: Vec<RefutedClaim>,
 }
 
 /// A claim of a History that the record refutes.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
 pub struct RefutedClaim {
-    /// The decision whose History makes the claim.
     pub step: u32,
-    /// What the claim is about.
     pub kind: String,
-    /// The words of the claim.
     pub claim: String,
-    /// What the record says instead.
     pub reason: String,
 }
 

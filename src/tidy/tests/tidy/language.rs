@@ -6,142 +6,26 @@ use reel_tidy::rust_files;
 use super::none;
 
 /// Words that no public identifier contains, split at `_` and at capital letters.
-const PARTS: &[&str] = &[
-    "luck",
-    "deed",
-    "deeds",
-    "household",
-    "households",
-    "errand",
-    "errands",
-    "oddity",
-    "oddities",
-    "thing",
-    "things",
-    "parked",
-    "elsewhere",
-    "dealt",
-    "tend",
-    "whom",
-    "whose",
-    "nobody",
-    "somebody",
-    "told",
-    "said",
-    "begun",
-    "misfit",
-    "unfit",
-    "mend",
-    "mending",
-    "mended",
-    "teller",
-    "seat",
-    "seats",
-    "awake",
-    "wake",
-    "stranger",
-    "picture",
-    "pictures",
-    "moment",
-    "moments",
-    "film",
-    "habits",
-    "beside",
-    "lay",
-    "again",
-    "patient",
-    "ours",
-    "shelves",
-];
+const PARTS: &str = "
+    luck deed deeds household households errand errands oddity oddities thing things parked
+    elsewhere dealt tend whom whose nobody somebody told said begun misfit unfit mend mending
+    mended teller seat seats awake wake stranger picture pictures moment moments film habits
+    beside lay again patient ours shelves
+";
 
 /// Words that are no public identifier as a whole: pronouns and participles name nothing.
-const WHOLE: &[&str] = &[
-    "what",
-    "which",
-    "who",
-    "here",
-    "now",
-    "then",
-    "this",
-    "it",
-    "both",
-    "made",
-    "kept",
-    "given",
-    "seen",
-    "wanted",
-    "shown",
-    "drawn",
-    "paid",
-    "fired",
-    "proven",
-    "answered",
-    "called",
-    "saw",
-    "did",
-    "tell",
-    "say",
-    "reach",
-    "looks",
-    "lay",
-    "bare",
-    "spoken",
-    "moved",
-    "elsewhere",
-    "cast",
-];
+const WHOLE: &str = "
+    what which who here now then this it both made kept given seen wanted shown drawn paid fired
+    proven answered called saw did tell say reach looks lay bare spoken moved elsewhere cast
+";
 
 /// Names that no public type has: two crates would each have one, with another meaning.
-const TYPES: &[&str] = &[
-    "Row",
-    "Place",
-    "What",
-    "Which",
-    "Options",
-    "Answer",
-    "Error",
-    "State",
-    "Kind",
-    "Seen",
-    "Known",
-    "Told",
-    "Said",
-    "Made",
-    "Kept",
-    "Given",
-    "Listed",
-    "Now",
-    "Moment",
-    "Picture",
-    "Refusal",
-    "Wording",
-    "Watch",
-    "Begun",
-    "Written",
-    "Stored",
-    "Measured",
-    "Recorded",
-    "Prepared",
-    "Asked",
-    "Named",
-    "Marked",
-    "Held",
-    "Passed",
-    "Beside",
-    "Alone",
-    "Then",
-    "About",
-    "Words",
-    "Cast",
-    "Luck",
-    "Deed",
-    "Thing",
-    "Oddity",
-    "Errand",
-    "Household",
-    "Parked",
-    "Patient",
-];
+const TYPES: &str = "
+    Row Place What Which Options Answer Error State Kind Seen Known Told Said Made Kept Given
+    Listed Now Moment Picture Refusal Wording Watch Begun Written Stored Measured Recorded
+    Prepared Asked Named Marked Held Passed Beside Alone Then About Words Cast Luck Deed Thing
+    Oddity Errand Household Parked Patient
+";
 
 /// Files and identifiers in them that keep such a word because it is written into JSON, TOML or
 /// tables: another name there is a change of format.
@@ -286,19 +170,18 @@ fn identifier(text: &str) -> &str {
 fn ruled_out(identifier: &Identifier) -> Option<&'static str> {
     let name = identifier.name.as_str();
     if identifier.is_type
-        && let Some(found) = TYPES.iter().find(|banned| **banned == name)
+        && let Some(found) = TYPES.split_whitespace().find(|banned| *banned == name)
     {
         return Some(found);
     }
     let lower = name.to_ascii_lowercase();
-    if let Some(found) = WHOLE.iter().find(|banned| **banned == lower) {
+    if let Some(found) = WHOLE.split_whitespace().find(|banned| *banned == lower) {
         return Some(found);
     }
     let parts = words(name);
     PARTS
-        .iter()
-        .find(|banned| parts.iter().any(|part| part == *banned))
-        .copied()
+        .split_whitespace()
+        .find(|banned| parts.iter().any(|part| part == banned))
 }
 
 /// The words of an identifier, in lower case.

@@ -11,13 +11,9 @@ use crate::{
 };
 
 /// What viewers draw; made of the records, read by nothing of ours.
-const DERIVED: &[&str] = &[
-    "/tf",
-    "/scene",
-    "/log",
-    "/camera/head/annotations",
-    "/camera/head/calibration",
-];
+const DERIVED: &[&str] = &reel_world::words! {
+    "/tf" "/scene" "/log" "/camera/head/annotations" "/camera/head/calibration"
+};
 
 #[test]
 fn every_flipped_bit_is_refused_or_means_nothing() {

@@ -14,13 +14,9 @@ use reel_world::{
 
 use crate::sample::{Sample, Source};
 
-const TOPICS: [&str; 5] = [
-    "/robot/odometry",
-    "/robot/primitive",
-    "/robot/vla",
-    "/robot/alignment",
-    "/camera/original",
-];
+const TOPICS: [&str; 5] = reel_world::words! {
+    "/robot/odometry" "/robot/primitive" "/robot/vla" "/robot/alignment" "/camera/original"
+};
 
 fn sample() -> (Sample, Vec<Frame>) {
     let (mut sample, frames) = Source::seeded(5).sample(2).with_frames();

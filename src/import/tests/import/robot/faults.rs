@@ -240,22 +240,11 @@ fn issue_schemas_that_cannot_be_meant() {
     let contradicting = prost_types::FileDescriptorSet { file: vec![file] }.encode_to_vec();
     // A message in itself, a list longer than its message, and a type that nothing defines.
     let itself = "Call other\n====\nMSG: r/Call\nCall other\n";
+    #[rustfmt::skip]
     let cases: [(bags::Schema<'_>, &str, &str); 6] = [
-        (
-            ("r.Call", "protobuf", &contradicting),
-            "protobuf",
-            "the schema of r.Call cannot be read",
-        ),
-        (
-            ("r.Call", "protobuf", b""),
-            "protobuf",
-            "the schema does not define r.Call",
-        ),
-        (
-            ("r/msg/Call", "ros2msg", itself.as_bytes()),
-            "cdr",
-            "messages in messages without end",
-        ),
+        (("r.Call", "protobuf", &contradicting), "protobuf", "the schema of r.Call cannot be read"),
+        (("r.Call", "protobuf", b""), "protobuf", "the schema does not define r.Call"),
+        (("r/msg/Call", "ros2msg", itself.as_bytes()), "cdr", "messages in messages without end"),
         (
             ("r/msg/Call", "ros2msg", b"float64[99999999999] tool\n"),
             "cdr",

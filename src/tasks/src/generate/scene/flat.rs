@@ -230,13 +230,9 @@ fn lay_balcony(
     wings: &[[Vec<usize>; 2]],
     sizes: &[[i32; 2]],
 ) -> bool {
-    const HOSTS: [&str; 5] = [
-        "living room",
-        "dining room",
-        "bedroom",
-        "study room",
-        "kitchen",
-    ];
+    const HOSTS: [&str; 5] = reel_world::words! {
+        "living room" "dining room" bedroom "study room" kitchen
+    };
     let depth = sizes[balcony][1];
     let outer = [(&wings[0][0], false), (&wings[wings.len() - 1][1], true)];
     let before = |host: &Cells, above: bool| {
