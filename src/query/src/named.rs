@@ -11,55 +11,25 @@ pub struct NamedQuery {
 }
 
 macro_rules! queries {
-    ($($name:literal),* $(,)?) => {
+    ($($name:ident)*) => {
         /// Every named query; one that reads another stands after it.
         pub const ALL: &[NamedQuery] = &[
-            $(NamedQuery { name: $name, sql: include_str!(concat!("../../../queries/", $name, ".sql")) },)*
+            $(NamedQuery {
+                name: stringify!($name),
+                sql: include_str!(concat!("../../../queries/", stringify!($name), ".sql")),
+            },)*
         ];
     };
 }
 
-queries![
-    "overview",
-    "quarantined",
-    "end_reasons",
-    "benchmark",
-    "main_results",
-    "success_intervals",
-    "real_world",
-    "primitives",
-    "repeatability",
-    "oscillations",
-    "failed_episodes",
-    "failures",
-    "hardest_tasks",
-    "errors",
-    "error_classes",
-    "questions",
-    "question_summary",
-    "user_fidelity",
-    "rollouts",
-    "funnel",
-    "policy_comparison",
-    "regressions",
-    "flaky_tasks",
-    "object_confusions",
-    "receptacle_confusions",
-    "distractors",
-    "reward_components",
-    "rescored_rewards",
-    "graph_events",
-    "groups",
-    "group_advantages",
-    "latency",
-    "execution",
-    "longest_episodes",
-    "success_by_budget",
-    "effort",
-    "tool_transitions",
-    "episodes_matching",
-    "pattern_success",
-];
+queries! {
+    overview quarantined end_reasons benchmark main_results success_intervals real_world
+    primitives repeatability oscillations failed_episodes failures hardest_tasks errors
+    error_classes questions question_summary user_fidelity rollouts funnel policy_comparison
+    regressions flaky_tasks object_confusions receptacle_confusions distractors reward_components
+    rescored_rewards graph_events groups group_advantages latency execution longest_episodes
+    success_by_budget effort tool_transitions episodes_matching pattern_success
+}
 
 /// Former names, which [`by_name`] still takes, each with the present one.
 const RENAMED: &[(&str, &str)] = &[

@@ -136,14 +136,9 @@ fn answers() {
         said(answer("finish", json!({ "because": "done" }))),
     ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
-    let kinds = [
-        "unread",
-        "no action",
-        "unknown tool",
-        "missing argument",
-        "wrong type",
-        "unknown argument",
-    ];
+    let kinds = reel_world::words! {
+        unread "no action" "unknown tool" "missing argument" "wrong type" "unknown argument"
+    };
     assert_eq!(
         kinds.map(|kind| count(&report, "answers", kind)),
         [1; 6],

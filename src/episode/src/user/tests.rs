@@ -221,20 +221,10 @@ fn a_reply_after_seeing_leaves_one_candidate() {
 
 /// Questions from openings, things and endings; more than 500.
 fn questions() -> Vec<String> {
-    let openings = [
-        "Which",
-        "Do you mean",
-        "Is it",
-        "Should I pick",
-        "Where is",
-        "Can you describe",
-        "What about",
-        "I see",
-        "Should I bring it to",
-        "Where should I put",
-        "Please tell me about",
-        "",
-    ];
+    let openings = reel_world::words! {
+        Which "Do you mean" "Is it" "Should I pick" "Where is" "Can you describe" "What about"
+        "I see" "Should I bring it to" "Where should I put" "Please tell me about" ""
+    };
     let things = [
         "the apple",
         "the red one",

@@ -13,38 +13,14 @@ const COLUMNS: &[(&str, ColumnKind)] = &[
 /// Every refused pattern and what is said: `errors.txt` beside this file.
 #[test]
 fn errors_say_what_where_and_what_to_do() {
-    let patterns = [
-        "",
-        "nav_to pik place",
-        "navigate_to",
-        "teleport",
-        "pick place)",
-        "(pick | place",
-        "pick |",
-        "> pick",
-        "pick+?",
-        "pick{3,2}",
-        "pick{0}",
-        "pick{200}",
-        "pick{,3}",
-        "pick[error = door_closed",
-        "pick[error = 'door_closed]",
-        "pick[error == 'x']",
-        "pick[held = null]",
-        "pick[tool in ('open', 1)]",
-        "pick[argument = argument@-99]",
-        "pick[argument@2 = 'a']",
-        "_[]",
-        "!(pick place)",
-        "nav_to\n  pick & place",
-        "\u{e9}",
-        "(ask{50}){50}",
-        "pick[rewart < 0]",
-        "pick[argument < 0]",
-        "pick[argument = reward@-1]",
-        "pick[reward]",
-        "pick[goal_object = 'yes']",
-    ];
+    let patterns = reel_world::words! {
+        "" "nav_to pik place" navigate_to teleport "pick place)" "(pick | place" "pick |" "> pick"
+        "pick+?" "pick{3,2}" "pick{0}" "pick{200}" "pick{,3}" "pick[error = door_closed"
+        "pick[error = 'door_closed]" "pick[error == 'x']" "pick[held = null]"
+        "pick[tool in ('open', 1)]" "pick[argument = argument@-99]" "pick[argument@2 = 'a']" "_[]"
+        "!(pick place)" "nav_to\n  pick & place" "\u{e9}" "(ask{50}){50}" "pick[rewart < 0]"
+        "pick[argument < 0]" "pick[argument = reward@-1]" "pick[reward]" "pick[goal_object = 'yes']"
+    };
     let refused = |text: &str| {
         Pattern::parse(text)
             .and_then(|pattern| pattern.check(COLUMNS))

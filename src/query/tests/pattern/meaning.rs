@@ -53,60 +53,23 @@ fn conditions_mean_what_sql_means() {
         ("reward", Value::Number(-0.5)),
         ("candidates", Value::Number(2.0)),
     ]);
-    let yes = [
-        "place",
-        "_",
-        "any",
-        "place[ok]",
-        "[ok]",
-        "!ask",
-        "!place[failed]",
-        "(pick|place)",
-        "!(pick|open)",
-        "[goal_object]",
-        "[tool in ('place', 'open')]",
-        "[reward < 0 and candidates >= 2]",
-        "[held IS NULL AND NOT visible IS NOT NULL]",
-        "[reward = -0.5]",
-        "[not reward > 0]",
-        "[argument like '%able%']",
-        "[argument like 'table__0\\%']",
-        "[argument not like 'tab']",
-        "[argument is not null]",
-        "[held is null]",
-        "[goal_receptacle is not true]",
-        "[goal_object = true]",
-        "[argument = \"table_10%\"]",
-        "[not (ok and tool = 'ask')]",
-        "[held = 'x' or ok]",
-        "![held = 'x']",
-        "!place[held = 'x']",
-        "[reward not in (1, 2)]",
-        "[tool > 'pick']",
-    ];
-    let no = [
-        "ask",
-        "!place",
-        "!_",
-        "place[failed]",
-        "[not goal_object]",
-        "[goal_receptacle]",
-        "[not goal_receptacle]",
-        "[held = 'x']",
-        "[held <> 'x']",
-        "[not held = 'x']",
-        "[held not in ('x')]",
-        "[held like '%']",
-        "[not held like '%']",
-        "[argument like 'table']",
-        "[argument like '%_%1']",
-        "[reward = 'x']",
-        "[tool = 1]",
-        "[argument@-1 is not null]",
-        "[argument = argument@-1]",
-        "[held = 'x' and ok]",
-        "[argument like '']",
-    ];
+    let yes = reel_world::words! {
+        place "_" any "place[ok]" "[ok]" "!ask" "!place[failed]" "(pick|place)" "!(pick|open)"
+        "[goal_object]" "[tool in ('place', 'open')]" "[reward < 0 and candidates >= 2]"
+        "[held IS NULL AND NOT visible IS NOT NULL]" "[reward = -0.5]" "[not reward > 0]"
+        "[argument like '%able%']" "[argument like 'table__0\\%']" "[argument not like 'tab']"
+        "[argument is not null]" "[held is null]" "[goal_receptacle is not true]"
+        "[goal_object = true]" "[argument = \"table_10%\"]" "[not (ok and tool = 'ask')]"
+        "[held = 'x' or ok]" "![held = 'x']" "!place[held = 'x']" "[reward not in (1, 2)]"
+        "[tool > 'pick']"
+    };
+    let no = reel_world::words! {
+        ask "!place" "!_" "place[failed]" "[not goal_object]" "[goal_receptacle]"
+        "[not goal_receptacle]" "[held = 'x']" "[held <> 'x']" "[not held = 'x']"
+        "[held not in ('x')]" "[held like '%']" "[not held like '%']" "[argument like 'table']"
+        "[argument like '%_%1']" "[reward = 'x']" "[tool = 1]" "[argument@-1 is not null]"
+        "[argument = argument@-1]" "[held = 'x' and ok]" "[argument like '']"
+    };
     yes.iter()
         .for_each(|condition| assert!(fits(condition, &step), "{condition}"));
     no.iter()

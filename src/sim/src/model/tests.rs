@@ -26,28 +26,10 @@ fn real_scene() -> Option<Scene> {
 
 /// One piece of each category in a room of its own.
 fn showroom() -> Scene {
-    let categories = [
-        "refrigerator",
-        "microwave",
-        "shelf",
-        "nightstand",
-        "counter",
-        "sofa",
-        "dresser",
-        "bookshelf",
-        "stool",
-        "bench",
-        "tvstand",
-        "oven",
-        "table",
-        "desk",
-        "bed",
-        "sink",
-        "wardrobe",
-        "armchair",
-        "thing of the future",
-        "dishwasher",
-    ];
+    let categories = reel_world::words! {
+        refrigerator microwave shelf nightstand counter sofa dresser bookshelf stool bench tvstand
+        oven table desk bed sink wardrobe armchair "thing of the future" dishwasher
+    };
     let (mut rooms, mut receptacles) = (Vec::new(), Vec::new());
     for (index, category) in categories.into_iter().enumerate() {
         let x = index as f64 * 4.0;
@@ -543,30 +525,11 @@ fn real_objects_stay_in_their_boxes() {
 
 #[test]
 fn any_category_and_size_stays_in_its_box() {
-    let categories = [
-        "apple",
-        "coffee mug",
-        "frying pan",
-        "bottle",
-        "wine glass",
-        "spoons",
-        "teddy bear",
-        "laptop",
-        "alarm clock",
-        "hourglass",
-        "banana",
-        "headphones",
-        "towel",
-        "paper towel",
-        "watch",
-        "coffee maker",
-        "broccoli",
-        "tray",
-        "photo frame",
-        "soap",
-        "unheard of",
-        "vase",
-    ];
+    let categories = reel_world::words! {
+        apple "coffee mug" "frying pan" bottle "wine glass" spoons "teddy bear" laptop "alarm clock"
+        hourglass banana headphones towel "paper towel" watch "coffee maker" broccoli tray
+        "photo frame" soap "unheard of" vase
+    };
     let sizes = [
         [0.1, 0.1, 0.1],
         [0.3, 0.05, 0.04],

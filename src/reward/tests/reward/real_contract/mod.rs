@@ -217,14 +217,9 @@ fn the_trainer_pays_whole_episodes_as_published() {
 }
 
 fn reset_wanted(reset: &Value) -> Value {
-    let keys = [
-        "error",
-        "invalid_task",
-        "stale",
-        "done",
-        "target_diffs",
-        "targets",
-    ];
+    let keys = reel_world::words! {
+        error invalid_task stale done target_diffs targets
+    };
     keys.into_iter()
         .map(|key| (key.to_owned(), reset[key].clone()))
         .collect::<Map<String, Value>>()
@@ -643,16 +638,9 @@ fn the_parts_of_the_contract_are_known() {
         .keys()
         .map(String::as_str)
         .collect();
-    let known = [
-        "mapping",
-        "convert",
-        "validate",
-        "error_text",
-        "hand",
-        "ambiguity",
-        "ask_marker",
-        "not_found",
-    ];
+    let known = reel_world::words! {
+        mapping convert validate error_text hand ambiguity ask_marker not_found
+    };
     let elsewhere = ["README", "tool_lists", "names", "task_lists", "allocation"];
     assert_eq!(parts, known.into_iter().chain(elsewhere).collect());
 }
