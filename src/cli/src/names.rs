@@ -5,23 +5,12 @@ use std::ffi::OsString;
 use clap::{Command, CommandFactory as _};
 
 /// The commands under their headings, as `reel --help` lists them.
+#[rustfmt::skip]
 const HEADINGS: [(&str, &[&str]); 6] = [
-    (
-        "Play and record",
-        &["run", "bench", "demo", "serve", "mcp", "record"],
-    ),
-    (
-        "Look and replay",
-        &["show", "view", "replay", "branch", "diff"],
-    ),
-    (
-        "Explain failures",
-        &["blame", "repair", "taxonomy", "report"],
-    ),
-    (
-        "Tables and training sets",
-        &["import", "ingest", "query", "export"],
-    ),
+    ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record"]),
+    ("Look and replay", &["show", "view", "replay", "branch", "diff"]),
+    ("Explain failures", &["blame", "repair", "taxonomy", "report"]),
+    ("Tables and training sets", &["import", "ingest", "query", "export"]),
     (
         "Groups of commands (`reel GROUP --help` lists them)",
         &[

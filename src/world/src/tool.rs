@@ -335,6 +335,7 @@ const QUESTION: Option<Argument> = Some(Argument {
 
 impl ToolSpec {
     /// The eleven policy-facing tools, in the order of docs/spec.md#tools.
+    #[rustfmt::skip]
     pub const POLICY: [ToolSpec; 11] = [
         spec(
             "nav_to",
@@ -366,42 +367,12 @@ impl ToolSpec {
             MARKER,
             "Approach the thing with this number and look at it closely.",
         ),
-        spec(
-            "pick",
-            "pick",
-            MARKER,
-            "Pick up the object with this number.",
-        ),
-        spec(
-            "place",
-            "place",
-            MARKER,
-            "Place the held object on the receptacle with this number.",
-        ),
-        spec(
-            "open",
-            "open",
-            MARKER,
-            "Open the door of the receptacle with this number.",
-        ),
-        spec(
-            "close",
-            "close",
-            MARKER,
-            "Close the door of the receptacle with this number.",
-        ),
-        spec(
-            "ask",
-            "ask",
-            QUESTION,
-            "Ask the user a question in plain words.",
-        ),
-        spec(
-            "finish",
-            "finish",
-            None,
-            "End the episode when the task is done.",
-        ),
+        spec("pick", "pick", MARKER, "Pick up the object with this number."),
+        spec("place", "place", MARKER, "Place the held object on the receptacle with this number."),
+        spec("open", "open", MARKER, "Open the door of the receptacle with this number."),
+        spec("close", "close", MARKER, "Close the door of the receptacle with this number."),
+        spec("ask", "ask", QUESTION, "Ask the user a question in plain words."),
+        spec("finish", "finish", None, "End the episode when the task is done."),
     ];
 
     /// Finds a policy-facing tool by either of its names.
