@@ -2,6 +2,13 @@
 //! and complaints to stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3
 //! done, but with data loss.
 
+#![allow(
+    rustdoc::bare_urls,
+    rustdoc::broken_intra_doc_links,
+    rustdoc::invalid_html_tags,
+    reason = "doc comments of arguments are the text of --help"
+)]
+
 #[cfg(feature = "service")]
 mod agent_arguments;
 mod camera;

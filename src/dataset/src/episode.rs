@@ -26,7 +26,7 @@ pub struct Episode {
     /// Who decided, e.g. `oracle`.
     pub policy: String,
     /// The part of the dataset that it belongs to; whole tasks or scenes
-    /// share one (see [`crate::split`]).
+    /// share one (see [`Split`]).
     pub split: Split,
     /// What the agent was told, as all of its task.
     pub briefing: Arc<TaskBriefing>,

@@ -14,7 +14,7 @@ use serde::Deserialize;
 
 use crate::{AnnotationSource, HistoryRepairs, rollouts::GroupReturn, task_index::TaskEntry};
 
-/// Columns of `episodes` that a [`Row`] is made of, in words of a kind.
+/// Columns of `episodes` that an example is made of, in words of a kind.
 pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static str> {
     let annotator: &[&str] = match words {
         AnnotationSource::Auto | AnnotationSource::Rules => ANNOTATOR_COLUMNS,

@@ -2,8 +2,8 @@
 //! model about, and what it keeps of the answers. Tools have their old names here, and `open` and
 //! `close` name a receptacle.
 //!
-//! Owns the forms and their rules, and none of the published wording: [`Wording`] is
-//! ours or the caller's.
+//! Owns the forms and their rules, and none of the published wording: [`RequestWording`]
+//! is ours or the caller's.
 
 mod action;
 mod answer;

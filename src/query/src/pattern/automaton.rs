@@ -131,7 +131,7 @@ fn written_out(node: &Node) -> usize {
     }
 }
 
-/// Thompson's construction: from place to place without a step, but for [`Place::Step`].
+/// Thompson's construction: from place to place without a step, but for [`NfaState::Step`].
 struct Graph {
     places: Vec<NfaState>,
 }

@@ -55,7 +55,7 @@ pub(super) const VISIBLE: &[Column] = columns! {
     must y_max: Int, "inclusive";
 };
 
-/// Columns of a step, nested in [`Table::Episodes`] and flat in the view `steps`.
+/// Columns of a step, nested in `episodes` and flat in the view `steps`.
 pub const STEP: &[Column] = columns! {
     must step: Int, "decision, from 0";
     must tool: Text, "the paper's name of the tool; the name as called where it is no tool";
