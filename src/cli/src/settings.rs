@@ -19,65 +19,17 @@ const FILE: &str = "reel.toml";
 /// Environment variable that names the file, wherever it lies.
 const VARIABLE: &str = "REEL_CONFIG";
 
-/// A key of `reel.toml`.
-pub struct Key {
-    /// Its name in the file.
-    pub name: &'static str,
-    /// The flag that it stands for.
-    flag: &'static str,
-    /// Environment variable that wins over the file.
-    variable: &'static str,
-    /// What it holds, for people.
-    meaning: &'static str,
-    /// Whether relative values begin at the folder of the file.
-    is_path: bool,
-}
-
-/// The keys of `reel.toml`.
-pub const KEYS: [Key; 6] = [
-    Key {
-        name: "store",
-        flag: "store",
-        variable: "REEL_STORE",
-        meaning: "text: a folder or s3://bucket/folder",
-        is_path: true,
-    },
-    Key {
-        name: "scenes",
-        flag: "scene-dir",
-        variable: "REEL_SCENES",
-        meaning: "list of texts: folders of scene files",
-        is_path: true,
-    },
-    Key {
-        name: "assets",
-        flag: "assets",
-        variable: "REEL_ASSETS",
-        meaning: "text: folder of meshes",
-        is_path: true,
-    },
-    Key {
-        name: "endpoint",
-        flag: "endpoint",
-        variable: "REEL_ENDPOINT",
-        meaning: "text: address of an OpenAI-compatible endpoint, up to /v1",
-        is_path: false,
-    },
-    Key {
-        name: "model",
-        flag: "model",
-        variable: "REEL_MODEL",
-        meaning: "text: name of a model at the endpoint",
-        is_path: false,
-    },
-    Key {
-        name: "api_key_env",
-        flag: "api-key-env",
-        variable: "REEL_API_KEY_ENV",
-        meaning: "text: environment variable that holds the endpoint's key",
-        is_path: false,
-    },
+/// The keys of `reel.toml`, with what each holds. The variable `REEL_STORE` wins over `store`.
+pub const KEYS: [(&str, &str); 6] = [
+    ("store", "text: a folder or s3://bucket/folder"),
+    ("scenes", "list of texts: folders of scene files"),
+    ("assets", "text: folder of meshes"),
+    ("endpoint", "text: address of a model's API, up to /v1"),
+    ("model", "text: name of a model at the endpoint"),
+    ("api_key_env", "text: variable that holds the API key"),
 ];
+/// Keys whose relative values begin at the folder of the file.
+const PATHS: [&str; 3] = ["store", "scenes", "assets"];
 
 /// Keys of the configuration of `reel serve`, by which its file is recognised.
 const SERVER_KEYS: [&str; 9] = reel_world::words! {
@@ -125,21 +77,18 @@ impl Settings {
                 settings.server = named;
             }
         }
-        for key in &KEYS {
-            if let Some(value) = env::var(key.variable)
-                .ok()
-                .filter(|value| !value.is_empty())
-            {
-                let value = if key.name == "scenes" {
-                    value.split(',').map(str::to_owned).collect()
-                } else {
-                    vec![value]
-                };
-                settings.values.retain(|(name, ..)| *name != key.name);
-                settings
-                    .values
-                    .push((key.name, value, format!("environment {}", key.variable)));
-            }
+        for (key, _) in KEYS {
+            let variable = format!("REEL_{}", key.to_uppercase());
+            let Some(value) = env::var(&variable).ok().filter(|value| !value.is_empty()) else {
+                continue;
+            };
+            let values = match key {
+                "scenes" => value.split(',').map(str::to_owned).collect(),
+                _ => vec![value],
+            };
+            settings.values.retain(|(name, ..)| *name != key);
+            let origin = format!("environment {variable}");
+            settings.values.push((key, values, origin));
         }
         Ok(settings)
     }
@@ -158,26 +107,23 @@ impl Settings {
         }
         for (typed, value) in &table {
             let line = 1 + text[..typed.span().start].matches('\n').count();
-            let Some(key) = KEYS.iter().find(|key| key.name == typed.get_ref()) else {
-                let names = KEYS.map(|key| key.name).join(", ");
-                bail!(
-                    "{name}:{line}: no key is called '{}'; allowed are {names}",
-                    typed.get_ref()
-                );
+            let known = KEYS.iter().find(|(key, _)| key == typed.get_ref());
+            let Some((key, meaning)) = known.copied() else {
+                let (typed, names) = (typed.get_ref(), KEYS.map(|(key, _)| key).join(", "));
+                bail!("{name}:{line}: no key is called '{typed}'; allowed are {names}");
             };
-            let Some(values) = texts(value, key.name == "scenes") else {
-                bail!("{name}:{line}: {} must be a {}", key.name, key.meaning);
+            let Some(values) = texts(value, key == "scenes") else {
+                bail!("{name}:{line}: {key} must be a {meaning}");
             };
             let folder = file
                 .parent()
-                .filter(|folder| *folder != here && key.is_path);
+                .filter(|folder| *folder != here && PATHS.contains(&key));
             let placed = |text: String| match folder {
                 Some(folder) if !text.contains("://") => folder.join(text).display().to_string(),
                 _ => text,
             };
             let values = values.into_iter().map(placed).collect();
-            self.values
-                .push((key.name, values, format!("{name}:{line}")));
+            self.values.push((key, values, format!("{name}:{line}")));
         }
         self.file = Some(file.to_owned());
         Ok(true)
@@ -204,17 +150,20 @@ impl Settings {
     }
 
     fn with_default(&self, arg: Arg, asks: bool) -> Arg {
-        let Some(key) = KEYS.iter().find(|key| arg.get_long() == Some(key.flag)) else {
-            return arg;
+        let key = match arg.get_long() {
+            Some("scene-dir") => "scenes",
+            Some("api-key-env") => "api_key_env",
+            Some(flag) => flag,
+            None => return arg,
         };
         // `--store` without a default chooses what a command does, as `--model` does where the
         // rules stand in for a model.
-        let chooses = match key.name {
+        let chooses = match key {
             "store" => arg.get_default_values().is_empty(),
             "model" => !asks,
             _ => false,
         };
-        match self.get(key.name) {
+        match self.get(key) {
             Some((values, _)) if !chooses => arg.default_values(values.iter().map(leaked)),
             _ => arg,
         }

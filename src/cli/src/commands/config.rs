@@ -29,21 +29,21 @@ pub fn run(arguments: &Arguments, settings: &Settings) -> ExitStatus {
             None => println!("no reel.toml in this folder or above"),
         }
     }
-    for key in &KEYS {
-        let found = settings.get(key.name);
+    for (key, _) in KEYS {
+        let found = settings.get(key);
         if arguments.json {
             let (values, origin) = found.unzip();
             println!(
                 "{}",
-                json!({ "key": key.name, "values": values, "from": origin })
+                json!({ "key": key, "values": values, "from": origin })
             );
         } else {
-            let default = if key.name == "store" { "store" } else { "" };
+            let default = if key == "store" { "store" } else { "" };
             let (value, origin) = found
                 .map_or((default.to_owned(), "default"), |(values, origin)| {
                     (values.join(", "), origin)
                 });
-            println!("{:11} {value:40} {origin}", key.name);
+            println!("{key:11} {value:40} {origin}");
         }
     }
     ExitStatus::Success

@@ -83,7 +83,7 @@ fn a_store_keeps_what_was_measured() {
         expect(
             folder,
             0,
-            &["query", "--store", "store", "--format", "csv", sql],
+            &format!("query --store store --format csv | {sql}"),
         )
     };
     let kept = ask("SELECT tool, harm, cause, alternative FROM blame");
@@ -184,7 +184,7 @@ fn the_taxonomy_takes_the_measured_step() {
         let rows = expect(
             folder,
             0,
-            &["query", "--store", "store", "--format", "csv", sql],
+            &format!("query --store store --format csv | {sql}"),
         );
         let numbers: Vec<u32> = rows
             .lines()

@@ -117,14 +117,7 @@ fn minting_demands_a_reason_and_writes_it_down() {
     let broken = complaint(
         folder,
         2,
-        &[
-            "dev",
-            "mint",
-            "--corpus",
-            "forged",
-            "--reason",
-            "An honest try.",
-        ],
+        "dev mint --corpus forged --reason | An honest try.",
     );
     assert!(broken.contains("raise SIM_VERSION"), "{broken}");
 }

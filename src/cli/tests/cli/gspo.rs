@@ -208,7 +208,7 @@ fn from_an_endpoint_to_the_objective() {
     let asked = expect(
         here,
         0,
-        &["query", "--store", "store", "--format", "csv", sql],
+        &format!("query --store store --format csv | {sql}"),
     );
     near(
         &asked.lines().nth(1).unwrap().parse::<f64>().unwrap().into(),

@@ -220,7 +220,7 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
         let rows = expect(
             folder,
             0,
-            &["query", "--store", "store", "--format", "csv", sql],
+            &format!("query --store store --format csv | {sql}"),
         );
         assert!(rows.contains("robot,qwen,true,2"), "{rows}");
     }

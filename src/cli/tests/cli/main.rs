@@ -52,20 +52,23 @@ use std::{
     process::{Command, Output},
 };
 
-/// The arguments of a command: one text, or a list where an argument holds spaces.
+/// The arguments of a command: one text, in which ` | ` stands before a last argument with spaces,
+/// or a list.
 trait CommandLine {
     fn list(&self) -> Vec<&str>;
 }
 
 impl CommandLine for str {
     fn list(&self) -> Vec<&str> {
-        self.split_whitespace().collect()
+        let (words, last) = self.split_once(" | ").unzip();
+        let words = words.unwrap_or(self).split_whitespace();
+        words.chain(last).collect()
     }
 }
 
 impl CommandLine for String {
     fn list(&self) -> Vec<&str> {
-        self.split_whitespace().collect()
+        self.as_str().list()
     }
 }
 
@@ -247,24 +250,13 @@ fn tables_questions_and_training_rows() {
     let count = expect(
         folder,
         0,
-        &[
-            "query",
-            "--store",
-            "store",
-            "--format",
-            "csv",
-            "SELECT count(*) AS n FROM episodes",
-        ],
+        "query --store store --format csv | SELECT count(*) AS n FROM episodes",
     );
     assert_eq!(count.trim(), "n\n8");
     for named in ["benchmark", "failures", "oscillations"] {
         reel!(folder, "query --store store --named {named} --format json");
     }
-    let refused = complaint(
-        folder,
-        2,
-        &["query", "--store", "store", "DROP TABLE episodes"],
-    );
+    let refused = complaint(folder, 2, "query --store store | DROP TABLE episodes");
     assert!(!refused.is_empty());
 
     let report = reel!(

@@ -175,17 +175,7 @@ fn a_model_writes_the_table() {
     );
 
     let url = super::endpoint::endpoint("I would rather not.");
-    let asked = [
-        "task",
-        "compatibility",
-        "--scene",
-        "S4",
-        "--out",
-        "other.json",
-        "--model",
-        "scripted",
-        "--endpoint",
-        &url,
-    ];
+    let asked =
+        format!("task compatibility --scene S4 --out other.json --model scripted --endpoint {url}");
     assert!(complaint(folder, 2, &asked).contains("none of the"));
 }

@@ -151,14 +151,8 @@ fn people_label_disagree_and_decide() {
     let first = expect(
         folder,
         0,
-        &[
-            "query",
-            "--store",
-            "store",
-            "--format",
-            "csv",
-            "SELECT min(episode_id) AS id FROM classes",
-        ],
+        "query --store store --format csv | \
+                SELECT min(episode_id) AS id FROM classes",
     );
     let id = first.lines().nth(1).unwrap();
     let set = |arguments: &[&str], code: i32| {
@@ -281,14 +275,10 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         expect(
             folder,
             0,
-            &[
-                "query",
-                "--store",
-                store,
-                "--format",
-                "csv",
-                "SELECT episode_id, class, sub_class FROM classes ORDER BY 1",
-            ],
+            &format!(
+                "query --store {store} --format csv | \
+                SELECT episode_id, class, sub_class FROM classes ORDER BY 1"
+            ),
         )
     };
     let before = classes("store");
@@ -321,19 +311,9 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         4
     );
     // asked again it answers from what was kept, without the endpoint
-    let gone = [
-        "taxonomy",
-        "judge",
-        "--store",
-        "store",
-        "--endpoint",
-        "http://127.0.0.1:9/v1",
-        "--model",
-        "scripted",
-        "--max",
-        "4",
-    ];
-    assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
+    let gone = "taxonomy judge --store store --endpoint http://127.0.0.1:9/v1 --model scripted \
+        --max 4";
+    assert!(expect(folder, 0, gone).starts_with("4 episodes judged"));
     let agreement = reel!(folder, "taxonomy agreement --store store --reference judge");
     assert!(
         agreement.contains("rules against 'judge': 4 episodes"),

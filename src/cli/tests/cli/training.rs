@@ -34,20 +34,10 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
     let said = reel!(folder, "dataset annotate traces");
     assert!(said.contains("of 2 traces annotated"), "{said}");
     let rows = |words: &str| {
-        let export = [
-            "export",
-            "sft",
-            "--store",
-            "store",
-            "--images",
-            "none",
-            "--format",
-            "trl",
-            "--annotations",
-            words,
-            "--out",
-            words,
-        ];
+        let export = format!(
+            "export sft --store store --images none --format trl --annotations {words} \
+            --out {words}"
+        );
         expect(folder, 0, &export);
         lines(&fs::read_to_string(folder.join(words).join("train/train-00000.jsonl")).unwrap())
     };
