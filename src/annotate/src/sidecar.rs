@@ -191,7 +191,7 @@ mod tests {
         assert!(refusal(b"a").contains("annotate the trace first"));
         write_notes(&path, &provenance(2), &[entry("a"), entry("b")]).unwrap();
         assert!(
-            refusal(b"other").contains("recorded anew"),
+            refusal(b"other").contains("recorded again"),
             "{}",
             refusal(b"other")
         );

@@ -273,7 +273,7 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
     )
     .unwrap();
     for (index, word) in [
-        (0, "object id"),
+        (0, "object instance"),
         (1, "position"),
         (2, "nobody flew"),
         (3, "no complete note"),

@@ -111,7 +111,14 @@ fn minting_demands_a_reason_and_writes_it_down() {
             .unwrap()
             .contains(reason)
     );
-    assert!(fs::read(folder.join("corpus").join(NAMES[1])).unwrap() == fs::read(&golden).unwrap());
+    // The same episode, whatever the version of the build that recorded it.
+    let episode = |path: &Path| {
+        let mut trace = Trace::read(path).unwrap();
+        trace.header.build.clear();
+        chain::relink(&trace.header, &mut trace.start, &mut trace.steps);
+        (trace.header, trace.start, trace.steps)
+    };
+    assert!(episode(&folder.join("corpus").join(NAMES[1])) == episode(&golden));
     // A corpus of this simulator that is not exact is no reason to mint: something broke.
     forged_corpus(&folder.join("forged"), 2);
     let broken = complaint(

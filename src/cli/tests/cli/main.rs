@@ -284,11 +284,7 @@ fn tables_questions_and_training_rows() {
 
 /// The commands that a help lists.
 fn commands(help: &str) -> Vec<String> {
-    let listed = help
-        .lines()
-        .skip_while(|line| *line != "Commands:")
-        .skip(1)
-        .take_while(|line| !line.is_empty());
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let name = |line: &str| {
         line.strip_prefix("  ")
             .filter(|line| !line.starts_with(' '))?
@@ -297,6 +293,7 @@ fn commands(help: &str) -> Vec<String> {
             .map(str::to_owned)
     };
     listed
+        .take_while(|line| *line != "Options:")
         .filter_map(name)
         .filter(|name| name != "help")
         .collect()

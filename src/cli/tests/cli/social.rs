@@ -45,7 +45,7 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     );
     let first = annotated(folder, &[]);
     let count = first["annotated"].as_u64().unwrap();
-    assert!(count >= 10 && first["kept"] == 0, "{first}");
+    assert!(count >= 10 && first["unchanged"] == 0, "{first}");
     let before = files(&folder.join("social"));
     assert_eq!(before.len() as u64, count);
 
@@ -53,13 +53,13 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     fs::write(&before[1].0, &before[1].1[..100]).unwrap();
     let again = annotated(folder, &["--jobs", "1"]);
     assert_eq!(
-        (again["annotated"].as_u64(), again["kept"].as_u64()),
+        (again["annotated"].as_u64(), again["unchanged"].as_u64()),
         (Some(count), Some(count - 2)),
         "{again}"
     );
     assert_eq!(files(&folder.join("social")), before);
     assert_eq!(
-        annotated(folder, &["--seed", "2"])["kept"],
+        annotated(folder, &["--seed", "2"])["unchanged"],
         0,
         "other options make other tasks"
     );
@@ -125,5 +125,5 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
         folder,
         &["--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted"],
     );
-    assert_eq!(kept["kept"], said["annotated"]);
+    assert_eq!(kept["unchanged"], said["annotated"]);
 }
