@@ -97,7 +97,7 @@ docs: ## build the guides as a book in out/book (installs mdbook where it is mis
 	command -v mdbook >/dev/null || cargo install --locked mdbook
 	PATH="$$PATH:$$HOME/.cargo/bin" mdbook build
 	@# links that leave docs/ lead into the checkout
-	sed -i -E 's#href="\.\./#href="@@/#g; s,href="@@/([^"#]*)\.html,href="@@/\1.md,g; s#"@@/#"../../#g' out/book/*.html
+	sed -i -E 's#href="\.\./#href="@@/#g; s,(href="@@/[^"#]*\.)html,\1md,g; s#"@@/#"../../#g' out/book/*.html
 
 lint: ## check format, lints and documentation
 	cargo fmt --all --check

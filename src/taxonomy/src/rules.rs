@@ -226,7 +226,7 @@ mod tests {
             ("Other", "x", 7, "Words.")
         );
         for (from, to, complaint) in [
-            ("Other", "Bad Luck", "none of Object Confusion"),
+            ("Other", "Bad Luck", "not one of Object Confusion"),
             ("-- Class: Other\n", "", "no line `-- Class: ...`"),
             ("Sub-class: x", "Sub-class: X y", "other characters"),
             ("Priority: 7", "Priority: high", "no whole number"),

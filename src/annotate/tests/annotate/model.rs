@@ -274,7 +274,7 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
     .unwrap();
     for (index, word) in [
         (0, "object instance"),
-        (1, "position"),
+        (1, "coordinates"),
         (2, "nobody flew"),
         (3, "no complete note"),
     ] {

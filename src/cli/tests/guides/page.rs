@@ -12,13 +12,13 @@
 pub struct Page {
     /// Path from the root of the repository.
     pub path: String,
-    /// The Markdown.
+    /// The Markdown of the page, as the file has it.
     pub text: String,
     /// Fenced blocks and setups, in order.
     pub blocks: Vec<Block>,
 }
 
-/// A fenced block.
+/// A fenced block with what the comment before it asks for.
 pub struct Block {
     /// Number of the line with the opening fence.
     pub line: usize,

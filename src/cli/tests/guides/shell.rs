@@ -82,7 +82,7 @@ pub struct Session<'a> {
     /// Ports that the page names, and free ones that stand for them.
     ports: BTreeMap<u16, u16>,
     servers: Vec<Server>,
-    /// Commands that ran.
+    /// How many commands ran.
     pub run: usize,
     /// Commands and blocks that were parsed by what reads them.
     pub parsed: usize,

@@ -46,7 +46,7 @@ pub struct Shares {
     pub perception: f64,
     /// Share of the loss that is due to [`Cause::Communication`], from 0 to 1.
     pub communication: f64,
-    /// Share of the loss that is due to [`Cause::MarkerMemory`], from 0 to 1.
+    /// Share of the loss that is due to [`Cause::Memory`], from 0 to 1.
     pub memory: f64,
     /// Share of the loss that is due to [`Cause::Other`], from 0 to 1.
     pub other: f64,

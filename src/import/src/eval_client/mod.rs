@@ -2,7 +2,7 @@
 //! scores an episode, loops over tasks, and which files it writes. What it writes, the importer
 //! of this crate reads.
 //!
-//! [`run`] is its loop over any [`EvalDriver`]; [`replay::Recorded`] is one over recorded traces,
+//! [`run`] is its loop over any [`EvalDriver`]; [`replay::RecordedRun`] is one over recorded traces,
 //! so that REAL's own analysis reads them.
 
 mod files;

@@ -27,8 +27,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
     ("llm", &["world", "agents", "episode", "trace", "prompt"]),
-    ("annotate", &["world", "trace", "history", "llm", "prompt", "dataset"]),
     ("dataset", &["world", "history", "prompt"]),
+    ("annotate", &["world", "trace", "history", "llm", "prompt", "dataset"]),
     (
         "export",
         &[
