@@ -216,7 +216,10 @@ impl<'a> Session<'a> {
         }
         self.run += usize::from(block.language != "setup");
         let body = self.with_free_ports(&scan.body);
-        let server = SERVERS.iter().find(|(name, _)| body.starts_with(name));
+        let server = SERVERS.iter().find(|(name, _)| {
+            body.strip_prefix(name)
+                .is_some_and(|rest| rest.is_empty() || rest.starts_with([' ', '\n']))
+        });
         if let Some((_, port)) = server {
             return self.serve(&body, *port);
         }
