@@ -199,9 +199,9 @@ mod tests {
         let lines: Vec<&str> = whole.lines().collect();
         for (text, word) in [
             (String::new(), "line 1"),
-            ("{}\n".to_owned(), "line 1 is no provenance"),
+            ("{}\n".to_owned(), "line 1 is not a provenance"),
             (lines[..2].join("\n"), "1 of 2 decisions"),
-            (whole[..whole.len() - 9].to_owned(), "line 3 is no note"),
+            (whole[..whole.len() - 9].to_owned(), "line 3 is not a note"),
         ] {
             fs::write(&path, text).unwrap();
             assert!(refusal(b"a").contains(word), "{word}: {}", refusal(b"a"));
