@@ -656,7 +656,7 @@ impl std::fmt::Debug for QuerySession {
 }
 
 /// The state of an engine that has every function a session has, for who runs the plans of
-/// sessions with a [remote engine](Session::with_remote_engine).
+/// sessions with a remote engine.
 pub fn every_function(
     config: SessionConfig,
     environment: Arc<RuntimeEnv>,
