@@ -1,11 +1,11 @@
 -- ignored_answer
 --
--- The instruction fits several things, the user was asked and answered, and another object was taken all the same. The
--- decisive step is the last pick.
+-- The instruction fits several things, the user was asked and the answer told the target from them, and another object was taken
+-- all the same. The decisive step is the last pick.
 --
 -- Class: Object Confusion
 -- Sub-class: ignored_answer
--- Priority: 20
+-- Priority: 12
 SELECT sequence_find(steps, 'pick[ok and object_match in (''instance'', ''category'', ''distractor'')] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes
-WHERE fuzzy AND sequence_match(steps, 'ask[ok] .. pick[ok and not goal_object] !(pick[ok] | place[put_back])* $')
+WHERE fuzzy AND sequence_match(steps, 'ask[ok and settles] .. pick[ok and not goal_object] !(pick[ok] | place[put_back])* $')

@@ -1,19 +1,13 @@
 -- oscillation
 --
--- Back and forth between the same two receptacles, or round three, at least four times with nothing in between, and
--- nothing done after it (paper, Lost Action Memory). The decisive step is the first of these calls.
+-- Up to the end, calls that could bring nothing new outnumber the others: the same drives, looks and openings were made
+-- before in the same state of the world. Back and forth between two receptacles is the common case (paper, Lost Action
+-- Memory); it does not matter how many receptacles, with which looks in between. Failures of skills do not count. The decisive step
+-- is the first of these calls.
 --
 -- Class: Lost Memory
 -- Sub-class: oscillation
--- Priority: 21
-SELECT coalesce(
-  sequence_find(
-    steps,
-    'nav_to nav_to[argument <> argument@-1] nav_to[argument = argument@-2]{2,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
-  ),
-  sequence_find(
-    steps,
-    'nav_to nav_to[argument <> argument@-1] nav_to[argument <> argument@-1 and argument <> argument@-2] nav_to[argument = argument@-3]{3,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
-  )
-) AS found
+-- Priority: 22
+SELECT prevailing_tail(steps, 'repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))') AS found
 FROM episodes
+WHERE prevailing_tail(steps, 'repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))').margin >= 3

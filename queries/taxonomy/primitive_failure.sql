@@ -6,5 +6,5 @@
 -- Class: Other
 -- Sub-class: primitive_failure
 -- Priority: 24
-SELECT sequence_find(steps, '_[error_code = ''backend_error''] !(pick[ok] | place[ok])* $') AS found
+SELECT sequence_find(steps, '_[error_code in (''backend_error'', ''skill_failed'')] !(pick[ok] | place[ok])* $') AS found
 FROM episodes

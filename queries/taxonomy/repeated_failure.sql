@@ -1,13 +1,18 @@
 -- repeated_failure
 --
--- The same call with the same arguments failed three times or more in a row, and nothing was done after it: the
--- failures before were forgotten. The decisive step is the first of them.
+-- Calls that had failed before in the same state of the world fail again, and prevail up to the end: the failures before were
+-- forgotten. The decisive step is the first repetition.
 --
 -- Class: Lost Memory
 -- Sub-class: repeated_failure
 -- Priority: 21
-SELECT sequence_find(
+SELECT prevailing_tail(
   steps,
-  '_[error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')] _[failed and tool = tool@-1 and arguments = arguments@-1 and error_code = error_code@-1]{2,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
+  'repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')'
 ) AS found
 FROM episodes
+WHERE prevailing_tail(
+  steps,
+  'repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')'
+).margin >= 1
+  AND sequence_count(steps, '_[repeated and failed]') >= 2

@@ -63,7 +63,7 @@ export type Changes = { physics: Change[]; registry: Change[] };
 export type Decisive = {
   advised_call: Call;
   call: Call;
-  cause: "perception" | "communication" | "memory" | "other";
+  cause: "perception" | "communication" | "memory" | "primitive" | "other";
   explanation: string;
   harm: "world" | "ending" | "time";
   outcome: string;

@@ -4,7 +4,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::plan::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView};
+use crate::plan::{
+    Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView, Presumption,
+};
 use reel_world::{
     ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},
@@ -232,22 +234,29 @@ impl Planner {
             .unwrap_or(Tool::Finish)
     }
 
+    /// The question that would tell apart what fits now.
+    pub fn question(&self, context: &PolicyContext<'_>) -> Tool {
+        let vague = self.hints.iter().find(|hint| hint.goal.vague);
+        let category = vague.map(|hint| hint.category.as_str());
+        Tool::Ask {
+            question: question(context.perceived, category),
+        }
+    }
+
     /// What speaks against a call that somebody else makes now.
     pub fn objection(&mut self, context: &PolicyContext<'_>, call: &ToolCall) -> Option<Objection> {
-        let seen = context.perceived;
-        let made = match Tool::parse(call).ok()? {
-            Tool::NavTo { receptacle } => Move::NavTo(receptacle),
-            Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
-            Tool::ShowReceptacles => Move::ShowReceptacles,
-            Tool::GazeAt { marker } => Move::Gaze(thing_at(seen, marker)?),
-            Tool::Pick { marker } => Move::Pick(thing_at(seen, marker)?),
-            Tool::Place { marker } => Move::Place(place_at(seen, marker)?),
-            Tool::Ask { .. } => Move::Ask(0),
-            Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => {
-                return None;
-            }
-        };
+        let made = as_move(context, call)?;
         self.belief(context).objection(&made)
+    }
+
+    /// What a call that somebody else makes now takes for known.
+    pub fn presumption(
+        &mut self,
+        context: &PolicyContext<'_>,
+        call: &ToolCall,
+    ) -> Option<Presumption> {
+        let made = as_move(context, call)?;
+        self.belief(context).presumption(&made)
     }
 
     fn at_start(&self, context: &PolicyContext<'_>) -> Belief {
@@ -357,10 +366,28 @@ impl Planner {
             (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => {
                 place(marker).map(CallEffect::NoDoor)
             }
-            (Tool::Ask { .. }, None) => Some(CallEffect::Ask(names_it(&context.observation.text))),
+            (Tool::Ask { .. }, None) => {
+                Some(CallEffect::Ask(self.settles(&context.observation.text, context)))
+            }
             _ => None,
         };
         deed.into_iter().collect()
+    }
+
+    /// Whether an answer tells the meant object from the others that fit the instruction.
+    fn settles(&self, reply: &str, context: &PolicyContext<'_>) -> bool {
+        let instruction = &context.briefing.instruction;
+        let vague = |seen: &&PerceivedItem| {
+            self.hints
+                .iter()
+                .any(|hint| hint.goal.vague && hint.fits(seen, instruction))
+        };
+        let fitting: Vec<&PerceivedItem> = self.looks.values().filter(vague).collect();
+        let named = fitting
+            .iter()
+            .filter(|seen| language::fits(reply, &seen.described(), None))
+            .count();
+        names_it(reply) && (fitting.len() < 2 || named < fitting.len())
     }
 
     fn remember(&mut self, tool: Option<Tool>, context: &PolicyContext<'_>, own: bool) {
@@ -370,6 +397,21 @@ impl Planner {
             own,
         });
     }
+}
+
+/// A call in the planner's own terms, where it has any.
+fn as_move(context: &PolicyContext<'_>, call: &ToolCall) -> Option<Move> {
+    let seen = context.perceived;
+    Some(match Tool::parse(call).ok()? {
+        Tool::NavTo { receptacle } => Move::NavTo(receptacle),
+        Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
+        Tool::ShowReceptacles => Move::ShowReceptacles,
+        Tool::GazeAt { marker } => Move::Gaze(thing_at(seen, marker)?),
+        Tool::Pick { marker } => Move::Pick(thing_at(seen, marker)?),
+        Tool::Place { marker } => Move::Place(place_at(seen, marker)?),
+        Tool::Ask { .. } => Move::Ask(0),
+        Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => return None,
+    })
 }
 
 /// The thing with that number.

@@ -27,16 +27,36 @@ pub(crate) struct HistoryChecks<'s> {
 ///
 /// # Errors
 /// When the store cannot be read or written.
-pub fn check_histories(store: &Store, mut progress: impl FnMut(usize)) -> Result<(), StoreError> {
-    #[derive(Deserialize)]
-    struct Row<'a> {
-        trace: &'a str,
-        trace_digest: &'a str,
-    }
+pub fn check_histories(store: &Store, progress: impl FnMut(usize)) -> Result<(), StoreError> {
+    check(store, |_| true, progress)
+}
+
+/// [`check_histories`] of failed episodes alone, which explains them.
+///
+/// # Errors
+/// When the store cannot be read or written.
+pub fn check_failed_histories(store: &Store) -> Result<(), StoreError> {
+    check(store, |row| row.success == Some(false), |_| ())
+}
+
+#[derive(Deserialize)]
+struct EpisodeRow<'a> {
+    trace: &'a str,
+    trace_digest: &'a str,
+    success: Option<bool>,
+}
+
+fn check(
+    store: &Store,
+    wanted: impl Fn(&EpisodeRow<'_>) -> bool,
+    mut progress: impl FnMut(usize),
+) -> Result<(), StoreError> {
     let mut checks = HistoryChecks::open(store)?;
-    store.read(Table::Episodes, &["trace", "trace_digest"], |batch| {
-        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
-        checks.check(rows.iter().map(|row| (row.trace, row.trace_digest)));
+    let columns = ["trace", "trace_digest", "success"];
+    store.read(Table::Episodes, &columns, |batch| {
+        let rows: Vec<EpisodeRow<'_>> = reel_tables::rows_from(&batch)?;
+        let traces = rows.iter().filter(|row| wanted(row));
+        checks.check(traces.map(|row| (row.trace, row.trace_digest)));
         progress(rows.len());
         Ok(())
     })?;

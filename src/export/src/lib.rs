@@ -30,7 +30,7 @@ use reel_prompt::Prompt;
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
 
-pub use contradictions::check_histories;
+pub use contradictions::{check_failed_histories, check_histories};
 pub use gspo::{GroupObjective, GspoOptions, GspoReport, Sequence, SequenceUnit, gspo};
 pub use rollouts::RolloutOptions;
 pub use select::Selection;

@@ -5,6 +5,7 @@
 
 pub mod buckets;
 mod rescore;
+mod revisit;
 mod rows;
 pub mod schema;
 mod store;

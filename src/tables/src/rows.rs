@@ -14,14 +14,14 @@ use arrow::array::RecordBatch;
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
-    WorldGraph, canonical_json,
+    WorldGraph, canonical_json, language,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
 use serde_arrow::ArrayBuilder;
 use serde_json::Value;
 
-use crate::Table;
+use crate::{Table, revisit::Revisits};
 pub(crate) use tasks::{door, name_of};
 use tasks::{scene_row, task_row};
 
@@ -279,6 +279,8 @@ pub(crate) struct Step<'a> {
     pub(crate) receptacle_match: Option<&'static str>,
     pub(crate) put_back: Option<bool>,
     pub(crate) fell: Option<&'static str>,
+    pub(crate) repeated: bool,
+    pub(crate) goals_met: usize,
     pub(crate) held: Option<&'a str>,
     pub(crate) marker_count: usize,
     pub(crate) visible_count: usize,
@@ -296,6 +298,7 @@ pub(crate) struct Step<'a> {
     pub(crate) plan: Option<&'a str>,
     pub(crate) question: Option<Cow<'a, str>>,
     pub(crate) reply: Option<&'a str>,
+    pub(crate) settles: Option<bool>,
     pub(crate) reply_source: Option<Value>,
     pub(crate) raw: Option<&'a str>,
     pub(crate) prompt_tokens: Option<u32>,
@@ -323,7 +326,9 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
         .map(|visible| &visible.object)
         .collect();
     let mut rows = Vec::with_capacity(trace.steps.len());
+    let mut revisits = Revisits::new(trace);
     for record in &trace.steps {
+        let repeated = revisits.follow(record);
         let shown = record
             .visible
             .iter()
@@ -365,6 +370,8 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 .map(|id| receptacle_match(&trace.task, &trace.scene, id)),
             put_back: put_back(&trace.task, record),
             fell: fell(&trace.task, record),
+            repeated,
+            goals_met: revisits.goals_met(),
             held: record.held.as_ref().map(InstanceId::as_str),
             marker_count: record.markers.len(),
             visible_count: record.visible.len(),
@@ -385,6 +392,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             plan: policy.and_then(|policy| said(&policy.plan)),
             question: question(record),
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
+            settles: settles(&trace.task, record, seen.iter().copied().filter(|id| candidates.contains(*id))),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
             raw: policy.and_then(|policy| said(&policy.raw)),
             prompt_tokens: policy
@@ -502,6 +510,22 @@ fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
     } else {
         "other"
     })
+}
+
+/// Of an answered question: whether the answer fits the target and none of the other candidates that
+/// were seen.
+fn settles<'a>(
+    task: &Task,
+    record: &StepRecord,
+    mut candidates: impl Iterator<Item = &'a InstanceId>,
+) -> Option<bool> {
+    let reply = &record.reply.as_ref()?.text;
+    let fits = |id: &InstanceId| {
+        task.object(id)
+            .is_some_and(|object| language::fits(reply, object, None))
+    };
+    let told_apart = !candidates.any(|id| *id != task.target && fits(id));
+    Some(language::names_object(reply) && fits(&task.target) && told_apart)
 }
 
 fn question(record: &StepRecord) -> Option<Cow<'_, str>> {

@@ -376,7 +376,7 @@ impl<'a> Play<'a, '_> {
         self.call("ask", Some(json!(question)), reply);
         let step = self.last();
         (step.question, step.reply) = (Some(question.into()), Some(reply));
-        step.reply_source = Some("rule-based".into());
+        (step.reply_source, step.settles) = (Some("rule-based".into()), Some(true));
         step.terms.push(Term {
             component: "ask",
             value: 1.0,
@@ -436,6 +436,7 @@ impl<'a> Play<'a, '_> {
             (Some(goal), Some(right), Some(false));
         (step.object_match, step.receptacle_match) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
+        step.goals_met = usize::from(right);
         let value = if right { 3.5 } else { -2.0 };
         step.terms.push(Term {
             component: if right { "task" } else { "phys" },
@@ -487,6 +488,14 @@ impl<'a> Play<'a, '_> {
         });
         let visible_objects: Vec<Visible<'a>> = visible.collect();
         let spec = ToolSpec::by_name(tool).expect("a tool of the paper");
+        let before = self.steps.last();
+        let since = self.steps.iter().rposition(|step| !step.changes.is_empty());
+        let in_this_state = &self.steps[since.map_or(0, |step| step + 1)..];
+        let text_of = |value: &Value| value_text(value).into_owned();
+        let repeated = tool == "nav_to"
+            && in_this_state
+                .iter()
+                .any(|step| step.tool == tool && step.argument == argument.as_ref().map(|value| text_of(value).into()));
         let arguments = match (spec.argument, &argument) {
             (Some(key), Some(value)) => json!({ key.name: value }),
             _ => json!({}),
@@ -507,6 +516,8 @@ impl<'a> Play<'a, '_> {
             object_match: None,
             receptacle_match: None,
             put_back: None,
+            repeated,
+            goals_met: before.map_or(0, |step| step.goals_met),
             fell: None,
             held: self.held,
             marker_count: 0,
@@ -526,6 +537,7 @@ impl<'a> Play<'a, '_> {
             question: None,
             reply: None,
             reply_source: None,
+            settles: None,
             raw: None,
             prompt_tokens: Some(900 + self.chance.below(600) as u32),
             completion_tokens: Some(60 + self.chance.below(200) as u32),

@@ -11,10 +11,21 @@ use arrow::{
 use reel_query::{QueryError, QuerySession, fuse};
 use reel_tables::{ClassRow, Finding};
 
-use crate::{RuleSet, TaxonomyError, rules::Rule};
+use crate::{
+    RuleSet, TaxonomyError,
+    explain::{ACHIEVEMENTS, Evidence, FalseClaims, Measured, explain, heed_claims},
+    rules::Rule,
+};
 
 /// Columns that name an episode.
-const KEEP: [&str; 5] = ["episode_id", "trace_digest", "backend", "family", "policy"];
+const KEEP: [&str; 6] = [
+    "episode_id",
+    "trace_digest",
+    "backend",
+    "family",
+    "policy",
+    "length",
+];
 
 /// The failed episodes with their classes.
 #[derive(Debug)]
@@ -25,8 +36,10 @@ pub struct Classification {
     fields: Vec<Vec<String>>,
     batches: Vec<RecordBatch>,
     found: Vec<ClassifiedEpisode>,
-    /// The decisive steps that were measured, by episode and trace.
-    measured: BTreeMap<(String, String), i32>,
+    /// What blame measured, by episode and trace.
+    measured: BTreeMap<(String, String), Measured>,
+    /// False claims of Histories, by trace.
+    claims: BTreeMap<String, FalseClaims>,
 }
 
 /// One episode: where it stands, and what was found, the most important first.
@@ -34,7 +47,9 @@ pub struct Classification {
 struct ClassifiedEpisode {
     batch: u32,
     row: u32,
-    findings: Vec<(u16, i32, i32)>,
+    /// Number of its steps.
+    length: i32,
+    findings: Vec<Evidence>,
 }
 
 /// Applies the rules to the failed episodes of a store that fulfil a condition in SQL.
@@ -60,8 +75,10 @@ pub fn classify(
             .enumerate()
             .map(|(index, rule)| RuleMatches::new(batch, index, rule));
         let answers = answers.collect::<Result<Vec<_>, _>>()?;
+        let lengths = cast(&batch["length"], &DataType::Int32).map_err(QueryError::from)?;
+        let lengths: &Int32Array = lengths.as_primitive();
         for row in 0..batch.num_rows() {
-            let mut findings: Vec<(u16, i32, i32)> = (0_u16..)
+            let mut findings: Vec<Evidence> = (0_u16..)
                 .zip(&answers)
                 .filter_map(|(rule, answer)| {
                     answer.at(row).map(|(first, last)| (rule, first, last))
@@ -74,6 +91,7 @@ pub fn classify(
             found.push(ClassifiedEpisode {
                 batch: batch_index as u32,
                 row: row as u32,
+                length: lengths.value(row),
                 findings,
             });
         }
@@ -91,25 +109,53 @@ pub fn classify(
         batches,
         found,
         measured: measured(session)?,
+        claims: claims(session)?,
     })
 }
 
 /// What `reel blame` measured, where it did.
-fn measured(session: &QuerySession) -> Result<BTreeMap<(String, String), i32>, QueryError> {
-    let batches =
-        session.run("SELECT episode_id, trace_digest, step FROM blame WHERE step IS NOT NULL")?;
+fn measured(session: &QuerySession) -> Result<BTreeMap<(String, String), Measured>, QueryError> {
+    let batches = session.run(
+        "SELECT episode_id, trace_digest, harm, cause, explanation, advised_call, step \
+         FROM blame WHERE step IS NOT NULL",
+    )?;
     let rows = batches.iter().flat_map(|batch| {
         let text = |column: usize, row: usize| {
-            batch
-                .column(column)
-                .as_string::<i32>()
-                .value(row)
-                .to_owned()
+            let column: &StringArray = batch.column(column).as_string();
+            column.value(row).to_owned()
         };
-        let steps = batch.column(2).as_primitive::<Int32Type>();
-        (0..batch.num_rows()).map(move |row| ((text(0, row), text(1, row)), steps.value(row)))
+        let steps = batch.column(6).as_primitive::<Int32Type>();
+        (0..batch.num_rows()).map(move |row| {
+            let measured = Measured {
+                step: steps.value(row),
+                harm: text(2, row),
+                cause: text(3, row),
+                explanation: text(4, row),
+                advised_call: text(5, row),
+            };
+            ((text(0, row), text(1, row)), measured)
+        })
     });
     Ok(rows.collect())
+}
+
+/// What the checker of Histories found, of the traces that it checked.
+fn claims(session: &QuerySession) -> Result<BTreeMap<String, FalseClaims>, QueryError> {
+    let checked = session.store().checked_traces()?;
+    let newest = checked.iter().map(|trace| trace.checker_version).max();
+    let found = checked
+        .into_iter()
+        .filter(|trace| Some(trace.checker_version) == newest)
+        .map(|trace| {
+            let steps = trace
+                .claims
+                .iter()
+                .filter(|claim| ACHIEVEMENTS.contains(&claim.kind.as_str()))
+                .map(|claim| claim.step as i32)
+                .collect();
+            (trace.trace_digest, FalseClaims(steps))
+        });
+    Ok(found.collect())
 }
 
 /// The columns of `episodes` that a rule reads, steps by their fields.
@@ -198,32 +244,19 @@ impl Classification {
     pub fn classes(&self) -> impl Iterator<Item = ClassRow<'_>> {
         self.found.iter().filter_map(|verdict| {
             let text = |name| self.text(verdict, name);
-            let (primary, rest) = verdict.findings.split_first()?;
-            let rule = self.rule(*primary);
-            let mut secondary: Vec<Finding<'_>> = Vec::new();
-            for finding in rest {
-                let other = self.rule(*finding);
-                let said = other.sub_class == rule.sub_class
-                    || secondary
-                        .iter()
-                        .any(|known| known.sub_class == other.sub_class);
-                if other.secondary && !said {
-                    let (_, step, last_step) = *finding;
-                    secondary.push(Finding {
-                        rule: &other.name,
-                        class: other.class,
-                        sub_class: &other.sub_class,
-                        step,
-                        last_step,
-                    });
-                }
-            }
             let (episode_id, trace_digest) = (text("episode_id"), text("trace_digest"));
-            let measured = self
-                .measured
-                .get(&(episode_id.to_owned(), trace_digest.to_owned()))
-                .copied();
-            let step = measured.unwrap_or(primary.1);
+            let key = (episode_id.to_owned(), trace_digest.to_owned());
+            let length = verdict.length;
+            let findings = &heed_claims(
+                &verdict.findings,
+                &self.rules,
+                self.claims.get(trace_digest),
+                length,
+            );
+            let explained = explain(findings, &self.rules, self.measured.get(&key))?;
+            let primary = findings[explained.primary];
+            let rule = self.rule(primary);
+            let secondary = self.secondary(findings, explained.primary);
             Some(ClassRow {
                 episode_id,
                 trace_digest,
@@ -231,8 +264,14 @@ impl Classification {
                 class: rule.class,
                 sub_class: &rule.sub_class,
                 rule: &rule.name,
-                step,
-                last_step: primary.2.max(step),
+                step: explained.step,
+                last_step: primary.2.max(explained.step),
+                cause: explained.cause,
+                explanation: explained.sentence,
+                advised_call: explained.advised_call,
+                confidence: explained.confidence,
+                runner_up: secondary.first().map(|finding| finding.sub_class),
+                conflicts: explained.conflicts,
                 fields: &self.fields[usize::from(primary.0)],
                 evidence: if text("backend") == "sim" {
                     "full"
@@ -244,6 +283,26 @@ impl Classification {
         })
     }
 
+    /// The findings beside the one that decides, each sub-class once.
+    fn secondary(&self, findings: &[Evidence], primary: usize) -> Vec<Finding<'_>> {
+        let mut told = BTreeSet::from([self.rule(findings[primary]).sub_class.as_str()]);
+        let others = findings
+            .iter()
+            .filter(|finding| self.rule(**finding).secondary);
+        others
+            .filter_map(|(index, step, last_step)| {
+                let rule = &self.rules[usize::from(*index)];
+                told.insert(&rule.sub_class).then_some(Finding {
+                    rule: &rule.name,
+                    class: rule.class,
+                    sub_class: &rule.sub_class,
+                    step: *step,
+                    last_step: *last_step,
+                })
+            })
+            .collect()
+    }
+
     /// Family and policy of the episodes, in the order of [`Classification::classes`].
     pub fn groups(&self) -> impl Iterator<Item = (&str, &str)> {
         let some = self
@@ -253,7 +312,7 @@ impl Classification {
         some.map(|verdict| (self.text(verdict, "family"), self.text(verdict, "policy")))
     }
 
-    fn rule(&self, finding: (u16, i32, i32)) -> &Rule {
+    fn rule(&self, finding: Evidence) -> &Rule {
         &self.rules[usize::from(finding.0)]
     }
 

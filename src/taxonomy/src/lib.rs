@@ -8,6 +8,7 @@
 mod agreement;
 mod classify;
 mod drift;
+mod explain;
 pub mod judge;
 mod labels;
 mod rules;

@@ -72,6 +72,10 @@ pub struct Arguments {
     /// Folder for the traces
     #[arg(long, value_name = "DIR", default_value = "bench-out")]
     out: PathBuf,
+    /// Name of the run, which is part of the identity of its episodes: runs of one model before and
+    /// after a fine-tune need two names. Without it the name of the folder OUT
+    #[arg(long = "run", value_name = "NAME")]
+    run_name: Option<String>,
     /// Episodes at a time; without it one for each core, 8 where models are asked
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -117,6 +121,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 }
 
+impl Arguments {
+    /// Name of the run: the one given, or that of the folder.
+    fn run_name(&self) -> anyhow::Result<String> {
+        if let Some(name) = &self.run_name {
+            return Ok(name.clone());
+        }
+        let folder = fs::canonicalize(&self.out)?;
+        Ok(folder
+            .file_name()
+            .map_or_else(|| "bench".into(), |name| name.to_string_lossy().into_owned()))
+    }
+}
+
 fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let profile = Profile::parse(&arguments.profile).with_context(|| {
         format!(
@@ -139,6 +156,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .players
         .agent_set(&arguments.out.join("calls.jsonl"))?;
     let name = cast.name();
+    let run = arguments.run_name()?;
     let job = |task: &Arc<Task>, seed: u64| {
         let file = format!("{}--{name}--{seed}.mcap", task.task_id)
             .replace(|c: char| "/\\: ".contains(c), "_");
@@ -161,7 +179,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 skills: arguments.skills,
                 meshes: reel_world::Meshes::default(),
                 preset: Preset::paper(),
-                run_id: format!("{name}-{seed}"),
+                run_id: format!("{run}-{name}-{seed}"),
                 policy: PolicyInfo::default(),
                 rollout: None,
                 parent: None,

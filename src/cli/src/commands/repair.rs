@@ -11,8 +11,10 @@ use crate::{ExitStatus, inputs};
 
 /// Find the smallest change of a failed episode's calls that makes it succeed: calls inserted,
 /// replaced or deleted from the decisive step on, by search over branches. Every one of the
-/// changes is necessary. The result is a trace, a branch of the failed one, and a preference pair:
-/// after the same calls, the repaired calls rather than the recorded ones.
+/// changes is necessary. The result is a trace, a branch of the failed one. A smallest change may
+/// need what the agent could not know at that moment (a lucky pick among several that fit); then
+/// reel says which call takes what for known. For training pairs use `reel export preferences`,
+/// whose choices need no such knowledge.
 ///
 /// Examples:
 ///   reel repair trace.mcap                          # writes trace--repaired.mcap here
@@ -31,7 +33,7 @@ pub struct Arguments {
     out: Option<PathBuf>,
     #[command(flatten)]
     assets: inputs::Assets,
-    /// Print JSON: the edits, and the pair of calls
+    /// Print JSON: the edits, the calls, and what they take for known
     #[arg(long)]
     json: bool,
 }
@@ -86,6 +88,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Edit::Delete { at } => println!("  call {at:>2}  without {}", old(*at)),
         }
     }
+    for presumed in &repaired.presumed {
+        println!(
+            "  unknown  call {:>2}  {} needs to know {}",
+            presumed.at, presumed.call, presumed.knowledge
+        );
+    }
     let verdict = if repaired.verified {
         "replays exactly"
     } else {
@@ -97,12 +105,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 fn in_json(trace: &Trace, repaired: &Repair) -> Value {
     let mut line = json!(repaired);
-    let rejected: Vec<_> = trace.steps[repaired.at..]
-        .iter()
-        .map(|step| &step.input.call)
-        .collect();
-    line["preference"] =
-        json!({ "after": repaired.at, "chosen": repaired.calls, "rejected": rejected });
     line["parent"] = json!(trace.path);
     line
 }

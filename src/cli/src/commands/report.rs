@@ -74,6 +74,7 @@ struct Cause {
     perception: f64,
     communication: f64,
     memory: f64,
+    primitive: f64,
     other: f64,
 }
 
@@ -134,7 +135,7 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         session,
         &format!(
             "SELECT policy, count(*) AS episodes, sum(perception) AS perception, sum(communication) AS communication, \
-         sum(memory) AS memory, sum(other) AS other FROM {these} e JOIN blame USING (episode_id) WHERE NOT success GROUP BY 1 ORDER BY 1"
+         sum(memory) AS memory, sum(primitive) AS primitive, sum(other) AS other FROM {these} e JOIN blame USING (episode_id) WHERE NOT success GROUP BY 1 ORDER BY 1"
         ),
     )?;
     let hard: Vec<Hard> = rows(
@@ -292,19 +293,20 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
         html.push_str("<p class=soft>What lost the episodes was not measured: <code>reel blame --store</code> does.</p>\n");
         return;
     }
-    html.push_str("<h3>What was lost, by cause</h3>\n<table><tr><th>policy<th class=n>failures<th class=n>perception<th class=n>communication<th class=n>memory<th class=n>other</tr>\n");
+    html.push_str("<h3>What was lost, by cause</h3>\n<table><tr><th>policy<th class=n>failures<th class=n>perception<th class=n>communication<th class=n>memory<th class=n>primitive<th class=n>other</tr>\n");
     for cause in causes {
-        let total = (cause.perception + cause.communication + cause.memory + cause.other)
-            .max(f64::MIN_POSITIVE);
+        let known = cause.perception + cause.communication + cause.memory;
+        let total = (known + cause.primitive + cause.other).max(f64::MIN_POSITIVE);
         let share = |value: f64| format!("{:.0}%", 100.0 * value / total);
         let _ = writeln!(
             html,
-            "<tr><td>{}<td class=n>{}<td class=n>{}<td class=n>{}<td class=n>{}<td class=n>{}</tr>",
+            "<tr><td>{}<td class=n>{}<td class=n>{}<td class=n>{}<td class=n>{}<td class=n>{}<td class=n>{}</tr>",
             escaped(&cause.policy),
             cause.episodes,
             share(cause.perception),
             share(cause.communication),
             share(cause.memory),
+            share(cause.primitive),
             share(cause.other)
         );
     }

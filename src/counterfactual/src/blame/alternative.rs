@@ -8,7 +8,7 @@ use crate::branch::{Branch, BranchError, fork};
 use reel_agents::RecordTo;
 use reel_replay::{Fork, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
-use reel_world::ToolCall;
+use reel_world::{ToolCall, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::blame::Decisive;
@@ -75,13 +75,13 @@ pub(crate) fn better_future(
     let mut told = Vec::new();
     for policy in HEIRS {
         let branch = Branch::policy(policy, fork.parent().header.seed);
-        let (report, calls) = branch.play_for_calls(fork)?;
+        let (report, steps) = branch.play_for_steps(fork)?;
         if report.success {
             return Ok(Ok(SuccessfulFuture {
                 policy,
                 branch,
                 length: report.length,
-                calls,
+                calls: calls_from(&steps, fork.call()),
             }));
         }
         let why = report
@@ -94,6 +94,12 @@ pub(crate) fn better_future(
         fork.call(),
         told.join("; ")
     )))
+}
+
+/// The calls of an episode from one on.
+fn calls_from(steps: &[StepRecord], from: usize) -> Vec<ToolCall> {
+    let calls = steps[from..].iter().map(|step| step.input.call.clone());
+    calls.collect()
 }
 
 /// Records a branch, and replays what was recorded.

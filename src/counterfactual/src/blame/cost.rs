@@ -28,6 +28,8 @@ pub(crate) struct DecisionPoint {
     pub budget: u32,
     /// What the competent agent would do.
     pub advice: Tool,
+    /// The question that would tell apart what fits then.
+    pub question: Tool,
     /// What speaks against the call that came then.
     pub objection: Option<Objection>,
 }
@@ -62,6 +64,14 @@ pub struct StepCost {
 }
 
 impl DecisionPoint {
+    /// Whether success could still be had, if only by one who knows which receptacles are meant.
+    pub fn is_winnable(&self) -> bool {
+        [self.cost, self.hindsight]
+            .iter()
+            .flatten()
+            .any(|cost| *cost <= self.budget)
+    }
+
     /// The cost, where there is time for it.
     pub fn affordable(&self) -> Option<u32> {
         self.cost.filter(|cost| *cost <= self.budget)
@@ -112,6 +122,7 @@ pub(crate) fn decision_points(trace: &Trace) -> Vec<DecisionPoint> {
                 work: truth.work(),
                 budget,
                 advice,
+                question: planner.question(context),
                 objection,
             });
             if let Some(step) = step {

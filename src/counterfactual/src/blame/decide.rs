@@ -6,10 +6,10 @@
 //! cost for one who knows what the agent knew. Harm to the world comes first: who drives to a wrong
 //! table and puts the thing there goes wrong where it is put.
 
-use std::collections::BTreeMap;
+use std::{cmp::Reverse, collections::BTreeMap};
 
 use reel_trace::Trace;
-use reel_world::Tool;
+use reel_world::{ErrorCode, Tool, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::blame::cost::{DecisionPoint, Item};
@@ -26,8 +26,8 @@ pub enum Harm {
     World,
     /// It ended the episode although success was still to be had.
     Ending,
-    /// With it the agent left the way to success and never came back, until it ended or
-    /// the decisions ran out.
+    /// With it the agent left the way to success for the last time, until it ended or the decisions
+    /// ran out.
     Time,
 }
 
@@ -44,65 +44,101 @@ impl Harm {
 
 /// The decisive step of an episode that failed, with its harm; none where nothing was lost.
 pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usize, Harm)> {
-    let steps = trace.steps.len();
-    let tools: Vec<Option<Tool>> = trace
-        .steps
-        .iter()
-        .map(|step| Tool::parse(&step.input.call).ok())
-        .collect();
-    let mut settled = 0;
-    for (step, tool) in tools.iter().enumerate() {
-        let done = trace.steps[step].outcome.error.is_none();
-        let deed = matches!(
-            tool,
-            Some(Tool::Pick { .. } | Tool::Place { .. } | Tool::Open { .. } | Tool::Close { .. })
-        );
-        let harmed = worsened(&moments[step].work, &moments[step + 1].work);
-        if done && deed && !harmed.is_empty() {
-            let good =
-                |later: &usize| made_good(&harmed, &moments[step].work, &moments[*later].work);
-            match (step + 2..=steps).find(good) {
-                Some(repaid) => settled = settled.max(repaid),
-                None => return Some((step, Harm::World)),
-            }
+    if let Some(step) = world_harm(trace, moments) {
+        return Some((step, Harm::World));
+    }
+    let losses = losses(trace, moments);
+    let ended = trace.steps.last().filter(|step| is_finish(step));
+    let (way, end) = match ended {
+        Some(_) => (&losses[..losses.len() - 1], Some(losses.len() - 1)),
+        None => (&losses[..], None),
+    };
+    let strayed = last_departure(way);
+    match (end, strayed) {
+        (Some(end), Some((step, lost))) => {
+            let in_vain = lost >= IN_VAIN || !moments[end].is_winnable();
+            Some(if in_vain {
+                (step, Harm::Time)
+            } else {
+                (end, Harm::Ending)
+            })
+        }
+        (Some(end), None) => Some((end, Harm::Ending)),
+        (None, Some((step, _))) => Some((step, Harm::Time)),
+        // Every loss was made good; the largest is what the time was spent on.
+        (None, None) => {
+            let (step, lost) = (0..).zip(way).max_by_key(|(step, lost)| (**lost, Reverse(*step)))?;
+            (*lost > 0).then_some((step, Harm::Time))
         }
     }
-    let cost = |moment: usize| moments[moment].hindsight.unwrap_or(u32::MAX);
-    let lost = |step: usize| cost(step + 1).saturating_add(1).saturating_sub(cost(step));
-    let in_time = |moment: usize| {
-        moments[moment]
-            .hindsight
-            .is_some_and(|cost| cost <= moments[moment].budget)
-    };
-    let never_repaid =
-        |step: usize| !(step + 1..=steps).any(|later| cost(later) < cost(step) && in_time(later));
-    // Who does what a competent agent would have done loses nothing by itself.
-    let astray = |step: usize| moments[step].advice.to_call() != trace.steps[step].input.call;
-    let unpaid: Vec<usize> = (settled..steps)
-        .filter(|step| lost(*step) > 0 && astray(*step) && never_repaid(*step))
-        .collect();
-    let first = *unpaid.first()?;
-    let Some(end) = unpaid
-        .last()
-        .copied()
-        .filter(|step| tools[*step] == Some(Tool::Finish))
-    else {
-        return Some((first, Harm::Time));
-    };
-    let worse = unpaid
-        .iter()
-        .copied()
-        .find(|step| cost(step + 1) > cost(*step));
-    let in_vain = unpaid
-        .iter()
-        .take_while(|step| **step < end)
-        .fold(0_u32, |sum, step| sum.saturating_add(lost(*step)));
-    let ended = worse == Some(end) && in_time(end) && in_vain < IN_VAIN;
-    Some(if ended {
-        (end, Harm::Ending)
-    } else {
-        (first, Harm::Time)
+}
+
+fn is_finish(step: &StepRecord) -> bool {
+    Tool::parse(&step.input.call) == Ok(Tool::Finish)
+}
+
+/// The first call that changed the world for the worse while success was still to be had, and was
+/// never made good.
+fn world_harm(trace: &Trace, moments: &[DecisionPoint]) -> Option<usize> {
+    (0..trace.steps.len()).find(|step| {
+        let record = &trace.steps[*step];
+        let changes_world = matches!(
+            Tool::parse(&record.input.call),
+            Ok(Tool::Pick { .. } | Tool::Place { .. } | Tool::Open { .. } | Tool::Close { .. })
+        );
+        let before = &moments[*step];
+        let harmed = worsened(&before.work, &moments[*step + 1].work);
+        changes_world
+            && record.outcome.error.is_none()
+            && !harmed.is_empty()
+            && before.is_winnable()
+            && !moments[*step + 2..]
+                .iter()
+                .any(|later| made_good(&harmed, &before.work, &later.work))
     })
+}
+
+/// Decisions that each call lost for one who knew what its agent knew. Whoever does what a
+/// competent agent would have done loses nothing, unless a skill of the robot fails.
+pub(crate) fn losses(trace: &Trace, moments: &[DecisionPoint]) -> Vec<u32> {
+    let lost = |(record, pair): (&StepRecord, &[DecisionPoint])| {
+        let advised = pair[0].advice.to_call() == record.input.call;
+        if advised && !is_skill_failure(record) {
+            return 0;
+        }
+        match (pair[0].cost, pair[1].cost) {
+            (Some(before), Some(after)) => (after + 1).saturating_sub(before),
+            (Some(before), None) => before,
+            (None, _) => 1,
+        }
+    };
+    trace.steps.iter().zip(moments.windows(2)).map(lost).collect()
+}
+
+/// Whether the robot, not the decision, failed in this step.
+pub(crate) fn is_skill_failure(step: &StepRecord) -> bool {
+    let errors = [ErrorCode::SkillFailed, ErrorCode::BackendError, ErrorCode::PhysicsFault];
+    step.outcome.error.is_some_and(|error| errors.contains(&error))
+}
+
+/// Where the last departure from the way to success began, with the decisions it lost: the start of
+/// the stretch to the end in which losses outweigh calls without a loss by most (the change point
+/// of a cumulative sum). A loss after which the agent went on well weighs less and less, so it
+/// neither hides nor starts a later departure.
+fn last_departure(losses: &[u32]) -> Option<(usize, u32)> {
+    let (mut sum, mut lost) = (0_i64, 0_u32);
+    let mut best: Option<(i64, usize, u32)> = None;
+    for (step, loss) in losses.iter().enumerate().rev() {
+        sum += match loss {
+            0 => -1,
+            loss => i64::from(*loss),
+        };
+        lost = lost.saturating_add(*loss);
+        if sum > best.map_or(0, |(sum, ..)| sum) {
+            best = Some((sum, step, lost));
+        }
+    }
+    best.map(|(_, step, lost)| (step, lost))
 }
 
 /// With what more was left to do after it.

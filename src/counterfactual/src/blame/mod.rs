@@ -9,6 +9,8 @@ mod alternative;
 mod batch;
 mod cost;
 mod decide;
+mod explanation;
+mod preferred;
 mod repair;
 mod report;
 
@@ -16,5 +18,6 @@ pub use alternative::{Alternative, alternative};
 pub use batch::{BlameOptions, MeasuredTrace, blame_all};
 pub use cost::StepCost;
 pub use decide::Harm;
+pub use preferred::{Preferred, preferred};
 pub use repair::{Edit, Repair, repair};
 pub use report::{Blame, Cause, Decisive, Shares, blame};

@@ -2,9 +2,13 @@
 //! edit at the decisive call, then what a better future did otherwise, as little of it as will do.
 //! Never calls before the decisive step.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use crate::branch::{Branch, BranchError, Continuation, fork};
+use reel_agents::{GoalHint, Planner, Policy, retrace};
 use reel_replay::Fork;
 use reel_trace::Trace;
 use reel_world::{Tool, ToolCall};
@@ -40,6 +44,17 @@ pub enum Edit {
     },
 }
 
+/// A call of a repair that nobody could have made for a reason at that moment.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Presumed {
+    /// Index of the call in the repaired episode, from 0.
+    pub at: usize,
+    /// The call.
+    pub call: ToolCall,
+    /// What it takes for known, as a phrase.
+    pub knowledge: &'static str,
+}
+
 /// The smallest change that was found to make a failed episode succeed.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Repair {
@@ -49,6 +64,9 @@ pub struct Repair {
     pub at: usize,
     /// The calls from there on.
     pub calls: Vec<ToolCall>,
+    /// What the edits take for known that the agent had not found out, by index of the repaired
+    /// call; empty where the agent could have made the repair itself.
+    pub presumed: Vec<Presumed>,
     /// Branches that were played to find it.
     pub tried: usize,
     /// The trace, where one was wanted.
@@ -106,14 +124,51 @@ pub fn repair(
         None => false,
     };
     let edits = edits(&script, decisive.step as usize);
+    let presumed = presumed(&moment, &script)?;
     Ok(Ok(Repair {
         edits,
         at,
         calls,
+        presumed,
         tried,
         trace: record.map(Path::to_owned),
         verified,
     }))
+}
+
+/// Plays the repaired calls once more, watched by a competent agent that says which of the new
+/// calls take for known what was not found out before.
+fn presumed(fork: &Fork<'_>, script: &[Op]) -> Result<Vec<Presumed>, BranchError> {
+    let branch = Branch {
+        calls: applied(script),
+        continuation: Continuation::Stop,
+    };
+    let (_, steps) = branch.play_for_steps(fork)?;
+    let inserted: BTreeSet<usize> = script
+        .iter()
+        .filter(|op| !matches!(op, Op::Delete(_)))
+        .enumerate()
+        .filter(|(_, op)| matches!(op, Op::Insert(_)))
+        .map(|(index, _)| fork.call() + index)
+        .collect();
+    let parent = fork.parent();
+    let mut watcher = Planner::new(GoalHint::of_task(&parent.task), 0);
+    let mut presumed = Vec::new();
+    retrace(&parent.task, &parent.scene, &parent.start, &steps, |context, step| {
+        let Some(step) = step else { return };
+        let (at, call) = (step.step as usize, &step.input.call);
+        if inserted.contains(&at)
+            && let Some(presumption) = watcher.presumption(context, call)
+        {
+            presumed.push(Presumed {
+                at,
+                call: call.clone(),
+                knowledge: presumption.phrase(),
+            });
+        }
+        watcher.observe(context, &step.input);
+    });
+    Ok(presumed)
 }
 
 /// One call of a parent, or of a better future.

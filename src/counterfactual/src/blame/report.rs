@@ -3,13 +3,14 @@
 
 use reel_agents::plan::Objection;
 use reel_trace::Trace;
-use reel_world::{Digest, InstanceId, ToolCall, record::StepRecord};
+use reel_world::{Digest, ToolCall, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::blame::{
     StepCost,
     cost::{self, DecisionPoint},
     decide::{self, Harm},
+    explanation::explanation,
 };
 
 /// The capacity of an agent to which a failure is attributed.
@@ -22,6 +23,8 @@ pub enum Cause {
     Communication,
     /// It went against what it had seen.
     Memory,
+    /// A skill of the robot failed, or what executes its calls.
+    Primitive,
     /// None of these: it left out what was due, or put out what was no call.
     Other,
 }
@@ -33,6 +36,7 @@ impl Cause {
             Cause::Perception => "perception",
             Cause::Communication => "communication",
             Cause::Memory => "memory",
+            Cause::Primitive => "primitive",
             Cause::Other => "other",
         }
     }
@@ -48,6 +52,8 @@ pub struct Shares {
     pub communication: f64,
     /// Share of the loss that is due to [`Cause::Memory`], from 0 to 1.
     pub memory: f64,
+    /// Share of the loss that is due to [`Cause::Primitive`], from 0 to 1.
+    pub primitive: f64,
     /// Share of the loss that is due to [`Cause::Other`], from 0 to 1.
     pub other: f64,
 }
@@ -58,6 +64,7 @@ impl Shares {
         let causes = [
             (self.other, Cause::Other),
             (self.memory, Cause::Memory),
+            (self.primitive, Cause::Primitive),
             (self.communication, Cause::Communication),
             (self.perception, Cause::Perception),
         ];
@@ -85,7 +92,8 @@ pub struct Decisive {
     pub cause: Cause,
     /// Why it did harm, in a sentence.
     pub explanation: String,
-    /// What a competent agent would have called then.
+    /// What a competent agent would have called then; the question to the user where the cause is
+    /// [`Cause::Communication`].
     pub advised_call: ToolCall,
 }
 
@@ -148,7 +156,10 @@ pub fn blame(trace: &Trace) -> Blame {
     }
 }
 
-fn cause(moment: &DecisionPoint) -> Cause {
+fn cause(record: &StepRecord, moment: &DecisionPoint) -> Cause {
+    if decide::is_skill_failure(record) {
+        return Cause::Primitive;
+    }
     match moment.objection {
         Some(Objection::Perception) => Cause::Perception,
         Some(Objection::Communication) => Cause::Communication,
@@ -157,43 +168,35 @@ fn cause(moment: &DecisionPoint) -> Cause {
     }
 }
 
-/// Of what was lost from the decisive step on and never came back.
+/// What the losses from the decisive step on are due to. The last `finish` counts only where it
+/// decided.
 fn shares(trace: &Trace, moments: &[DecisionPoint], decisive: usize) -> Shares {
-    let last = moments.len() - 1;
-    let cost = |moment: usize| moments[moment].cost;
-    let mut shares = Shares::default();
-    for (step, moment) in moments.iter().enumerate().take(last).skip(decisive) {
-        let Some(before) = moment.cost else { continue };
-        let lost = cost(step + 1).map_or(before, |after| (after + 1).saturating_sub(before));
-        let repaid = (step + 1..=last).any(|later| cost(later).is_some_and(|cost| cost < before));
-        let finishes = trace.steps[step].tool_name() == "finish";
-        if step != decisive && (lost == 0 || repaid || finishes) {
-            continue;
-        }
-        let lost = lost.max(1);
-        let share = match cause(moment) {
-            Cause::Perception => &mut shares.perception,
-            Cause::Communication => &mut shares.communication,
-            Cause::Memory => &mut shares.memory,
-            Cause::Other => &mut shares.other,
+    let losses = decide::losses(trace, moments);
+    let mut sums = Shares::default();
+    let mut all = 0.0;
+    for (step, lost) in losses.into_iter().enumerate().skip(decisive) {
+        let record = &trace.steps[step];
+        let lost = match step == decisive {
+            true => lost.max(1),
+            false if record.tool_name() == "finish" => 0,
+            false => lost,
         };
-        *share += f64::from(lost);
-    }
-    let Shares {
-        perception,
-        communication,
-        memory,
-        other,
-    } = shares;
-    let all = perception + communication + memory + other;
-    if all == 0.0 {
-        return shares;
+        let sum = match cause(record, &moments[step]) {
+            Cause::Perception => &mut sums.perception,
+            Cause::Communication => &mut sums.communication,
+            Cause::Memory => &mut sums.memory,
+            Cause::Primitive => &mut sums.primitive,
+            Cause::Other => &mut sums.other,
+        };
+        *sum += f64::from(lost);
+        all += f64::from(lost);
     }
     Shares {
-        perception: perception / all,
-        communication: communication / all,
-        memory: memory / all,
-        other: other / all,
+        perception: sums.perception / all,
+        communication: sums.communication / all,
+        memory: sums.memory / all,
+        primitive: sums.primitive / all,
+        other: sums.other / all,
     }
 }
 
@@ -208,7 +211,11 @@ fn tell(
     let cause = if harm == Harm::Time {
         shares.largest()
     } else {
-        cause(&moments[step])
+        cause(record, &moments[step])
+    };
+    let advice = match cause {
+        Cause::Communication => &moments[step].question,
+        _ => &moments[step].advice,
     };
     Decisive {
         step: record.step,
@@ -224,76 +231,6 @@ fn tell(
         harm,
         cause,
         explanation: explanation(trace, moments, record, harm, cause),
-        advised_call: moments[step].advice.to_call(),
-    }
-}
-
-fn explanation(
-    trace: &Trace,
-    moments: &[DecisionPoint],
-    record: &StepRecord,
-    harm: Harm,
-    cause: Cause,
-) -> String {
-    let step = record.step as usize;
-    let task = &trace.task;
-    let named = |id: &InstanceId| {
-        let known = task.object(id);
-        let caption = known.and_then(|known| known.caption.as_deref());
-        let caption =
-            caption.map(|caption| format!("the {}", caption.trim_end_matches('.').to_lowercase()));
-        caption
-            .or_else(|| Some(format!("the {}", known?.category)))
-            .unwrap_or_else(|| id.to_string())
-    };
-    let (target, wanted) = (
-        named(&task.target),
-        task.goal.receptacle_of(&task.target).unwrap_or(&task.dest),
-    );
-    let (tool, object, receptacle) = (
-        record.tool_name(),
-        record.object.as_ref(),
-        record.receptacle.as_ref(),
-    );
-    match (harm, tool, object, receptacle) {
-        (Harm::World, "pick", Some(object), _) if *object == task.target => {
-            format!(
-                "it took what was meant, {target}, at a moment at which it could only put it down again"
-            )
-        }
-        (Harm::World, "pick", Some(object), _) => {
-            let reason = match cause {
-                Cause::Perception => ", which looks different or stands elsewhere",
-                Cause::Communication => ", and asked nobody although several things fitted",
-                Cause::Memory | Cause::Other => "",
-            };
-            format!("it took {}; meant was {target}{reason}", named(object))
-        }
-        (Harm::World, "place", Some(object), Some(receptacle)) if *object == task.target => {
-            format!("it put {target} on {receptacle}; it belongs on {wanted}")
-        }
-        (Harm::World, "place", Some(object), Some(receptacle)) => {
-            format!(
-                "it left {} on {receptacle}, where it does not belong",
-                named(object)
-            )
-        }
-        (Harm::World, _, _, Some(receptacle)) => {
-            format!("after it more was left to do: {tool} at {receptacle}")
-        }
-        (Harm::World, ..) => format!("after it more was left to do: {tool}"),
-        (Harm::Ending, ..) => {
-            let moment = &moments[step];
-            let (needed, left) = (moment.cost.unwrap_or_default(), moment.budget);
-            format!(
-                "it ended the episode with {left} decisions left, of which {needed} were enough to succeed for sure"
-            )
-        }
-        (Harm::Time, ..) => {
-            let (after, due) = (trace.steps.len() - step, moments[step].advice.to_call());
-            format!(
-                "it left the way to success, on which {due} was next: in the {after} calls from here on it never came nearer"
-            )
-        }
+        advised_call: advice.to_call(),
     }
 }

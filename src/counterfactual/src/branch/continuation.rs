@@ -9,7 +9,7 @@ use reel_sim::render::Detail;
 use reel_trace::{Images, Trace};
 use reel_world::{
     ToolCall,
-    record::{PolicyInfo, StepInput},
+    record::{PolicyInfo, StepInput, StepRecord},
 };
 use serde_json::{Value, json};
 
@@ -102,22 +102,17 @@ impl Branch {
         self.play_shown(fork, record, |_| ())
     }
 
-    /// Plays it unrecorded, and gives its calls besides.
+    /// Plays it unrecorded, and gives all steps of its episode besides, the parent's included.
     ///
     /// # Errors
     /// As [`Branch::play`].
-    pub fn play_for_calls(
+    pub fn play_for_steps(
         &self,
         fork: &Fork<'_>,
-    ) -> Result<(EpisodeReport, Vec<ToolCall>), BranchError> {
-        let mut calls = Vec::new();
-        let report = self.play_shown(fork, None, |episode| {
-            calls = episode.steps()[fork.call()..]
-                .iter()
-                .map(|step| step.input.call.clone())
-                .collect();
-        })?;
-        Ok((report, calls))
+    ) -> Result<(EpisodeReport, Vec<StepRecord>), BranchError> {
+        let mut steps = Vec::new();
+        let report = self.play_shown(fork, None, |episode| steps = episode.steps().to_vec())?;
+        Ok((report, steps))
     }
 
     fn play_shown(

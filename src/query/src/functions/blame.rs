@@ -20,7 +20,7 @@ use crate::control::Control;
 pub(crate) const HELP: FunctionHelp = FunctionHelp {
     call: "blame(trace)",
     meaning: "Measures why an episode failed: struct(step, tool, harm, cause, explanation, advised_call, wasted_steps, point_of_no_return, \
-              repairable_at_end, perception, communication, memory, other). `step` is the decisive call, from 0; the last four \
+              repairable_at_end, perception, communication, memory, primitive, other). `step` is the decisive call, from 0; the last five \
               share out what was lost for good. Of a success all but `wasted_steps` are null. See `reel blame`.",
     example: "SELECT blame(trace).cause AS cause, count(*) FROM episodes WHERE NOT success GROUP BY cause",
 };
@@ -89,6 +89,7 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         share(|row| row.shares.perception),
         share(|row| row.shares.communication),
         share(|row| row.shares.memory),
+        share(|row| row.shares.primitive),
         share(|row| row.shares.other),
     ];
     Ok(ColumnarValue::Array(Arc::new(StructArray::new(
@@ -113,6 +114,7 @@ fn fields() -> Fields {
         ("perception", DataType::Float64),
         ("communication", DataType::Float64),
         ("memory", DataType::Float64),
+        ("primitive", DataType::Float64),
         ("other", DataType::Float64),
     ];
     columns.map(field).into_iter().collect()

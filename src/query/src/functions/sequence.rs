@@ -55,6 +55,12 @@ pub(crate) const HELP: &[FunctionHelp] = &[
         example: "SELECT episode_id, first_step(steps, 'pick[goal_object]') FROM episodes",
     },
     FunctionHelp {
+        call: "prevailing_tail(steps, condition)",
+        meaning: "The stretch up to the end in which decisions that fit outnumber the others by most: struct(first, last, \
+                  margin); null where they never do.",
+        example: "SELECT episode_id, prevailing_tail(steps, 'repeated').first FROM episodes",
+    },
+    FunctionHelp {
         call: "oscillation(steps)",
         meaning: "The longest run of `nav_to` back and forth between two receptacles (A-B-A...): struct(length, first, one, \
                   other); null below three calls. Four or more are the mark of Lost Memory.",
@@ -79,16 +85,18 @@ enum Kind {
     Count,
     Find,
     FirstStep,
+    PrevailingTail,
     Oscillation,
     Values,
     Texts,
 }
 
-const KINDS: [(Kind, &str); 7] = [
+const KINDS: [(Kind, &str); 8] = [
     (Kind::Match, "sequence_match"),
     (Kind::Count, "sequence_count"),
     (Kind::Find, "sequence_find"),
     (Kind::FirstStep, "first_step"),
+    (Kind::PrevailingTail, "prevailing_tail"),
     (Kind::Oscillation, "oscillation"),
     (Kind::Values, "step_values"),
     (Kind::Texts, "step_texts"),
@@ -120,7 +128,7 @@ pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> 
         Kind::Values | Kind::Texts => {
             columns.insert(text()?);
         }
-        Kind::FirstStep => collect(&Condition::parse(&text()?).ok()?, &mut columns),
+        Kind::FirstStep | Kind::PrevailingTail => collect(&Condition::parse(&text()?).ok()?, &mut columns),
         Kind::Match | Kind::Count | Kind::Find => {
             Pattern::parse(&text()?)
                 .ok()?
@@ -186,6 +194,7 @@ impl ScalarUDFImpl for StepFunction {
             Kind::Count => DataType::Int64,
             Kind::FirstStep => DataType::Int32,
             Kind::Find => DataType::Struct(span()),
+            Kind::PrevailingTail => DataType::Struct(tail_fields()),
             Kind::Oscillation => DataType::Struct(swing()),
             Kind::Values => list_of(DataType::Float64),
             Kind::Texts => list_of(DataType::Utf8),
@@ -235,7 +244,10 @@ impl ScalarUDFImpl for StepFunction {
         };
         let array: ArrayRef = match self.understand(&text, fields)? {
             ConditionArgument::Pattern(pattern) => self.matched(&pattern, &steps)?,
-            ConditionArgument::Condition(condition) => Arc::new(first_step(&condition, &steps)?),
+            ConditionArgument::Condition(condition) => match self.kind {
+                Kind::PrevailingTail => Arc::new(prevailing_tail(&condition, &steps)?),
+                _ => Arc::new(first_step(&condition, &steps)?),
+            },
             ConditionArgument::Column(column) => Arc::new(values(&column, self.kind, &steps)?),
             ConditionArgument::Nothing => Arc::new(oscillation(&steps)?),
         };
@@ -262,7 +274,7 @@ impl StepFunction {
         };
         match self.kind {
             Kind::Oscillation => Ok(ConditionArgument::Nothing),
-            Kind::FirstStep => Condition::parse_for(text, &known)
+            Kind::FirstStep | Kind::PrevailingTail => Condition::parse_for(text, &known)
                 .map(ConditionArgument::Condition)
                 .map_err(wrong),
             Kind::Match | Kind::Count | Kind::Find => {
@@ -362,6 +374,37 @@ fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
     Ok((0..steps.len()).map(first).collect())
 }
 
+/// From the end: each decision that fits counts for the stretch that begins with it, each other one
+/// against it.
+fn prevailing_tail(condition: &Condition, steps: &Episodes) -> Result<StructArray> {
+    let fits = fitting(&truth(condition, steps)?);
+    let numbers = steps.numbers();
+    let tail = |row: usize| {
+        let range = steps.range(row);
+        let last = numbers(range.clone().next_back()?);
+        let (mut sum, mut best) = (0, None);
+        for step in range.rev() {
+            sum += if fits.value(step) { 1 } else { -1 };
+            if sum > best.map_or(0, |(_, margin)| margin) {
+                best = Some((numbers(step), sum));
+            }
+        }
+        best.map(|(first, margin)| [first, last, margin])
+    };
+    let found: Vec<Option<[i32; 3]>> = (0..steps.len())
+        .map(|row| tail(row).filter(|_| steps.list.is_valid(row)))
+        .collect();
+    let column = |index: usize| -> ArrayRef {
+        let values = found.iter().map(|found| found.map(|tail| tail[index]));
+        Arc::new(values.collect::<Int32Array>())
+    };
+    Ok(StructArray::new(
+        tail_fields(),
+        (0..3).map(column).collect(),
+        Some(NullBuffer::from_iter(found.iter().map(Option::is_some))),
+    ))
+}
+
 fn oscillation(steps: &Episodes) -> Result<StructArray> {
     let goes = of_values(steps.column("tool")?, |tools| {
         compare(tools, Op::Eq, &Literal::Text("nav_to".into()))
@@ -453,6 +496,13 @@ fn step_fields(data_type: &DataType) -> Option<&Fields> {
 
 fn kind(field: &FieldRef) -> Option<ColumnKind> {
     kind_of(field.data_type())
+}
+
+fn tail_fields() -> Fields {
+    ["first", "last", "margin"]
+        .map(|name| Field::new(name, DataType::Int32, true))
+        .into_iter()
+        .collect()
 }
 
 fn span() -> Fields {

@@ -80,6 +80,11 @@ pub const STEP: &[Column] = columns! {
     may put_back: Flag,
         "of a successful `place`: whether the object is back where it stood at the start";
     may fell: Text, "what the call dropped on the floor: `target`, else `other`";
+    must repeated: Flag,
+        "whether the same call was made before in the same state of the world, from the same \
+         receptacle and with the same error, if any: it could bring nothing new";
+    must goals_met: Int,
+        "number of objects that the goal moves and that stand where it wants them after the call";
     may held: Text, "instance in the gripper after the call";
     must marker_count: Int, "number of markers in the marker map after the call";
     must visible_count: Int, "number of objects in the frame";
@@ -101,6 +106,9 @@ pub const STEP: &[Column] = columns! {
     may plan: Text, "the policy's schedule and subtask";
     may question: Text, "question of an `ask` call";
     may reply: Text, "the user's answer";
+    may settles: Flag,
+        "of an answered question: whether the answer tells the target from all other candidates seen \
+         so far, as the words of both are understood";
     may reply_source: Text, "who answered: `rule-based`, `model`, `human`";
     may raw: Text, "the policy's unparsed output";
     may prompt_tokens: Int, "tokens of the model's prompt";
@@ -309,6 +317,13 @@ pub(super) const CLASSES: &[Column] = columns! {
         "the decisive step: as measured by `reel blame`, else the first step of the rule's \
          evidence";
     must last_step: Int, "the last step of the evidence";
+    must cause: Text, "capacity that failed, as in `blame`";
+    may explanation: Text, "explanation in a sentence; null if `reel blame` did not measure";
+    may advised_call: Text, "call that a competent agent makes at the decisive step";
+    must confidence: Float,
+        "how sure the explanation is, from 0 to 1 (docs/taxonomy.md has how it was measured)";
+    may runner_up: Text, "sub-class of the next best explanation";
+    must conflicts: List(&Text), "in which rules and `blame` disagree: worth a look";
     must fields: List(&Text), "columns of `episodes` and `steps` that the rule reads";
     must evidence: Text,
         "`full`; `reduced` if the trace has no physics and the rules read less";
@@ -323,16 +338,18 @@ pub(super) const BLAME: &[Column] = columns! {
     may harm: Text,
         "`world`: a harmful change of the world; `ending`: ended too early; `time`: steps were \
          wasted";
-    may cause: Text, "`perception`, `communication`, `memory` or `other`: capacity that failed";
+    may cause: Text,
+        "`perception`, `communication`, `memory`, `primitive` or `other`: capacity that failed";
     may explanation: Text, "explanation in a sentence";
     may advised_call: Text, "call that a competent agent makes at this step";
     must wasted_steps: Int, "total number of wasted decisions";
     may point_of_no_return: Int, "step after which success was out of reach";
     must repairable_at_end: Flag, "whether success was still possible before the last step";
     must perception: Float,
-        "share of the permanent loss due to it; the four add up to 1";
+        "share of the permanent loss due to it; the five add up to 1";
     must communication: Float, "the same";
     must memory: Float, "the same";
+    must primitive: Float, "the same";
     must other: Float, "the same";
     may alternative: Text,
         "the policy that succeeds from the decisive step on: `planner` knows what the agent \

@@ -28,6 +28,18 @@ pub struct ClassRow<'a> {
     pub step: i32,
     /// The last step of the evidence.
     pub last_step: i32,
+    /// The capacity that failed, in the words of `blame`.
+    pub cause: &'a str,
+    /// Why, in a sentence; `None` if nothing was measured.
+    pub explanation: Option<&'a str>,
+    /// What a competent agent would have called; `None` if nothing was measured.
+    pub advised_call: Option<&'a str>,
+    /// How sure the explanation is, from 0 to 1.
+    pub confidence: f64,
+    /// Sub-class of the next best explanation; `None` if there is none.
+    pub runner_up: Option<&'a str>,
+    /// In which rules and measurement disagree, for a person to look at.
+    pub conflicts: Vec<String>,
     /// Columns that the rule looked at.
     pub fields: &'a [String],
     /// `full`, or `reduced` if the trace has no physics and the rules saw less.
@@ -70,6 +82,8 @@ pub struct BlameRow {
     pub perception: f64,
     pub communication: f64,
     pub memory: f64,
+    /// Share of the loss that is due to skills of the robot, from 0 to 1.
+    pub primitive: f64,
     pub other: f64,
     pub alternative: Option<String>,
     pub alternative_length: Option<i32>,

@@ -225,8 +225,17 @@ impl Belief {
         });
         match place.filter(|place| !self.useless.contains(*place)) {
             Some(place) => self.look_on(place, errand),
-            None => Move::Finish(false),
+            // It must be there, and was not seen: there may be a door that one did not expect.
+            None => match source.filter(|source| self.may_have_door(source)) {
+                Some(source) => self.at_number(source, Move::Open(source.clone())),
+                None => Move::Finish(false),
+            },
         }
+    }
+
+    fn may_have_door(&self, receptacle: &ReceptacleId) -> bool {
+        let known = [&self.opened, &self.doorless, &self.useless];
+        !known.iter().any(|set| set.contains(receptacle))
     }
 
     /// Looks for the errand's object there.

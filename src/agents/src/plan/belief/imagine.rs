@@ -120,7 +120,7 @@ impl Belief {
         let Some(here) = self.at.clone() else { return };
         self.read_at_worst(&here);
         self.see_nothing();
-        if found.is_none() {
+        if found.is_none() && !self.closed.contains(&here) {
             self.surveyed.insert(here.clone());
         }
         for errand in 0..self.errands.len() {

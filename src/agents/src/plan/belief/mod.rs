@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use reel_world::ReceptacleId;
 
-pub use objection::Objection;
+pub use objection::{Objection, Presumption};
 
 /// A thing that was seen, by a number of the agent's own: who follows things with the
 /// eyes knows them again.
@@ -80,7 +80,7 @@ pub enum CallEffect {
     Open(ReceptacleId),
     /// Closed the door of the receptacle.
     Close(ReceptacleId),
-    /// Was answered; whether the answer names the object.
+    /// Was answered; whether the answer tells the meant object from the others that fit.
     Ask(bool),
     /// Found the door closed when it wanted to use what is behind it.
     DoorClosed(ReceptacleId),
@@ -138,6 +138,8 @@ pub struct Belief {
     closed: BTreeSet<ReceptacleId>,
     /// Open, and closed at the start.
     opened: BTreeSet<ReceptacleId>,
+    /// Receptacles that turned out to have no door.
+    doorless: BTreeSet<ReceptacleId>,
     things: BTreeMap<ObjectIndex, Sighting>,
     /// Things that were in the hand.
     taken: BTreeSet<ObjectIndex>,
@@ -147,7 +149,7 @@ pub struct Belief {
     gazed: Option<ObjectIndex>,
     /// Things that it could not take when it tried.
     lost: BTreeSet<ObjectIndex>,
-    /// Whether an answer named the object of the vague errand.
+    /// Whether an answer told the object of the vague errand from the others.
     settled: bool,
     asks: u32,
 }
@@ -166,6 +168,7 @@ impl Belief {
             useless: BTreeSet::new(),
             closed,
             opened: BTreeSet::new(),
+            doorless: BTreeSet::new(),
             things: BTreeMap::new(),
             taken: BTreeSet::new(),
             in_view: BTreeSet::new(),
@@ -219,7 +222,9 @@ impl Belief {
                     }
                 }
                 self.read.extend(before.clone());
-                self.surveyed.extend(before);
+                // Behind a closed door there may be more.
+                self.surveyed
+                    .extend(before.filter(|here| !self.closed.contains(here)));
             }
             CallEffect::Gaze(thing) => self.gazed = Some(*thing),
             CallEffect::Pick(thing) => self.take(*thing),
@@ -236,6 +241,7 @@ impl Belief {
             CallEffect::NoDoor(receptacle) => {
                 self.closed.remove(receptacle);
                 self.opened.remove(receptacle);
+                self.doorless.insert(receptacle.clone());
             }
             CallEffect::Useless(receptacle) => {
                 self.useless.insert(receptacle.clone());

@@ -35,7 +35,8 @@ const STORE: [&str; 0] = [];
 ///
 /// Costs and regrets are in decisions; `knowing` is the cost if the meant receptacles are known, too.
 /// Causes: perception (the wrong candidate, although its look tells it apart), communication (no
-/// question although several candidates fit), memory (against what was known), other.
+/// question although several candidates fit), memory (against what was known), primitive (a skill of
+/// the robot failed), other.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -53,7 +54,8 @@ pub struct Arguments {
     /// Play no alternatives: measure from the records alone, some thousand episodes a second
     #[arg(long, conflicts_with = "branches")]
     no_alternatives: bool,
-    /// Measure every failed episode of this store, and keep the results in its table `blame`
+    /// Measure every failed episode of this store, and keep the results in its table `blame`; check
+    /// the claims of its Histories, too (table `contradictions`)
     #[cfg(feature = "analytics")]
     #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels"])]
     store: Option<String>,
@@ -124,6 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     #[cfg(feature = "analytics")]
     if let Some(store) = &mut store {
         store.replace_blame(&measured.iter().map(stored).collect::<Vec<_>>())?;
+        reel_export::check_failed_histories(store)?;
         if !arguments.json {
             print_summary(&measured);
             println!("kept in table `blame` of {}", store.location());
@@ -326,6 +329,7 @@ fn stored(measured: &MeasuredTrace) -> BlameRow {
         perception: blame.shares.perception,
         communication: blame.shares.communication,
         memory: blame.shares.memory,
+        primitive: blame.shares.primitive,
         other: blame.shares.other,
         alternative: alternative.as_ref().map(|found| found.policy.clone()),
         alternative_length: alternative.as_ref().map(|found| small(found.length)),
@@ -366,11 +370,10 @@ fn print_steps(blame: &Blame, trace: &Trace) {
 
 fn cause(cause: Cause) -> &'static str {
     match cause {
-        Cause::Perception => "perception: its look tells it apart from the meant object",
-        Cause::Communication => {
-            "communication: several candidates fitted, and it asked no question"
-        }
-        Cause::Memory => "memory: it was known already that this leads nowhere",
+        Cause::Perception => "perception: what it could see told the candidate from the meant one",
+        Cause::Communication => "communication: several candidates fitted, and no answer told them apart",
+        Cause::Memory => "memory: the record before held that this leads nowhere",
+        Cause::Primitive => "primitive: a skill of the robot failed, not the decision",
         Cause::Other => "other: something due was left out, or what came was no call",
     }
 }
@@ -409,6 +412,7 @@ fn print_summary(measured: &[MeasuredTrace]) {
         ("perception", shares(|blame| blame.shares.perception)),
         ("communication", shares(|blame| blame.shares.communication)),
         ("memory", shares(|blame| blame.shares.memory)),
+        ("primitive", shares(|blame| blame.shares.primitive)),
         ("other", shares(|blame| blame.shares.other)),
     ] {
         println!(

@@ -1,5 +1,5 @@
-//! `reel export preferences`: failed episodes beside their smallest repairs, as pairs, and what
-//! every moment still cost.
+//! `reel export preferences`: the decisive call of failed episodes beside the call of a competent
+//! agent, as pairs, and what every moment still cost.
 
 use std::{
     collections::BTreeMap,
@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_counterfactual::blame::{Blame, Repair, blame, repair};
+use reel_counterfactual::blame::{Blame, Preferred, blame, preferred};
 use reel_dataset::{Encoding, Format, ImageOptions, Ratios, Style, WriterOptions};
 use reel_export::{AnnotationSource, ExportOptions, Selection, SplitBy};
 use reel_replay::verify_trace;
@@ -23,32 +23,34 @@ use crate::{ExitStatus, inputs, progress};
 /// Discount of the value targets (paper, Full POMDP Definition).
 const GAMMA: f64 = 0.99;
 
-/// Preference pairs from the failed episodes of a store: each is repaired by the smallest change of
-/// its calls, replayed, and becomes a pair at the first call that differs: the same prompt, the
-/// repaired decision chosen, the recorded one rejected (`preferences.jsonl`, prompt/chosen/rejected
-/// as TRL loads them). `values.jsonl` has the cost-to-go of every step of both: the decisions that
-/// a competent agent needed at worst, and 0.99 to that power as a value target.
+/// Preference pairs from the failed episodes of a store, one an episode, at its decisive call: the
+/// same prompt, the recorded decision rejected, and chosen what a competent agent that knew what
+/// this agent knew would have called (`preferences.jsonl`, prompt/chosen/rejected as TRL loads them).
+/// Where the cause is communication, the chosen call is the question that was missing. Every chosen
+/// call was played: it is possible at that moment, a competent agent went on after it and succeeded,
+/// and the branch replays bit for bit. `values.jsonl` has the cost-to-go of every step of both: the
+/// decisions that a competent agent needed at worst, and 0.99 to that power as a value target.
 ///
 /// Example:
 ///   reel ingest traces --store store
 ///   reel export preferences --store store --out preferences
 ///   python -c "import datasets; print(datasets.load_dataset('json', data_files='preferences/preferences.jsonl'))"
 ///
-/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair;
-/// the report says why.
+/// An episode gives no pair if it does not replay bit for bit, if the two decisions are equal, or if
+/// success needs knowledge that its agent did not have; the report says why.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
-    /// Folder of the dataset; the repaired traces lie in its folder `traces`
+    /// Folder of the dataset; the traces of the chosen futures lie in its folder `traces`
     #[arg(long, value_name = "DIR", default_value = "preferences")]
     out: PathBuf,
     /// Pairs have no images
     #[arg(long)]
     no_images: bool,
-    /// Most pixels of a image; 0: as they were taken (640 x 480)
+    /// Most pixels of an image; 0: as they were taken (640 x 480)
     #[arg(
         long = "max-pixels",
         alias = "pixels",
@@ -64,15 +66,15 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A failed episode and its repair.
+/// A failed episode and the future after the better decision.
 struct Pair {
     failed: Trace,
     blame: Blame,
-    repaired: Trace,
-    repair: Repair,
+    better: Trace,
+    preferred: Preferred,
 }
 
-/// Repairs the failed episodes of a store and writes preference pairs.
+/// Plays the better decision of each failed episode of a store and writes preference pairs.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Arguments { out, .. } = arguments;
     if out.exists() && fs::read_dir(out)?.next().is_some() {
@@ -82,7 +84,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     fs::create_dir_all(&traces)
         .with_context(|| format!("cannot make the folder {}", traces.display()))?;
     let failed = Store::open(&arguments.store)?.failed_traces()?;
-    let bar = progress::bar(failed.len(), "repair");
+    let bar = progress::bar(failed.len(), "prefer");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(inputs::workers(arguments.jobs))
         .build()?;
@@ -137,16 +139,16 @@ fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
         || "trace".into(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    let record = traces.join(format!("{name}--repaired.mcap"));
-    let repair = repair(&failed, decisive, Some(&record))?.map_err(anyhow::Error::msg)?;
-    if !repair.verified {
-        bail!("its repair does not replay exactly");
+    let record = traces.join(format!("{name}--preferred.mcap"));
+    let preferred = preferred(&failed, decisive, Some(&record))?.map_err(anyhow::Error::msg)?;
+    if !preferred.verified {
+        bail!("the future after the better call does not replay exactly");
     }
     Ok(Pair {
-        repaired: Trace::read(&record)?,
+        better: Trace::read(&record)?,
         failed,
         blame,
-        repair,
+        preferred,
     })
 }
 
@@ -160,7 +162,7 @@ fn write(
     let (work, examples) = (out.join(".store"), out.join(".examples"));
     let paths: Vec<PathBuf> = pairs
         .iter()
-        .flat_map(|pair| [pair.failed.path.clone(), pair.repaired.path.clone()])
+        .flat_map(|pair| [pair.failed.path.clone(), pair.better.path.clone()])
         .collect();
     let mut store = Store::open_or_create(&work)?;
     store.ingest(&paths, &|_, _| ())?;
@@ -170,18 +172,23 @@ fn write(
     let mut values = BufWriter::new(fs::File::create(out.join("values.jsonl"))?);
     let mut count = 0;
     for pair in pairs {
-        let row =
-            |trace: &Trace| rows.get(&format!("{}/{}", trace.header.episode_id, pair.repair.at));
-        if let (Some(rejected), Some(chosen)) = (row(&pair.failed), row(&pair.repaired)) {
-            writeln!(preferences, "{}", preference(pair, rejected, chosen))?;
-            count += 1;
-        } else {
-            let reason = format!("only one of the two has a decision {}", pair.repair.at);
+        let at = pair.preferred.at;
+        let row = |trace: &Trace| rows.get(&format!("{}/{at}", trace.header.episode_id));
+        let reason = match (row(&pair.failed), row(&pair.better)) {
+            (Some(rejected), Some(chosen)) if rejected["completion"] != chosen["completion"] => {
+                writeln!(preferences, "{}", preference(pair, rejected, chosen))?;
+                count += 1;
+                None
+            }
+            (Some(_), Some(_)) => Some("both decisions have the same words".to_owned()),
+            _ => Some(format!("only one of the two has a decision {at}")),
+        };
+        if let Some(reason) = reason {
             refused.push((pair.failed.path.display().to_string(), reason));
         }
         for (trace, measured) in [
             (&pair.failed, &pair.blame),
-            (&pair.repaired, &blame(&pair.repaired)),
+            (&pair.better, &blame(&pair.better)),
         ] {
             for cost in &measured.costs {
                 let value = cost.before.map_or(0.0, |cost| GAMMA.powi(cost as i32));
@@ -211,8 +218,10 @@ fn preference(pair: &Pair, rejected: &Value, chosen: &Value) -> Value {
     json!({
         "prompt": rejected["prompt"], "chosen": chosen["completion"], "rejected": rejected["completion"], "images": rejected["images"],
         "provenance": {
-            "rejected": rejected["provenance"], "chosen": chosen["provenance"], "call": pair.repair.at, "edits": pair.repair.edits,
-            "decisive_step": decisive.map(|decisive| decisive.step), "cause": decisive.map(|decisive| decisive.cause),
+            "rejected": rejected["provenance"], "chosen": chosen["provenance"], "call": pair.preferred.at,
+            "rejected_call": decisive.map(|decisive| &decisive.call), "chosen_call": pair.preferred.call,
+            "cause": decisive.map(|decisive| decisive.cause),
+            "harm": decisive.map(|decisive| decisive.harm),
         },
     })
 }

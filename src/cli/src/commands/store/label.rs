@@ -205,7 +205,10 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
             set.episode
         );
     };
-    let length = episodes[episode];
+    let (length, success) = episodes[episode];
+    if success {
+        eprintln!("reel: note: episode {episode} succeeded; the label says why it failed");
+    }
     if set.step.is_some_and(|step| step < 0 || step >= length) {
         bail!("the episode has {length} steps, from 0 to {}", length - 1);
     }
@@ -227,16 +230,17 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
     })
 }
 
-/// The episodes of a store with the number of their steps.
-fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, i32>> {
+/// The episodes of a store with the number of their steps, and whether they succeeded.
+fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, (i32, bool)>> {
     let session = QuerySession::new(Store::open(store)?)?;
     let text = format(
-        &session.run("SELECT episode_id, array_length(steps) FROM episodes")?,
+        &session.run("SELECT episode_id, array_length(steps), coalesce(success, false) FROM episodes")?,
         Format::Csv,
     )?;
     let row = |line: &str| {
-        line.rsplit_once(',')
-            .map(|(id, length)| (id.to_owned(), length.parse().unwrap_or(0)))
+        let mut cells = line.rsplitn(3, ',');
+        let (success, length) = (cells.next()? == "true", cells.next()?.parse().unwrap_or(0));
+        Some((cells.next()?.to_owned(), (length, success)))
     };
     Ok(text.lines().skip(1).filter_map(row).collect())
 }

@@ -268,6 +268,9 @@ fn draw(picture: &Sankey, file: &Path) -> anyhow::Result<()> {
     fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
+/// More policies than this get no columns of their own.
+const POLICY_COLUMNS_MAX: usize = 8;
+
 /// Episodes by class and sub-class, and within these by something else.
 type Counts<'a> = BTreeMap<(&'a str, &'a str), BTreeMap<&'a str, u64>>;
 
@@ -316,7 +319,12 @@ impl<'a> Table<'a> {
                 .flat_map(|counts| counts.keys().copied())
                 .collect()
         };
-        let (families, policies) = (columns(&self.by_family), columns(&self.by_policy));
+        let (families, mut policies) = (columns(&self.by_family), columns(&self.by_policy));
+        let hidden = if policies.len() > POLICY_COLUMNS_MAX {
+            std::mem::take(&mut policies).len()
+        } else {
+            0
+        };
         let width = |name: &str| name.len().max(5);
         // `classes` are those that the line adds up
         let line = |name: &str, classes: &[(&str, &str)]| {
@@ -359,6 +367,12 @@ impl<'a> Table<'a> {
             within
                 .iter()
                 .for_each(|key| text += &line(&format!("  {}", key.1), &[*key]));
+        }
+        if hidden > 0 {
+            text += &format!(
+                "{hidden} policies; by policy: reel query \"SELECT e.policy, c.sub_class, count(*) AS episodes \
+                 FROM classes c JOIN episodes e USING (episode_id) GROUP BY ALL ORDER BY ALL\"\n"
+            );
         }
         text
     }

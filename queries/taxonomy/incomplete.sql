@@ -1,0 +1,11 @@
+-- incomplete
+--
+-- The task has several objects, and `finish` came when some of them stood where they belong and others were never taken. The
+-- decisive step is `finish`.
+--
+-- Class: Key Action Missing
+-- Sub-class: incomplete
+-- Priority: 29
+SELECT sequence_find(steps, 'finish[goals_met >= 1] $') AS found
+FROM episodes
+WHERE completion > 0 AND completion < 1

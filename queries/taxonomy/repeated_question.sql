@@ -1,0 +1,11 @@
+-- repeated_question
+--
+-- Up to the end the user is asked again and again what was answered already. The decisive step is the first question whose answer
+-- was known.
+--
+-- Class: Lost Memory
+-- Sub-class: repeated_question
+-- Priority: 20
+SELECT prevailing_tail(steps, 'tool = ''ask'' and repeated') AS found
+FROM episodes
+WHERE prevailing_tail(steps, 'tool = ''ask'' and repeated').margin >= 2

@@ -1,0 +1,180 @@
+//! One explanation of a failed episode from all that was found: the findings of the rules and what
+//! blame measured. Owns how they are weighed against each other; asks neither.
+//!
+//! A measurement is a fact about the world (what was lost, and with which call), a rule a reading of
+//! it (what kind of mistake that is). So the explanation is the most important finding whose evidence
+//! holds the measured call; where no finding does, the two disagree, which is said.
+
+use reel_world::FailureClass;
+
+use crate::rules::Rule;
+
+/// A finding: index of the rule, first and last step of its evidence.
+pub(crate) type Evidence = (u16, i32, i32);
+
+/// What blame measured of an episode: a row of table `blame`.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Measured {
+    pub step: i32,
+    pub harm: String,
+    pub cause: String,
+    pub explanation: String,
+    pub advised_call: String,
+}
+
+/// Kinds of claims about what was achieved, in the words of table `contradictions`: an agent that
+/// believes a false one leaves out what is due.
+pub(crate) const ACHIEVEMENTS: [&str; 5] = ["pick", "hold", "place", "door act", "door state"];
+
+/// The rule whose finding the checker of Histories confirms, refutes or adds.
+const FALSE_HISTORY: &str = "false_history";
+
+/// Steps whose History holds a claim about an achievement that the record refutes, in order.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct FalseClaims(pub Vec<i32>);
+
+/// The findings with what the checker of Histories knows. It reads sentences, the rule only words:
+/// where it checked the trace its word counts. A false claim matters if the last decisions still
+/// hold it.
+pub(crate) fn heed_claims(
+    findings: &[Evidence],
+    rules: &[Rule],
+    claims: Option<&FalseClaims>,
+    length: i32,
+) -> Vec<Evidence> {
+    let mut findings = findings.to_vec();
+    let rule = rules.iter().position(|rule| rule.name == FALSE_HISTORY);
+    let (Some(FalseClaims(steps)), Some(rule)) = (claims, rule) else {
+        return findings;
+    };
+    findings.retain(|(index, ..)| usize::from(*index) != rule);
+    if let (Some(first), Some(last)) = (steps.first(), steps.last())
+        && last + HELD_TO_THE_END >= length
+    {
+        let finding = (rule as u16, *first, length - 1);
+        let important = |one: &Evidence| {
+            let priority = |index: u16| rules[usize::from(index)].priority;
+            (priority(one.0), one.1) <= (priority(finding.0), finding.1)
+        };
+        let at = findings.partition_point(important);
+        findings.insert(at, finding);
+    }
+    findings
+}
+
+/// Decisions before the end up to which a claim counts as held to the end.
+const HELD_TO_THE_END: i32 = 2;
+
+/// How sure an explanation is, from 0 to 1: the share of explanations of its kind that were right on
+/// the development operators of `make eval-insight`.
+mod confidence {
+    /// Rule and measurement name the same call, and the same capacity.
+    pub const AGREED: f64 = 0.95;
+    /// They name the same call, but another capacity.
+    pub const OTHER_CAUSE: f64 = 0.85;
+    /// A rule alone.
+    pub const RULE_ALONE: f64 = 0.75;
+    /// Rule and measurement name different calls.
+    pub const OTHER_CALL: f64 = 0.55;
+    /// No rule that says why.
+    pub const LEFT_OVER: f64 = 0.3;
+}
+
+/// The one explanation of an episode.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Explained<'e> {
+    /// Index of the finding that decides.
+    pub primary: usize,
+    /// The decisive step.
+    pub step: i32,
+    /// The capacity that failed.
+    pub cause: &'e str,
+    /// Why, in a sentence; none where nothing was measured.
+    pub sentence: Option<&'e str>,
+    /// What a competent agent would have called.
+    pub advised_call: Option<&'e str>,
+    pub confidence: f64,
+    /// In which sources disagree, for a person to look at.
+    pub conflicts: Vec<String>,
+}
+
+/// Weighs the findings, the most important first, against what was measured.
+pub(crate) fn explain<'e>(
+    findings: &[Evidence],
+    rules: &'e [Rule],
+    measured: Option<&'e Measured>,
+) -> Option<Explained<'e>> {
+    let rule = |finding: &Evidence| &rules[usize::from(finding.0)];
+    let first = findings.first()?;
+    let Some(measured) = measured else {
+        let by_class = cause_of(rule(first));
+        return Some(Explained {
+            primary: 0,
+            step: first.1,
+            cause: by_class.unwrap_or("other"),
+            sentence: None,
+            advised_call: None,
+            confidence: match rule(first).secondary {
+                true => confidence::RULE_ALONE,
+                false => confidence::LEFT_OVER,
+            },
+            conflicts: Vec::new(),
+        });
+    };
+    let holds = |finding: &&Evidence| rule(finding).secondary && agrees(finding, measured);
+    let agreed = findings.iter().position(|finding| holds(&finding));
+    let primary = agreed.unwrap_or(0);
+    let decides = rule(&findings[primary]);
+    let by_class = cause_of(decides);
+    let mut conflicts = Vec::new();
+    let explains = decides.secondary;
+    if agreed.is_none() && explains {
+        conflicts.push(format!(
+            "rule {} names call {}, blame measured call {}",
+            decides.name, findings[primary].1, measured.step
+        ));
+    }
+    let other_cause = by_class.is_some_and(|cause| measured.cause != "other" && cause != measured.cause);
+    if other_cause {
+        conflicts.push(format!(
+            "rule {} is about {}, blame about {}",
+            decides.name,
+            by_class.unwrap_or_default(),
+            measured.cause
+        ));
+    }
+    Some(Explained {
+        primary,
+        step: measured.step,
+        cause: by_class.unwrap_or(&measured.cause),
+        sentence: Some(&measured.explanation),
+        advised_call: Some(&measured.advised_call),
+        confidence: match (explains, agreed.is_some(), other_cause) {
+            (false, ..) => confidence::LEFT_OVER,
+            (true, true, false) => confidence::AGREED,
+            (true, true, true) => confidence::OTHER_CAUSE,
+            (true, false, _) => confidence::OTHER_CALL,
+        },
+        conflicts,
+    })
+}
+
+/// Whether the evidence of a finding holds the measured call. Harm to the world and endings are one
+/// call; lost time is a stretch that begins with the measured one.
+fn agrees((_, first, last): &Evidence, measured: &Measured) -> bool {
+    match measured.harm.as_str() {
+        "time" => *last >= measured.step,
+        _ => (*first..=*last).contains(&measured.step),
+    }
+}
+
+/// The capacity that a rule is about, in the words of blame; none where its class does not say.
+fn cause_of(rule: &Rule) -> Option<&'static str> {
+    match (rule.class, rule.sub_class.as_str()) {
+        (_, "missing_ask" | "uninformative_ask") => Some("communication"),
+        (_, "primitive_failure" | "physical_failure") => Some("primitive"),
+        (class, _) if class == FailureClass::ObjectConfusion.as_str() => Some("perception"),
+        (class, _) if class == FailureClass::LostMemory.as_str() => Some("memory"),
+        _ => None,
+    }
+}
