@@ -6,6 +6,5 @@
 -- Class: Key Action Missing
 -- Sub-class: incomplete
 -- Priority: 29
-SELECT sequence_find(steps, 'finish[goals_met >= 1] $') AS found
+SELECT sequence_find(steps, 'finish[goals_met >= 1 and goals_missing >= 1] $') AS found
 FROM episodes
-WHERE completion > 0 AND completion < 1

@@ -8,6 +8,6 @@
 -- Class: Lost Memory
 -- Sub-class: oscillation
 -- Priority: 22
-SELECT prevailing_tail(steps, 'repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))') AS found
+SELECT prevailing_tail(steps, '[repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))]') AS found
 FROM episodes
-WHERE prevailing_tail(steps, 'repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))').margin >= 3
+WHERE prevailing_tail(steps, '[repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))]').margin >= 3

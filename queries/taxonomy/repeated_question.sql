@@ -6,6 +6,6 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_question
 -- Priority: 20
-SELECT prevailing_tail(steps, 'tool = ''ask'' and repeated') AS found
+SELECT prevailing_tail(steps, 'ask[repeated]') AS found
 FROM episodes
-WHERE prevailing_tail(steps, 'tool = ''ask'' and repeated').margin >= 2
+WHERE prevailing_tail(steps, 'ask[repeated]').margin >= 2

@@ -9,4 +9,4 @@
 SELECT sequence_find(steps, 'pick[ok and object_match in (''instance'', ''category'', ''distractor'')] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes
 WHERE fuzzy
-  AND sequence_match(steps, '^ !ask[ok and settles]* ask[ok] !ask[ok and settles]* pick[ok and not goal_object] !(pick[ok] | place[put_back])* $')
+  AND sequence_match(steps, '^ !ask[ok and settles]* ask[ok and settles is not true] !ask[ok and settles]* pick[ok and not goal_object] !(pick[ok] | place[put_back])* $')

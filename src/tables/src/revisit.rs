@@ -57,7 +57,7 @@ impl<'t> Revisits<'t> {
     }
 
     /// Takes in a step: whether the same call was made before in the same state of the world, from
-    /// the same receptacle and with the same error, if any.
+    /// the same receptacle and with the same error, if any; a question if its answer was given before.
     pub(crate) fn follow(&mut self, step: &'t StepRecord) -> bool {
         let tool = step.tool_name();
         let target = match (&step.object, &step.receptacle, &step.reply) {
@@ -79,7 +79,11 @@ impl<'t> Revisits<'t> {
             self.states.push((state, BTreeSet::new()));
             self.states.len() - 1
         });
-        let repeated = !self.states[index].1.insert(call);
+        let answered = step
+            .reply
+            .as_ref()
+            .is_some_and(|reply| self.replies.contains(reply.text.as_str()));
+        let repeated = !self.states[index].1.insert(call) || answered;
         self.graph.apply(match self.by_registry {
             true => &step.changes.registry,
             false => &step.changes.physics,
@@ -93,11 +97,13 @@ impl<'t> Revisits<'t> {
         repeated
     }
 
-    /// How many of the objects that the goal moves stand where it wants them now.
-    pub(crate) fn goals_met(&self) -> usize {
+    /// How many of the objects that the goal moves stand where it wants them now, and how many do
+    /// not.
+    pub(crate) fn goals(&self) -> (usize, usize) {
         let met = |(object, to): &(&&InstanceId, &&ReceptacleId)| {
             self.held != Some(**object) && self.graph.receptacle_of(object) == Some(**to)
         };
-        self.goal.iter().filter(met).count()
+        let met = self.goal.iter().filter(met).count();
+        (met, self.goal.len() - met)
     }
 }

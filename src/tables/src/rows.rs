@@ -281,6 +281,7 @@ pub(crate) struct Step<'a> {
     pub(crate) fell: Option<&'static str>,
     pub(crate) repeated: bool,
     pub(crate) goals_met: usize,
+    pub(crate) goals_missing: usize,
     pub(crate) held: Option<&'a str>,
     pub(crate) marker_count: usize,
     pub(crate) visible_count: usize,
@@ -329,6 +330,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
     let mut revisits = Revisits::new(trace);
     for record in &trace.steps {
         let repeated = revisits.follow(record);
+        let (goals_met, goals_missing) = revisits.goals();
         let shown = record
             .visible
             .iter()
@@ -371,7 +373,8 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             put_back: put_back(&trace.task, record),
             fell: fell(&trace.task, record),
             repeated,
-            goals_met: revisits.goals_met(),
+            goals_met,
+            goals_missing,
             held: record.held.as_ref().map(InstanceId::as_str),
             marker_count: record.markers.len(),
             visible_count: record.visible.len(),

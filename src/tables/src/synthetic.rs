@@ -436,7 +436,7 @@ impl<'a> Play<'a, '_> {
             (Some(goal), Some(right), Some(false));
         (step.object_match, step.receptacle_match) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
-        step.goals_met = usize::from(right);
+        (step.goals_met, step.goals_missing) = (usize::from(right), usize::from(!right));
         let value = if right { 3.5 } else { -2.0 };
         step.terms.push(Term {
             component: if right { "task" } else { "phys" },
@@ -518,6 +518,7 @@ impl<'a> Play<'a, '_> {
             put_back: None,
             repeated,
             goals_met: before.map_or(0, |step| step.goals_met),
+            goals_missing: before.map_or(1, |step| step.goals_missing),
             fell: None,
             held: self.held,
             marker_count: 0,

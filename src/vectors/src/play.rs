@@ -214,18 +214,23 @@ impl Play {
         self.moved("place", object, receptacle.into(), event)
     }
 
-    pub fn open(mut self, receptacle: &str) -> Self {
+    pub fn open(self, receptacle: &str) -> Self {
+        self.door("open", receptacle, DoorState::Closed, DoorState::Open)
+    }
+
+    pub fn close(self, receptacle: &str) -> Self {
+        self.door("close", receptacle, DoorState::Open, DoorState::Closed)
+    }
+
+    fn door(mut self, tool: &str, receptacle: &str, from: DoorState, to: DoorState) -> Self {
         let event = GraphEvent::Door {
             receptacle: receptacle.into(),
-            from: DoorState::Closed,
-            to: DoorState::Open,
+            from,
+            to,
         };
         self.graph.apply(std::slice::from_ref(&event));
-        let mut play = self.call(
-            "open",
-            json!({ "marker_id": 1 }),
-            Outcome::ok("The door is open."),
-        );
+        let text = format!("The door is {to}.");
+        let mut play = self.call(tool, json!({ "marker_id": 1 }), Outcome::ok(text));
         let record = play.last();
         record.receptacle = Some(receptacle.into());
         record.changes = GraphChanges {

@@ -53,7 +53,7 @@ pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usiz
         Some(_) => (&losses[..losses.len() - 1], Some(losses.len() - 1)),
         None => (&losses[..], None),
     };
-    let strayed = last_departure(way);
+    let strayed = last_departure(way, &progress(moments));
     match (end, strayed) {
         (Some(end), Some((step, lost))) => {
             let in_vain = lost >= IN_VAIN || !moments[end].is_winnable();
@@ -121,15 +121,31 @@ pub(crate) fn is_skill_failure(step: &StepRecord) -> bool {
     step.outcome.error.is_some_and(|error| errors.contains(&error))
 }
 
+/// Which calls brought the agent nearer to success than it ever was.
+fn progress(moments: &[DecisionPoint]) -> Vec<bool> {
+    let mut nearest = moments[0].hindsight;
+    let nearer = |moment: &DecisionPoint| match (nearest, moment.hindsight) {
+        (Some(before), Some(now)) if now >= before => false,
+        (_, None) => false,
+        (_, now) => {
+            nearest = now;
+            true
+        }
+    };
+    moments[1..].iter().map(nearer).collect()
+}
+
 /// Where the last departure from the way to success began, with the decisions it lost: the start of
 /// the stretch to the end in which losses outweigh calls without a loss by most (the change point
 /// of a cumulative sum). A loss after which the agent went on well weighs less and less, so it
-/// neither hides nor starts a later departure.
-fn last_departure(losses: &[u32]) -> Option<(usize, u32)> {
+/// neither hides nor starts a later departure; a call that brought it nearer to success than it
+/// ever was weighs twice.
+fn last_departure(losses: &[u32], progress: &[bool]) -> Option<(usize, u32)> {
     let (mut sum, mut lost) = (0_i64, 0_u32);
     let mut best: Option<(i64, usize, u32)> = None;
     for (step, loss) in losses.iter().enumerate().rev() {
         sum += match loss {
+            0 if progress[step] => -2,
             0 => -1,
             loss => i64::from(*loss),
         };

@@ -58,7 +58,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
         call: "prevailing_tail(steps, condition)",
         meaning: "The stretch up to the end in which decisions that fit outnumber the others by most: struct(first, last, \
                   margin); null where they never do.",
-        example: "SELECT episode_id, prevailing_tail(steps, 'repeated').first FROM episodes",
+        example: "SELECT episode_id, prevailing_tail(steps, '[repeated]').first FROM episodes",
     },
     FunctionHelp {
         call: "oscillation(steps)",

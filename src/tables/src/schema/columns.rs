@@ -85,6 +85,7 @@ pub const STEP: &[Column] = columns! {
          receptacle and with the same error, if any: it could bring nothing new";
     must goals_met: Int,
         "number of objects that the goal moves and that stand where it wants them after the call";
+    must goals_missing: Int, "number of objects that the goal moves and that stand elsewhere then";
     may held: Text, "instance in the gripper after the call";
     must marker_count: Int, "number of markers in the marker map after the call";
     must visible_count: Int, "number of objects in the frame";

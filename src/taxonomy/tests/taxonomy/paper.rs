@@ -440,7 +440,7 @@ fn the_worked_cases_are_what_the_paper_says() {
             ),
             ("paper/3-no-ask", "Key Action Missing", "missing_ask", 3, 7),
             // from step 4 on, to the end of the budget
-            ("paper/4-lost-memory", "Lost Memory", "oscillation", 4, 29),
+            ("paper/4-lost-memory", "Lost Memory", "oscillation", 6, 29),
         ]
     );
     let stale = found(&session, &RuleSet::built_in())

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use reel_query::QuerySession;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
-use reel_world::{ErrorCode, Family, record::Backend, record::EndReason};
+use reel_world::{Digest, ErrorCode, Family, record::Backend, record::EndReason};
 use tempfile::TempDir;
 
 use crate::{
@@ -21,6 +21,12 @@ SUL | pick DISTRACTOR / nav desk_1 / place desk_1 / finish | missing_ask 2 | wro
 # asked, but only after the deed
 SUL | pick DISTRACTOR / ask No, the white one. / nav desk_1 / place desk_1 / finish | missing_ask 2 | wrong_attribute 2
 SUL | ask The white one. / pick DISTRACTOR / finish | ignored_answer 3 | wrong_attribute 3
+# an answer that fits both is no answer
+SUL | ask An alarm clock. / pick DISTRACTOR / finish | uninformative_ask 3 | wrong_attribute 3
+FDP | pick TARGET / nav desk_1 / place desk_1 / pick TARGET / finish | undone_success 5 | premature_finish 6
+FDP | wants MUG desk_1 / pick TARGET / nav desk_1 / place desk_1 / finish | incomplete 5
+FDO | nav cabinet_1 / open cabinet_1 / close cabinet_1 / nav table_1 / find alarm clock / pick TARGET / nav cabinet_1 / fails place door_closed / finish | door_closed_again 4
+FDP | pick TARGET / nav desk_1 / ask Put it down. / again 4 / horizon | repeated_question 5 | oscillation 5
 # paper, Wrong Object Selection, with its stale marker
 FDP | fails gaze_at unknown_marker / pick DISTRACTOR / nav desk_1 / place desk_1 / finish | wrong_attribute 3 | stale_marker 2
 FDP | with clock_white_7 table_2 / pick TWIN / nav desk_1 / place desk_1 / finish | wrong_instance 2
@@ -39,12 +45,12 @@ FDP | pick DISTRACTOR / place table_2 / find alarm clock / horizon | wrong_attri
 FDP | pick DISTRACTOR / place table_1 / pick TARGET / place desk_2 / finish | similar_furniture 5
 FDO | pick TARGET / nav cabinet_1 / fails place door_closed / finish | missing_open 4
 FDO | pick TARGET / nav cabinet_1 / horizon | missing_open 3
-# paper, Lost Action Memory: eight calls, from the fifth on
-FDP | nav table_1 / pick TARGET / swing 8 desk_1 desk_2 / horizon | oscillation 4
-FDP | pick TARGET / swing 7 desk_1 desk_2 table_2 / horizon | oscillation 3
+# paper, Lost Action Memory: eight calls, of which the third is the first that could bring nothing new
+FDP | nav table_1 / pick TARGET / swing 8 desk_1 desk_2 / horizon | oscillation 6
+FDP | pick TARGET / swing 7 desk_1 desk_2 table_2 / horizon | oscillation 6
 # broken off in time: the loop is not what failed
 FDP | swing 4 desk_1 table_1 / pick DISTRACTOR / finish | wrong_attribute 6
-FDP | fails pick out_of_reach / again 3 / finish | repeated_failure 2 | premature_finish 6
+FDP | fails pick out_of_reach / again 3 / finish | repeated_failure 3 | premature_finish 6
 FDP | pick TARGET / nav desk_1 / finish / says I picked the clock. I placed it on the desk. | false_history 4 | missing_place 4
 FDP | nav desk_1 / finish / says went to table_1; picked 2 | false_history 3 | missing_pick 2 | premature_finish 3
 # what failed, and is remembered as failed, is no false memory
@@ -55,11 +61,11 @@ FDP | finish | premature_finish 2
 FDP | nav desk_1 / fails place nothing_held / finish | missing_pick 2
 FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_looked 2
 FDP | fails pick unknown_marker / fails gaze_at marker_not_in_view / finish | stale_marker 2
-FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / look table_2 / look desk_1 / look desk_2 / look cabinet_1 / horizon | exploration 0
+FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
 FDP | pick TARGET / nav desk_1 / drops / finish | physical_failure 3
 FDP | fails pick backend_error / finish | primitive_failure 2 | premature_finish 3
-FDP | pick TARGET / find alarm clock / again 5 / horizon | timeout 3
+FDP | pick TARGET / find alarm clock / again 5 / horizon | oscillation 4
 FDP | pick TARGET / fault | unexplained 2
 ";
 
@@ -91,12 +97,21 @@ fn moved(play: Play, text: &str) -> Play {
         "look" => play.nav(rest).find("alarm clock"),
         "pick" => play.pick(object(rest)),
         "place" => play.place(rest),
+        "open" => play.open(rest),
+        "close" => play.close(rest),
         "ask" => play.ask("Which?", rest),
         "fails" => play.fails(words[0], ErrorCode::parse(words[1]).unwrap()),
         "drops" => play.drops(),
         "finish" => play.finish(),
         "says" => play.remembering(rest),
         "with" => play.with_object(words[0], "alarm clock", words[1]),
+        "wants" => {
+            let (mut play, object) = (play, object(words[0]).into());
+            play.task.goal.remove(&"table_1".into(), &object);
+            play.task.goal.add(&words[1].into(), &object);
+            play.header.task_digest = Digest::of_json(&play.task);
+            play
+        }
         "horizon" => play.ended(EndReason::Horizon),
         "fault" => play.ended(EndReason::Fault),
         other => panic!("{other}"),
