@@ -1,13 +1,13 @@
 -- oscillation
 --
--- Up to the end, calls that could bring nothing new outnumber the others: the same drives, looks and openings were made
--- before in the same state of the world. Back and forth between two receptacles is the common case (paper, Lost Action
--- Memory); it does not matter how many receptacles, with which looks in between. Failures of skills do not count. The decisive step
--- is the first of these calls.
+-- Up to the end, calls that could bring nothing new outnumber the others, drives among them: receptacles are visited again and again
+-- in the same state of the world. Back and forth between two is the common case (paper, Lost Action Memory); it does not matter how
+-- many there are, with which looks in between. The decisive step is the first call that could bring nothing new.
 --
 -- Class: Lost Memory
 -- Sub-class: oscillation
 -- Priority: 22
-SELECT prevailing_tail(steps, '[repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))]') AS found
+SELECT prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]') AS found
 FROM episodes
-WHERE prevailing_tail(steps, '[repeated and (error_code is null or error_code not in (''skill_failed'', ''backend_error''))]').margin >= 3
+WHERE prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]').margin >= 3
+  AND sequence_count(steps, 'nav_to[repeated]') >= 2

@@ -86,9 +86,9 @@ fault_kinds! {
         "Looks around at ever new places and takes nothing.";
     InvalidOutput = "invalid_output", Other, "invalid_output",
         "Puts out what is no call.";
-    Dawdling = "dawdling", Other, "timeout",
+    Dawdling = "dawdling", LostMemory, "repeated_call",
         "Makes calls that succeed and lead nowhere.";
-    EndlessQuestions = "endless_questions", Other, "timeout",
+    EndlessQuestions = "endless_questions", LostMemory, "repeated_question",
         "Asks the user one thing after another and does nothing.";
 }
 

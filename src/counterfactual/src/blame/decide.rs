@@ -53,7 +53,7 @@ pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usiz
         Some(_) => (&losses[..losses.len() - 1], Some(losses.len() - 1)),
         None => (&losses[..], None),
     };
-    let strayed = last_departure(way, &progress(moments));
+    let strayed = last_departure(way, moments);
     match (end, strayed) {
         (Some(end), Some((step, lost))) => {
             let in_vain = lost >= IN_VAIN || !moments[end].is_winnable();
@@ -121,36 +121,32 @@ pub(crate) fn is_skill_failure(step: &StepRecord) -> bool {
     step.outcome.error.is_some_and(|error| errors.contains(&error))
 }
 
-/// Which calls brought the agent nearer to success than it ever was.
-fn progress(moments: &[DecisionPoint]) -> Vec<bool> {
-    let mut nearest = moments[0].hindsight;
-    let nearer = |moment: &DecisionPoint| match (nearest, moment.hindsight) {
-        (Some(before), Some(now)) if now >= before => false,
-        (_, None) => false,
-        (_, now) => {
-            nearest = now;
-            true
-        }
-    };
-    moments[1..].iter().map(nearer).collect()
-}
-
 /// Where the last departure from the way to success began, with the decisions it lost: the start of
 /// the stretch to the end in which losses outweigh calls without a loss by most (the change point
 /// of a cumulative sum). A loss after which the agent went on well weighs less and less, so it
 /// neither hides nor starts a later departure; a call that brought it nearer to success than it
 /// ever was weighs twice.
-fn last_departure(losses: &[u32], progress: &[bool]) -> Option<(usize, u32)> {
+///
+/// A departure begins with a call that lost something also for one who knows which receptacles are
+/// meant (luck is nobody's fault), and that was never repaid: the agent came no nearer afterwards,
+/// as long as success could be had.
+fn last_departure(losses: &[u32], moments: &[DecisionPoint]) -> Option<(usize, u32)> {
+    let cost = |moment: usize| moments[moment].hindsight.unwrap_or(u32::MAX);
+    let nearest_before = |step: usize| (0..=step).map(cost).min().unwrap_or(u32::MAX);
+    let repaid = |step: usize| {
+        (step + 1..=losses.len()).any(|later| cost(later) < cost(step) && moments[later].is_winnable())
+    };
     let (mut sum, mut lost) = (0_i64, 0_u32);
     let mut best: Option<(i64, usize, u32)> = None;
     for (step, loss) in losses.iter().enumerate().rev() {
         sum += match loss {
-            0 if progress[step] => -2,
+            0 if cost(step + 1) < nearest_before(step) => -2,
             0 => -1,
             loss => i64::from(*loss),
         };
         lost = lost.saturating_add(*loss);
-        if sum > best.map_or(0, |(sum, ..)| sum) {
+        let begins = *loss > 0 && cost(step + 1).saturating_add(1) > cost(step) && !repaid(step);
+        if begins && sum > best.map_or(0, |(sum, ..)| sum) {
             best = Some((sum, step, lost));
         }
     }

@@ -26,7 +26,7 @@ SUL | ask An alarm clock. / pick DISTRACTOR / finish | uninformative_ask 3 | wro
 FDP | pick TARGET / nav desk_1 / place desk_1 / pick TARGET / finish | undone_success 5 | premature_finish 6
 FDP | wants MUG desk_1 / pick TARGET / nav desk_1 / place desk_1 / finish | incomplete 5
 FDO | nav cabinet_1 / open cabinet_1 / close cabinet_1 / nav table_1 / find alarm clock / pick TARGET / nav cabinet_1 / fails place door_closed / finish | door_closed_again 4
-FDP | pick TARGET / nav desk_1 / ask Put it down. / again 4 / horizon | repeated_question 5 | oscillation 5
+FDP | pick TARGET / nav desk_1 / ask Put it down. / again 4 / horizon | repeated_question 5 | repeated_call 5
 # paper, Wrong Object Selection, with its stale marker
 FDP | fails gaze_at unknown_marker / pick DISTRACTOR / nav desk_1 / place desk_1 / finish | wrong_attribute 3 | stale_marker 2
 FDP | with clock_white_7 table_2 / pick TWIN / nav desk_1 / place desk_1 / finish | wrong_instance 2
@@ -65,7 +65,7 @@ FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / 
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
 FDP | pick TARGET / nav desk_1 / drops / finish | physical_failure 3
 FDP | fails pick backend_error / finish | primitive_failure 2 | premature_finish 3
-FDP | pick TARGET / find alarm clock / again 5 / horizon | oscillation 4
+FDP | pick TARGET / find alarm clock / again 5 / horizon | repeated_call 4
 FDP | pick TARGET / fault | unexplained 2
 ";
 
