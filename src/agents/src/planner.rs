@@ -366,9 +366,9 @@ impl Planner {
             (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => {
                 place(marker).map(CallEffect::NoDoor)
             }
-            (Tool::Ask { .. }, None) => {
-                Some(CallEffect::Ask(self.settles(&context.observation.text, context)))
-            }
+            (Tool::Ask { .. }, None) => Some(CallEffect::Ask(
+                self.settles(&context.observation.text, context),
+            )),
             _ => None,
         };
         deed.into_iter().collect()

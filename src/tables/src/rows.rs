@@ -395,7 +395,11 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             plan: policy.and_then(|policy| said(&policy.plan)),
             question: question(record),
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
-            settles: settles(&trace.task, record, seen.iter().copied().filter(|id| candidates.contains(*id))),
+            settles: settles(
+                &trace.task,
+                record,
+                seen.iter().copied().filter(|id| candidates.contains(*id)),
+            ),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
             raw: policy.and_then(|policy| said(&policy.raw)),
             prompt_tokens: policy

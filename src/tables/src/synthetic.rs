@@ -493,9 +493,10 @@ impl<'a> Play<'a, '_> {
         let in_this_state = &self.steps[since.map_or(0, |step| step + 1)..];
         let text_of = |value: &Value| value_text(value).into_owned();
         let repeated = tool == "nav_to"
-            && in_this_state
-                .iter()
-                .any(|step| step.tool == tool && step.argument == argument.as_ref().map(|value| text_of(value).into()));
+            && in_this_state.iter().any(|step| {
+                step.tool == tool
+                    && step.argument == argument.as_ref().map(|value| text_of(value).into())
+            });
         let arguments = match (spec.argument, &argument) {
             (Some(key), Some(value)) => json!({ key.name: value }),
             _ => json!({}),

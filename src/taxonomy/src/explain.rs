@@ -134,7 +134,8 @@ pub(crate) fn explain<'e>(
             decides.name, findings[primary].1, measured.step
         ));
     }
-    let other_cause = by_class.is_some_and(|cause| measured.cause != "other" && cause != measured.cause);
+    let other_cause =
+        by_class.is_some_and(|cause| measured.cause != "other" && cause != measured.cause);
     if other_cause {
         conflicts.push(format!(
             "rule {} is about {}, blame about {}",

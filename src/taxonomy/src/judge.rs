@@ -35,6 +35,9 @@ pub struct Case {
     pub episode_id: String,
     /// What the agent was told to do.
     pub instruction: String,
+    /// What the task wanted and where things stood; `None` if the judge shall see only what the
+    /// agent saw.
+    pub truth: Option<CaseTruth>,
     /// Its steps in their order.
     pub transcript: Vec<CaseStep>,
     /// Pictures in the order of their steps.
@@ -44,6 +47,27 @@ pub struct Case {
     pub rule_finding: Option<RuleFinding>,
     /// Whether the trace has no simulator behind it, so that evidence is words alone.
     pub reduced: bool,
+}
+
+/// What only the simulator knows, for a judge that is shown it.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct CaseTruth {
+    /// What the goal moves: object, where it stood, where it belongs.
+    pub goal: Vec<CaseObject>,
+    /// The other objects of the task.
+    pub others: Vec<CaseObject>,
+}
+
+/// An object of a task in words.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct CaseObject {
+    /// How it looks: its caption, else its category.
+    pub object: String,
+    /// Receptacle on which it stood at the start.
+    pub stood_on: String,
+    /// Receptacle on which the goal wants it; empty if the goal does not move it.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub belongs_on: String,
 }
 
 /// A step as the judge sees it. Empty texts are left out.
@@ -59,6 +83,9 @@ pub struct CaseStep {
     /// Code of the error, if the call failed.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub error: String,
+    /// What the call acted on in truth: object and receptacle; only with [`Case::truth`].
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub acted_on: String,
     /// What the agent thought.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub reasoning: String,

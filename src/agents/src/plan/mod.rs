@@ -13,7 +13,9 @@ use std::fmt;
 
 use reel_world::{InstanceId, ReceptacleId, Scene, Task, WorldGraph};
 
-pub use belief::{Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView, Presumption};
+pub use belief::{
+    Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView, Presumption,
+};
 pub use cost::{calls, cost_to_go};
 pub use planner::plan;
 pub use published::published_plan;

@@ -128,9 +128,10 @@ impl Arguments {
             return Ok(name.clone());
         }
         let folder = fs::canonicalize(&self.out)?;
-        Ok(folder
-            .file_name()
-            .map_or_else(|| "bench".into(), |name| name.to_string_lossy().into_owned()))
+        Ok(folder.file_name().map_or_else(
+            || "bench".into(),
+            |name| name.to_string_lossy().into_owned(),
+        ))
     }
 }
 

@@ -67,7 +67,9 @@ pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usiz
         (None, Some((step, _))) => Some((step, Harm::Time)),
         // Every loss was made good; the largest is what the time was spent on.
         (None, None) => {
-            let (step, lost) = (0..).zip(way).max_by_key(|(step, lost)| (**lost, Reverse(*step)))?;
+            let (step, lost) = (0..)
+                .zip(way)
+                .max_by_key(|(step, lost)| (**lost, Reverse(*step)))?;
             (*lost > 0).then_some((step, Harm::Time))
         }
     }
@@ -112,13 +114,24 @@ pub(crate) fn losses(trace: &Trace, moments: &[DecisionPoint]) -> Vec<u32> {
             (None, _) => 1,
         }
     };
-    trace.steps.iter().zip(moments.windows(2)).map(lost).collect()
+    trace
+        .steps
+        .iter()
+        .zip(moments.windows(2))
+        .map(lost)
+        .collect()
 }
 
 /// Whether the robot, not the decision, failed in this step.
 pub(crate) fn is_skill_failure(step: &StepRecord) -> bool {
-    let errors = [ErrorCode::SkillFailed, ErrorCode::BackendError, ErrorCode::PhysicsFault];
-    step.outcome.error.is_some_and(|error| errors.contains(&error))
+    let errors = [
+        ErrorCode::SkillFailed,
+        ErrorCode::BackendError,
+        ErrorCode::PhysicsFault,
+    ];
+    step.outcome
+        .error
+        .is_some_and(|error| errors.contains(&error))
 }
 
 /// Where the last departure from the way to success began, with the decisions it lost: the start of
@@ -134,7 +147,8 @@ fn last_departure(losses: &[u32], moments: &[DecisionPoint]) -> Option<(usize, u
     let cost = |moment: usize| moments[moment].hindsight.unwrap_or(u32::MAX);
     let nearest_before = |step: usize| (0..=step).map(cost).min().unwrap_or(u32::MAX);
     let repaid = |step: usize| {
-        (step + 1..=losses.len()).any(|later| cost(later) < cost(step) && moments[later].is_winnable())
+        (step + 1..=losses.len())
+            .any(|later| cost(later) < cost(step) && moments[later].is_winnable())
     };
     let (mut sum, mut lost) = (0_i64, 0_u32);
     let mut best: Option<(i64, usize, u32)> = None;

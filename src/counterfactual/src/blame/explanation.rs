@@ -92,7 +92,11 @@ fn difference(trace: &Trace, record: &StepRecord, object: &InstanceId, cause: Ca
         }
         Cause::Perception => {
             let place = |id: &InstanceId| task.initial.receptacle_of(id);
-            match (name(task, object) == name(task, &task.target), place(object), place(&task.target)) {
+            match (
+                name(task, object) == name(task, &task.target),
+                place(object),
+                place(&task.target),
+            ) {
                 (true, Some(one), Some(other)) if one != other => {
                     format!(", which looks the same and stood on {other}, not on {one}")
                 }
@@ -113,11 +117,14 @@ fn time(trace: &Trace, moments: &[DecisionPoint], step: usize) -> String {
     let due = moments[step].advice.to_call();
     let mut sentence = match rest.len() {
         1 => format!("it brought nothing nearer; {due} was next"),
-        calls => format!(
-            "{lost} of the {calls} calls from here on brought it no nearer; {due} was next"
-        ),
+        calls => {
+            format!("{lost} of the {calls} calls from here on brought it no nearer; {due} was next")
+        }
     };
-    let failed = rest.iter().filter(|step| step.outcome.error.is_some()).count();
+    let failed = rest
+        .iter()
+        .filter(|step| step.outcome.error.is_some())
+        .count();
     let skills = rest.iter().filter(|step| is_skill_failure(step)).count();
     if skills > 0 {
         sentence += &format!("; a skill of the robot failed {skills} times");

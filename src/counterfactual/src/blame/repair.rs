@@ -154,20 +154,26 @@ fn presumed(fork: &Fork<'_>, script: &[Op]) -> Result<Vec<Presumed>, BranchError
     let parent = fork.parent();
     let mut watcher = Planner::new(GoalHint::of_task(&parent.task), 0);
     let mut presumed = Vec::new();
-    retrace(&parent.task, &parent.scene, &parent.start, &steps, |context, step| {
-        let Some(step) = step else { return };
-        let (at, call) = (step.step as usize, &step.input.call);
-        if inserted.contains(&at)
-            && let Some(presumption) = watcher.presumption(context, call)
-        {
-            presumed.push(Presumed {
-                at,
-                call: call.clone(),
-                knowledge: presumption.phrase(),
-            });
-        }
-        watcher.observe(context, &step.input);
-    });
+    retrace(
+        &parent.task,
+        &parent.scene,
+        &parent.start,
+        &steps,
+        |context, step| {
+            let Some(step) = step else { return };
+            let (at, call) = (step.step as usize, &step.input.call);
+            if inserted.contains(&at)
+                && let Some(presumption) = watcher.presumption(context, call)
+            {
+                presumed.push(Presumed {
+                    at,
+                    call: call.clone(),
+                    knowledge: presumption.phrase(),
+                });
+            }
+            watcher.observe(context, &step.input);
+        },
+    );
     Ok(presumed)
 }
 

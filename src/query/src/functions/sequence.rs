@@ -128,7 +128,9 @@ pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> 
         Kind::Values | Kind::Texts => {
             columns.insert(text()?);
         }
-        Kind::FirstStep | Kind::PrevailingTail => collect(&Condition::parse(&text()?).ok()?, &mut columns),
+        Kind::FirstStep | Kind::PrevailingTail => {
+            collect(&Condition::parse(&text()?).ok()?, &mut columns)
+        }
         Kind::Match | Kind::Count | Kind::Find => {
             Pattern::parse(&text()?)
                 .ok()?

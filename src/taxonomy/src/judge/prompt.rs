@@ -93,6 +93,9 @@ fn record(case: &Case, bytes_max: usize) -> String {
 
 fn first_line(case: &Case, text_max: usize) -> String {
     let mut first = json!({"instruction": shortened(&case.instruction, text_max)});
+    if let Some(truth) = &case.truth {
+        first["truth"] = json!(truth);
+    }
     if case.reduced {
         first["reduced"] = json!(true);
     }
@@ -123,6 +126,7 @@ fn line(turn: &CaseStep, text_max: usize) -> String {
         call: short(&turn.call),
         outcome: short(&turn.outcome),
         error: short(&turn.error),
+        acted_on: short(&turn.acted_on),
         reasoning: short(&turn.reasoning),
         history: short(&turn.history),
         question: short(&turn.question),

@@ -371,7 +371,9 @@ fn print_steps(blame: &Blame, trace: &Trace) {
 fn cause(cause: Cause) -> &'static str {
     match cause {
         Cause::Perception => "perception: what it could see told the candidate from the meant one",
-        Cause::Communication => "communication: several candidates fitted, and no answer told them apart",
+        Cause::Communication => {
+            "communication: several candidates fitted, and no answer told them apart"
+        }
         Cause::Memory => "memory: the record before held that this leads nowhere",
         Cause::Primitive => "primitive: a skill of the robot failed, not the decision",
         Cause::Other => "other: something due was left out, or what came was no call",

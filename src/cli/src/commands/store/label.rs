@@ -234,7 +234,9 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
 fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, (i32, bool)>> {
     let session = QuerySession::new(Store::open(store)?)?;
     let text = format(
-        &session.run("SELECT episode_id, array_length(steps), coalesce(success, false) FROM episodes")?,
+        &session.run(
+            "SELECT episode_id, array_length(steps), coalesce(success, false) FROM episodes",
+        )?,
         Format::Csv,
     )?;
     let row = |line: &str| {

@@ -8,9 +8,16 @@ use reel_query::QuerySession;
 use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
     StoredClass,
-    judge::{Case, CaseImage, CaseStep, JudgeOptions, JudgedCase, RuleFinding, Source, judge_all},
+    judge::{
+        Case, CaseImage, CaseObject, CaseStep, CaseTruth, JudgeOptions, JudgedCase, RuleFinding,
+        Source, judge_all,
+    },
 };
 use reel_trace::Trace;
+use reel_world::{
+    ObjectInstance, Task,
+    record::{Backend, StepRecord},
+};
 use serde_json::json;
 
 use crate::{
@@ -22,7 +29,7 @@ use crate::{
 };
 
 /// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript,
-/// and frames if wanted, but not what the rules say, and cannot overturn what the simulator proved.
+/// with `--max-frames` images and with `--truth` goal and captions, but not what the rules say, and cannot overturn what the simulator proved.
 /// Its opinions are kept as labels of kind `judge`; `reel taxonomy agreement --reference judge` compares
 /// them with the rules. Every call is logged, and asked only once.
 ///
@@ -52,6 +59,10 @@ pub struct Arguments {
         default_value_t = 0
     )]
     frames: usize,
+    /// Show the judge what only the simulator knows: which object was meant, where it stood and belongs,
+    /// the looks of all objects, and what each call acted on
+    #[arg(long)]
+    truth: bool,
     /// Folder in which replies are kept
     #[arg(long, value_name = "DIR", default_value = "judge-cache")]
     cache: PathBuf,
@@ -85,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     for portion in failed.chunks(PORTION) {
         let mut cases = Vec::new();
         for episode in portion {
-            match case(episode, arguments.frames) {
+            match case(episode, arguments) {
                 Ok(case) => cases.push(case),
                 Err(error) => {
                     errors += 1;
@@ -143,9 +154,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// What the judge gets of an episode.
-fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
+fn case(episode: &StoredClass, arguments: &Arguments) -> anyhow::Result<Case> {
+    let (frames, truth) = (arguments.frames, arguments.truth);
     let trace = Trace::read(Path::new(&episode.trace)).context("its trace cannot be read")?;
-    let turn = |step: &reel_world::record::StepRecord| {
+    let turn = |step: &StepRecord| {
         let policy = step.input.policy.clone().unwrap_or_default();
         let asked = step.tool_name() == "ask";
         CaseStep {
@@ -157,6 +169,10 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
                 .error
                 .map(|code| code.to_string())
                 .unwrap_or_default(),
+            acted_on: match truth {
+                true => acted_on(&trace.task, step),
+                false => String::new(),
+            },
             reasoning: policy.reasoning,
             history: policy.history,
             question: if asked {
@@ -187,6 +203,7 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
     Ok(Case {
         episode_id: episode.episode_id.clone(),
         instruction: trace.task.instruction.clone(),
+        truth: truth.then(|| case_truth(&trace.task)),
         transcript: trace.steps.iter().map(turn).collect(),
         frames: pictures.collect(),
         rule_finding: Some(RuleFinding {
@@ -195,8 +212,59 @@ fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
             step: decisive,
             evidence: format!("rule for {} at step {decisive}", episode.sub_class),
         }),
-        reduced: trace.header.backend != reel_world::record::Backend::Sim,
+        reduced: trace.header.backend != Backend::Sim,
     })
+}
+
+/// How an object looks, in words.
+fn look(object: &ObjectInstance) -> String {
+    object
+        .caption
+        .clone()
+        .unwrap_or_else(|| object.category.clone())
+}
+
+/// What the task wanted, and where things stood.
+fn case_truth(task: &Task) -> CaseTruth {
+    let moved: Vec<_> = task.goal_objects().map(|object| &object.instance).collect();
+    let (goal, others) = task
+        .objects
+        .iter()
+        .partition::<Vec<_>, _>(|object| moved.contains(&&object.instance));
+    let words = |object: &ObjectInstance, belongs_on: String| CaseObject {
+        object: look(object),
+        stood_on: object.receptacle.to_string(),
+        belongs_on,
+    };
+    let belongs_on = |object: &ObjectInstance| {
+        let to = task.goal.receptacle_of(&object.instance);
+        to.map(ToString::to_string).unwrap_or_default()
+    };
+    CaseTruth {
+        goal: goal
+            .into_iter()
+            .map(|object| words(object, belongs_on(object)))
+            .collect(),
+        others: others
+            .into_iter()
+            .map(|object| words(object, String::new()))
+            .collect(),
+    }
+}
+
+/// What a call acted on in truth.
+fn acted_on(task: &Task, step: &StepRecord) -> String {
+    let object = step
+        .object
+        .as_ref()
+        .and_then(|id| task.object(id))
+        .map(look);
+    let receptacle = step.receptacle.as_ref().map(ToString::to_string);
+    [object, receptacle]
+        .into_iter()
+        .flatten()
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// The judge's opinion as a label; what it was overruled in is said in the note.
