@@ -72,7 +72,7 @@ mod confidence {
     pub const AGREED: f64 = 0.95;
     /// They name the same call, but another capacity.
     pub const OTHER_CAUSE: f64 = 0.85;
-    /// A rule alone.
+    /// A rule without a measurement beside it.
     pub const RULE_ALONE: f64 = 0.75;
     /// Rule and measurement name different calls.
     pub const OTHER_CALL: f64 = 0.55;
@@ -85,7 +85,7 @@ mod confidence {
 pub(crate) struct Explained<'e> {
     /// Index of the finding that decides.
     pub primary: usize,
-    /// The decisive step.
+    /// Number of the decisive step in the episode.
     pub step: i32,
     /// The capacity that failed.
     pub cause: &'e str,

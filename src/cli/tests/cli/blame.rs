@@ -50,10 +50,9 @@ fn a_failure_is_measured_explained_and_repaired() {
         (&true.into(), false),
         "{repaired}"
     );
-    let pair = &repaired["preference"];
     assert!(
-        pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step,
-        "{pair}"
+        repaired["at"].as_u64().unwrap() >= step && repaired["presumed"].is_array(),
+        "{repaired}"
     );
     assert!(reel!(folder, "blame repaired.mcap").contains("succeeded"));
     let nothing = complaint(folder, 1, "repair repaired.mcap");
@@ -164,6 +163,61 @@ fn failures_become_preferences_and_value_targets() {
     assert!(
         complaint(folder, 2, "export preferences --store store --out pairs").contains("not empty")
     );
+}
+
+/// The short form of `make eval-preferences`.
+#[cfg(feature = "analytics")]
+#[test]
+fn pairs_choose_what_is_possible_succeeds_and_asks_where_asking_was_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    reel!(folder, "task draw --count 12 --seed 8 --out tasks");
+    let kinds = "missing_ask,wrong_attribute,missing_open,stale_marker,oscillation";
+    reel!(
+        folder,
+        "agent faults run --tasks tasks --episodes 14 --seed 70 --kinds {kinds} --out traces"
+    );
+    reel!(folder, "ingest traces --store store");
+    reel!(
+        folder,
+        "export preferences --store store --out pairs --no-images"
+    );
+    let text = std::fs::read_to_string(folder.join("pairs/preferences.jsonl")).unwrap();
+    let pairs: Vec<Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert!(pairs.len() >= 8, "{} pairs", pairs.len());
+    reel!(folder, "ingest pairs/traces --store chosen");
+    let sql = "SELECT e.episode_id, e.success, s.step, s.tool, s.error_code FROM episodes e JOIN steps s USING (episode_id)";
+    let steps = expect(
+        folder,
+        0,
+        &format!("query --store chosen --format csv | {sql}"),
+    );
+    let mut questions = 0;
+    for pair in pairs {
+        let origin = &pair["provenance"];
+        assert_ne!(origin["chosen_call"], origin["rejected_call"]);
+        assert_ne!(pair["chosen"], pair["rejected"]);
+        let (episode, step) = origin["chosen"]["example"]
+            .as_str()
+            .unwrap()
+            .split_once('/')
+            .unwrap();
+        // it succeeds, and the chosen call is no error
+        let row = format!("{episode},true,{step},");
+        let row = steps
+            .lines()
+            .find(|line| line.starts_with(&row))
+            .unwrap_or_else(|| panic!("no future that succeeds: {origin}"));
+        assert!(row.ends_with(','), "the chosen call fails: {row}");
+        if origin["cause"] == "communication" {
+            assert!(row.contains(",ask,"), "{row}");
+            questions += 1;
+        }
+    }
+    assert!(questions > 0, "no missing question among them");
 }
 
 #[cfg(feature = "analytics")]

@@ -49,7 +49,7 @@ pub enum Edit {
 pub struct Presumed {
     /// Index of the call in the repaired episode, from 0.
     pub at: usize,
-    /// The call.
+    /// The call as the repaired episode has it.
     pub call: ToolCall,
     /// What it takes for known, as a phrase.
     pub knowledge: &'static str,
