@@ -6,9 +6,14 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_open
 -- Priority: 19
-SELECT coalesce(
-  sequence_find(steps, '_[error_code = ''door_closed'']'),
-  sequence_find(steps, 'nav_to[ok and receptacle_match = ''dest'' and held is not null]')
+SELECT named_struct(
+  'first',
+  coalesce(
+    sequence_find(steps, '_[error_code = ''door_closed'']'),
+    sequence_find(steps, 'nav_to[ok and receptacle_match = ''dest'' and held is not null]')
+  )['first'],
+  'last',
+  CAST(length - 1 AS INT)
 ) AS found
 FROM episodes
 WHERE dest_door = 'closed'

@@ -6,12 +6,18 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_open
 -- Priority: 19
-SELECT coalesce(
-  sequence_find(steps, 'nav_to[receptacle_match = ''src''] !nav_to* _[failed]'),
-  sequence_find(steps, 'nav_to[receptacle_match = ''src'']')
+SELECT named_struct(
+  'first',
+  coalesce(
+    sequence_find(steps, 'nav_to[receptacle_match = ''src''] !nav_to* _[failed]'),
+    sequence_find(steps, 'nav_to[receptacle_match = ''src'']')
+  )['first'],
+  'last',
+  CAST(length - 1 AS INT)
 ) AS found
 FROM episodes
 WHERE src_door = 'closed'
   AND NOT sequence_match(steps, 'open[ok and receptacle_match = ''src'']')
   AND NOT sequence_match(steps, 'pick[ok]')
+  AND sequence_match(steps, 'nav_to[receptacle_match = ''src'']')
   AND NOT sequence_match(steps, '(nav_to nav_to){4,}')

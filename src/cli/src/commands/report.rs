@@ -1,6 +1,8 @@
 //! `reel report`: a store as one HTML file for a paper or a meeting. Everything is in the file: no
 //! script, nothing from outside.
 
+mod summary;
+
 use std::{fmt::Write as _, fs, path::PathBuf};
 
 use anyhow::Context;
@@ -15,12 +17,13 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use crate::ExitStatus;
 
-/// Write one self-contained HTML file about the episodes of a store: success rates with intervals,
-/// reasons of failure, decisive calls, the hardest tasks, and an example of each kind of failure
-/// with the frame of its decisive step.
+/// Write one self-contained HTML file about the episodes of a store: a summary in sentences with its
+/// evidence, success rates with intervals, reasons of failure, decisive calls, the hardest tasks,
+/// and an example of each kind of failure with the frame of its decisive step.
 ///
 /// Examples:
 ///   reel report --store store --out report.html
+///   reel report --store store --summary                     # the sentences alone, on standard output
 ///   reel report --store store --where "policy = 'planner'" --title "The planner" --out planner.html
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -37,6 +40,12 @@ pub struct Arguments {
     /// Condition in SQL on the columns of `episodes`; others are left out
     #[arg(long = "where", value_name = "SQL", default_value = "true")]
     condition: String,
+    /// Print the summary in sentences, each with up to three traces, and write no file
+    #[arg(long)]
+    summary: bool,
+    /// Print the summary as JSON, one statement a line
+    #[arg(long, requires = "summary")]
+    json: bool,
     /// Maximum number of failure examples, the most frequent kinds first
     #[arg(long, value_name = "N", default_value_t = 8)]
     examples: usize,
@@ -109,6 +118,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     };
     let version = store.version();
     let session = QuerySession::new(store)?;
+    if arguments.summary {
+        for statement in summary::statements(&session, &arguments.episodes())? {
+            if arguments.json {
+                println!("{}", serde_json::to_string(&statement)?);
+                continue;
+            }
+            println!("{}", statement.sentence);
+            for trace in &statement.traces {
+                println!("    {trace}");
+            }
+        }
+        return Ok(ExitStatus::Success);
+    }
     let html = page(&session, arguments, version)?;
     fs::write(&arguments.out, html)
         .with_context(|| format!("cannot write {}", arguments.out.display()))?;
@@ -116,8 +138,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
+impl Arguments {
+    /// The episodes of the report, as a table expression in SQL.
+    fn episodes(&self) -> String {
+        format!("(SELECT * FROM episodes WHERE ({}\n))", self.condition)
+    }
+}
+
 fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::Result<String> {
-    let these = format!("(SELECT * FROM episodes WHERE ({}\n))", arguments.condition);
+    let these = arguments.episodes();
     let rates: Vec<Rate> = rows(session, &rates_sql(&these))?;
     anyhow::ensure!(
         !rates.is_empty(),
@@ -178,7 +207,20 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
             format!(", where <code>{}</code>", escaped(&arguments.condition))
         }
     );
-    html.push_str("<h2>How often they succeed</h2>\n");
+    html.push_str("<h2>In short</h2>\n<ul>\n");
+    for summary::Statement { sentence, traces } in summary::statements(session, &these)? {
+        let traces: Vec<String> = traces
+            .iter()
+            .map(|trace| format!("<code>{}</code>", escaped(trace)))
+            .collect();
+        let _ = writeln!(
+            html,
+            "<li>{} <span class=soft>{}</span>",
+            escaped(&sentence),
+            traces.join(" ")
+        );
+    }
+    html.push_str("</ul>\n<h2>How often they succeed</h2>\n");
     success(&mut html, &rates);
     html.push_str("<h2>Why they fail</h2>\n");
     let failures: u64 = kinds.iter().map(|kind| kind.episodes).sum();
