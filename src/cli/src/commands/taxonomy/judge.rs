@@ -10,7 +10,7 @@ use reel_taxonomy::{
     StoredClass,
     judge::{Case, CaseImage, CaseStep, JudgeOptions, JudgedCase, RuleFinding, Source, judge_all},
 };
-use reel_trace::Trace;
+use reel_trace::TraceFiles;
 use serde_json::json;
 
 use crate::{
@@ -73,7 +73,7 @@ const PORTION: usize = 32;
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let client = client.context("--endpoint and --model are missing: the model that judges")?;
-    let session = QuerySession::new(Store::open(&arguments.store)?)?;
+    let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
     let options = JudgeOptions {
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     for portion in failed.chunks(PORTION) {
         let mut cases = Vec::new();
         for episode in portion {
-            match case(episode, arguments.frames) {
+            match case(session.store().trace_files(), episode, arguments.frames) {
                 Ok(case) => cases.push(case),
                 Err(error) => {
                     errors += 1;
@@ -143,8 +143,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// What the judge gets of an episode.
-fn case(episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
-    let trace = Trace::read(Path::new(&episode.trace)).context("its trace cannot be read")?;
+fn case(files: &TraceFiles, episode: &StoredClass, frames: usize) -> anyhow::Result<Case> {
+    let trace = files
+        .read(Path::new(&episode.trace))
+        .context("its trace cannot be read")?;
     let turn = |step: &reel_world::record::StepRecord| {
         let policy = step.input.policy.clone().unwrap_or_default();
         let asked = step.tool_name() == "ask";
