@@ -76,7 +76,7 @@ for (const { trace } of traces) {
   if (steps >= 30) long = trace;
 }
 assert(long, "no trace has 30 steps");
-figure("an episode of 30 steps, with its picture and transcript", await opening(`/episodes/${long}?step=12`, async (page) => {
+figure("an episode of 30 steps, with its image and transcript", await opening(`/episodes/${long}?step=12`, async (page) => {
   await page.locator("button[aria-current=step]").waitFor();
   await page.locator(".view img").first().waitFor();
 }), 500);

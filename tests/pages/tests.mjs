@@ -48,18 +48,18 @@ export async function stepping(browser, { trace, step }) {
     const asked = [];
     page.on("request", (request) => asked.push(request.url().slice(url.length)));
     await visit(page, `/episodes/${trace}`);
-    const picture = page.locator(".view img").first();
-    await picture.waitFor();
+    const image = page.locator(".view img").first();
+    await image.waitFor();
     // What was asked while the page came is not asked again.
     const ofTrace = asked.filter((path) => path.startsWith(`/api/traces/${trace}/`));
     assert(ofTrace.length >= 5 && new Set(ofTrace).size === ofTrace.length, ofTrace.join(" "));
-    const shown = () => picture.getAttribute("src");
+    const shown = () => image.getAttribute("src");
     const first = await shown();
     assert((await moment(page)).startsWith("start"), await moment(page));
     await page.keyboard.press("ArrowRight");
     await page.keyboard.press("j");
     await until(async () => (await moment(page)).startsWith("step 1"), "two steps on is step 1");
-    await until(async () => (await shown()) !== first, "another picture");
+    await until(async () => (await shown()) !== first, "another image");
     assert(parameter(page, "step") === "1", page.url());
     await page.keyboard.press("k");
     await until(async () => (await moment(page)).startsWith("step 0"), "one step back");
@@ -70,10 +70,10 @@ export async function stepping(browser, { trace, step }) {
     await until(async () => (await moment(page)).startsWith(`step ${steps - 1}`), "the last step");
     await page.keyboard.press("Home");
     await until(async () => (await moment(page)).startsWith("start"), "the start again");
-    // Another camera draws another picture of the same moment.
+    // Another camera draws another image of the same moment.
     const head = await shown();
     await page.keyboard.press("4");
-    await until(async () => (await shown()) !== head, "the free camera's picture");
+    await until(async () => (await shown()) !== head, "the free camera's image");
     assert(parameter(page, "camera") === "free" && parameter(page, "eye"), page.url());
     const before = await shown();
     const box = await page.locator(".view").first().boundingBox();
@@ -81,7 +81,7 @@ export async function stepping(browser, { trace, step }) {
     await page.mouse.down();
     await page.mouse.move(box.x + 220, box.y + 120, { steps: 5 });
     await page.mouse.up();
-    await until(async () => (await shown()) !== before, "a picture from elsewhere");
+    await until(async () => (await shown()) !== before, "an image from elsewhere");
   });
 }
 
@@ -110,7 +110,7 @@ export async function what_if_succeeds(browser, { trace, step }) {
     assert(verdict.exact, `the branch does not replay: ${JSON.stringify(verdict)}`);
     const episode = await (await fetch(`${url}/api/traces/${branch}/episode`)).json();
     assert(episode.end.metrics.success && episode.header.parent.call === step, JSON.stringify(episode.end.metrics));
-    assert((await page.locator(".view img").count()) === 2, "two pictures side by side");
+    assert((await page.locator(".view img").count()) === 2, "two images side by side");
   });
 }
 
@@ -244,7 +244,7 @@ export async function training_sets(browser) {
   });
 }
 
-/** An agent plays; its picture is seen, and its question answered by the person who watches. */
+/** An agent plays; its image is seen, and its question answered by the person who watches. */
 export async function a_person_answers_an_agent(browser) {
   const session = await agent();
   try {
@@ -308,10 +308,10 @@ export async function odd_traces_are_told(browser) {
     await page.locator("[role=alert]").first().waitFor();
   }, { expected });
   await onPage(browser, async (page) => {
-    // It holds no pictures, and nothing can draw them: words stand in their place.
+    // It holds no images, and nothing can draw them: words stand in their place.
     await visit(page, "/episodes/robot?step=0");
-    await until(async () => /picture|drawn|execute/i.test(await page.locator(".view").first().innerText()), "a word about the picture");
-    assert(!(await page.locator(".view img").count()), "there is a picture of what was never seen");
+    await until(async () => /image|drawn|execute/i.test(await page.locator(".view").first().innerText()), "a word about the image");
+    assert(!(await page.locator(".view img").count()), "there is an image of what was never seen");
   }, { expected });
 }
 

@@ -85,8 +85,8 @@ function fetched(path: string, signal?: AbortSignal): Promise<Response> {
   return known ?? send("GET", path, undefined, signal);
 }
 
-/** A picture, as an address for <img>; to be given back to URL.revokeObjectURL. */
-export async function picture(path: string, signal?: AbortSignal): Promise<string> {
+/** An image, as an address for <img>; to be given back to URL.revokeObjectURL. */
+export async function image(path: string, signal?: AbortSignal): Promise<string> {
   return URL.createObjectURL(await (await fetched(path, signal)).blob());
 }
 

@@ -9,7 +9,7 @@ use std::{
 
 use crate::plan::{Intent, PlanningState, calls, plan, published_plan};
 use rand_chacha::ChaCha8Rng;
-use reel_episode::{Privileged, user::which};
+use reel_episode::{Privileged, user::clarifying_question};
 use reel_world::{
     DoorState, ErrorCode, HORIZON, InstanceId, PlanStep, ReceptacleId, Task, Tool, WorldGraph,
     record::{MarkerTarget, PolicyInfo, StepInput},
@@ -559,7 +559,7 @@ impl Policy for Oracle {
 /// A question that names what was seen, in the words one sees it by.
 pub(crate) fn question(seen: &[PerceivedItem], purpose: Option<&str>) -> String {
     let things = seen.iter().filter(|thing| !thing.furniture);
-    which(
+    clarifying_question(
         things.map(|thing| thing.caption.as_deref().unwrap_or(&thing.category)),
         purpose,
     )

@@ -18,7 +18,7 @@ const LISTED_MAX: usize = 10;
 pub(crate) fn step_facts(memory: &Memory<'_>, step: &Step<'_>, voice: PhraseChooser) -> String {
     let call = step.call();
     let at_step = memory.step;
-    let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, at_step, gaps);
+    let tell = |wording, gaps: &[(&str, &str)]| voice.phrase(wording, at_step, gaps);
     let what = || english::sought(call.argument);
     let at = memory
         .at

@@ -26,7 +26,7 @@ pub(crate) struct Memory<'a> {
     /// What the last picture or inventory showed.
     pub in_view: Vec<ObservedObject<'a>>,
     /// Everything that was ever seen.
-    pub seen: Vec<ObservedObject<'a>>,
+    pub observed: Vec<ObservedObject<'a>>,
     /// Keys of what was marked when the robot searched for what shall be moved, in the
     /// words of the instruction.
     pub matched: Vec<&'a str>,
@@ -67,7 +67,7 @@ impl<'a> Memory<'a> {
             visited: Vec::new(),
             markers: Vec::new(),
             in_view: Vec::new(),
-            seen: Vec::new(),
+            observed: Vec::new(),
             matched: Vec::new(),
             held: None,
             held_from: None,
@@ -145,8 +145,8 @@ impl<'a> Memory<'a> {
         if !["ask", "finish", "list_receptacles", "list_tasks"].contains(&step.tool) {
             self.in_view.clone_from(&step.visible);
             for thing in &step.visible {
-                if !self.seen.contains(thing) {
-                    self.seen.push(*thing);
+                if !self.observed.contains(thing) {
+                    self.observed.push(*thing);
                 }
             }
         }
@@ -189,7 +189,7 @@ impl<'a> Memory<'a> {
 
     /// Things seen that fit the instruction, whatever was said since.
     pub fn candidates(&self) -> Vec<ObservedObject<'a>> {
-        self.seen
+        self.observed
             .iter()
             .filter(|thing| self.fits_instruction(thing))
             .copied()

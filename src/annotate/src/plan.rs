@@ -26,7 +26,7 @@ pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser
 
 /// What is done now.
 pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: PhraseChooser) -> String {
-    let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, memory.step, gaps);
+    let tell = |wording, gaps: &[(&str, &str)]| voice.phrase(wording, memory.step, gaps);
     let it = || match memory.marked(call) {
         Some(MarkedItem::Receptacle(id)) => id.to_owned(),
         _ => marked_in_words(memory, call),

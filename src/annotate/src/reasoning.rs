@@ -60,7 +60,7 @@ struct Reasoner<'m> {
 
 impl Reasoner<'_> {
     fn tell(&self, wording: PhraseVariants, gaps: &[(&str, &str)]) -> String {
-        self.voice.say(wording, self.memory.step, gaps)
+        self.voice.phrase(wording, self.memory.step, gaps)
     }
 
     /// What shall be moved, where a thing is described in the same sentence: not in

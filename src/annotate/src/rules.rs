@@ -41,7 +41,7 @@ pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Annotat
     for step in steps {
         let call = step.call();
         let history = if deeds.is_empty() {
-            voice.say(NOTHING_YET, 0, &[])
+            voice.phrase(NOTHING_YET, 0, &[])
         } else {
             deeds.join(" ")
         };

@@ -68,7 +68,7 @@ pub(crate) struct PhraseChooser {
 
 impl PhraseChooser {
     /// One of the ways, its gaps filled, as a sentence.
-    pub fn say(self, wording: PhraseVariants, step: usize, gaps: &[(&str, &str)]) -> String {
+    pub fn phrase(self, wording: PhraseVariants, step: usize, gaps: &[(&str, &str)]) -> String {
         english::sentence(&self.words(wording, step, gaps))
     }
 

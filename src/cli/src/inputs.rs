@@ -11,10 +11,10 @@ use std::{
 use anyhow::{Context, bail};
 use reel_replay::SnapshotCache;
 #[cfg(feature = "analytics")]
-use reel_tables::buckets::Buckets;
+use reel_tables::{Store, buckets::Buckets};
 use reel_tasks::assets::AssetFolder;
 use reel_tasks::{ObjectOrder, SceneSource};
-use reel_trace::{Trace, is_remote, list_remote};
+use reel_trace::{Trace, TraceFiles, is_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
 /// The skills of a name, for arguments.
@@ -155,12 +155,13 @@ pub fn tasks(path: &Path, scene: &SceneArguments, listed: ObjectOrder) -> anyhow
 
 /// The trace files among the paths: files as given, folders, also those in buckets,
 /// searched for `.mcap`, sorted.
-pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+pub fn traces(files: &TraceFiles, paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
         if is_remote(path) {
-            let below =
-                list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
+            let below = files
+                .list_remote(path)
+                .with_context(|| format!("cannot list {}", path.display()))?;
             found.extend(below.into_iter().filter(|path| is_trace(path)));
         } else if path.is_dir() {
             collect(path, &is_trace, &mut found)
@@ -241,6 +242,29 @@ pub fn buckets() -> Buckets {
     ))
 }
 
+/// Where commands read traces from: this machine and, in builds with tables, buckets. A command
+/// makes it once and passes it on, because it remembers what it listed.
+pub fn trace_files() -> TraceFiles {
+    #[cfg(feature = "analytics")]
+    {
+        TraceFiles::with_remote(Arc::new(buckets()))
+    }
+    #[cfg(not(feature = "analytics"))]
+    {
+        TraceFiles::default()
+    }
+}
+
+/// Opens a store, at an earlier version if one is named. Its rows may name traces in buckets.
+#[cfg(feature = "analytics")]
+pub fn store(location: &str, version: Option<u64>) -> anyhow::Result<Store> {
+    let store = match version {
+        Some(version) => Store::open_at(location, version)?,
+        None => Store::open(location)?,
+    };
+    Ok(store.with_trace_files(trace_files()))
+}
+
 /// Where the meshes of objects are.
 #[derive(clap::Args)]
 pub struct Assets {
@@ -271,8 +295,8 @@ impl Assets {
     }
 
     /// Reads a trace, with the meshes that it was recorded with.
-    pub fn read(&self, path: &Path) -> anyhow::Result<Trace> {
-        Ok(Trace::read(path)?.with_meshes(&self.open()?))
+    pub fn read(&self, files: &TraceFiles, path: &Path) -> anyhow::Result<Trace> {
+        Ok(files.read(path)?.with_meshes(&self.open()?))
     }
 
     /// The meshes of all objects of tasks, and how many files were refused. Says of every asset

@@ -147,8 +147,6 @@ enum Command {
 
 fn main() -> ExitCode {
     end_with_the_reader();
-    #[cfg(feature = "analytics")]
-    reel_trace::install_remote_fs(Box::new(inputs::buckets()));
     let settings = settings::Settings::load();
     let mut command_line = names::command_line();
     if let Ok(settings) = &settings {

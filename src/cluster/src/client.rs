@@ -14,6 +14,7 @@ use datafusion::{
 };
 use futures_util::{StreamExt as _, stream};
 use reel_query::{EngineFactory, TraceAccess, every_function};
+use reel_trace::TraceFiles;
 use url::Url;
 
 use crate::{
@@ -214,7 +215,12 @@ impl Cluster {
         groups: &[(usize, &[PathBuf])],
     ) -> datafusion::error::Result<work::GroupResults> {
         let config = SessionConfig::new_with_ballista();
-        let state = every_function(config, files::environment()?, TraceAccess::Nothing);
+        let state = every_function(
+            config,
+            files::environment()?,
+            TraceAccess::Nothing,
+            TraceFiles::default(),
+        );
         let mut state = engine::engine(state, &self.url)?;
         Worker::nobody().equip(&mut state)?;
         let context = SessionContext::new_with_state(state);

@@ -9,6 +9,7 @@ use ballista_core::{
 use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
 use datafusion::prelude::SessionConfig;
 use reel_query::{TraceAccess, every_function};
+use reel_trace::TraceFiles;
 
 use crate::{Address, ClusterError, TraceJob, client::MESSAGE_BYTES, files, runtime, work::Worker};
 
@@ -30,6 +31,8 @@ pub struct ExecutorOptions {
     pub work: Option<PathBuf>,
     /// Folders and places in buckets whose traces may be opened.
     pub traces: Vec<PathBuf>,
+    /// Where its SQL functions read traces from.
+    pub files: TraceFiles,
     /// Names this program: it does no work for another one.
     pub build: String,
     /// What it can do with traces besides SQL.
@@ -51,6 +54,7 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         SessionConfig::new_with_ballista(),
         environment,
         opens.clone(),
+        executor.files.clone(),
     );
     let worker = Worker {
         build: executor.build.clone(),

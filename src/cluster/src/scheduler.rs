@@ -8,6 +8,7 @@ use ballista_scheduler::{
 };
 use datafusion::prelude::SessionConfig;
 use reel_query::{TraceAccess, every_function};
+use reel_trace::TraceFiles;
 
 use crate::{ClusterError, client::MESSAGE_BYTES, files, runtime, work::Worker};
 
@@ -46,7 +47,12 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
         grpc_client_max_message_size: MESSAGE_BYTES as u32,
         override_config_producer: Some(Arc::new(SessionConfig::new_with_ballista)),
         override_session_builder: Some(Arc::new(|config| {
-            let mut state = every_function(config, files::environment()?, TraceAccess::Nothing);
+            let mut state = every_function(
+                config,
+                files::environment()?,
+                TraceAccess::Nothing,
+                TraceFiles::default(),
+            );
             Worker::nobody().equip(&mut state)?;
             Ok(state)
         })),

@@ -247,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_as_qwen_counts_them() {
+    fn images_as_qwen_counts_them() {
         assert_eq!(image_tokens(364, 252, 28), 13 * 9 + 2);
         assert_eq!(image_tokens(352, 256, 32), 11 * 8 + 2);
         assert_eq!(image_tokens(1, 1, 28), 1 + 2);

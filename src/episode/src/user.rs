@@ -22,7 +22,7 @@ use reel_world::{
 };
 
 use question::Topic;
-pub use question::which;
+pub use question::clarifying_question;
 pub use rules::{spoken_id, violations};
 
 /// What the user knows: the task, how people call the furniture, and what the robot saw and holds.

@@ -69,7 +69,7 @@ impl<'s> HistoryChecks<'s> {
         let known = store.checked_traces()?.into_iter();
         Ok(Self {
             store,
-            reader: RecordsReader::default(),
+            reader: RecordsReader::new(store.trace_files().clone()),
             refuted: known
                 .filter(|trace| trace.checker_version == CHECKER_VERSION)
                 .map(|trace| (trace.trace_digest.clone(), refuted_steps(&trace)))

@@ -21,7 +21,7 @@ use reel_dataset::{
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
@@ -88,6 +88,7 @@ pub(crate) fn write(
                         writer: &writer,
                         pictures: &known_pictures,
                         known: &known,
+                        files: store.trace_files(),
                         table_version: store.version(),
                     };
                     let make = |(row, place): &(&EpisodeRow<'_>, SplitAssignment<'_>)| {
@@ -179,6 +180,7 @@ struct RowBuilder<'m> {
     writer: &'m DatasetWriter,
     pictures: &'m ImageIndex,
     known: &'m TaskIndex,
+    files: &'m TraceFiles,
     table_version: u64,
 }
 
@@ -201,7 +203,7 @@ impl RowBuilder<'_> {
             && options.rollouts.is_none()
             && candidate.contradicts;
         let trace = match (options.images || mends)
-            .then(|| Trace::read(Path::new(row.trace)))
+            .then(|| self.files.read(Path::new(row.trace)))
             .transpose()
         {
             Ok(trace) => trace,
@@ -276,7 +278,7 @@ impl RowBuilder<'_> {
             scene_id: row.scene_id.to_owned(),
             policy: row.policy.to_owned(),
             split,
-            briefing: Arc::clone(&known.told),
+            briefing: Arc::clone(&known.briefing),
             names: Profile::parse(row.profile).map_or(NameSet::Paper, Profile::names),
             steps,
             source: self.source(row, candidate, annotator),

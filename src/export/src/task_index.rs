@@ -36,7 +36,7 @@ pub(crate) struct TaskEntry {
     public: OnceLock<PublicTask>,
     /// Places of the objects in the task, by their instances.
     objects: HashMap<String, usize>,
-    pub told: Arc<TaskBriefing>,
+    pub briefing: Arc<TaskBriefing>,
 }
 
 impl TaskIndex {
@@ -119,7 +119,7 @@ impl TaskIndex {
                 .enumerate()
                 .map(|(index, object)| (object.instance.to_string(), index))
                 .collect(),
-            told: Arc::new(
+            briefing: Arc::new(
                 TaskBriefing::new(
                     &task.instruction,
                     receptacles,

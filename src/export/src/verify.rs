@@ -11,7 +11,7 @@ use std::{
 use rayon::prelude::*;
 use reel_replay::Verdict;
 use reel_tables::{Store, TraceVerdict};
-use reel_trace::{Limits, Trace};
+use reel_trace::{Limits, Trace, TraceFiles};
 use reel_world::Digest;
 
 use crate::{ExportError, Progress, select::Candidate};
@@ -43,7 +43,7 @@ pub(crate) fn verify(
         let looked: Vec<(Verified, Option<TraceVerdict>)> = some
             .par_iter()
             .map(|candidate| {
-                let looked = look(candidate, &known, replay);
+                let looked = look(store.trace_files(), candidate, &known, replay);
                 progress(1);
                 looked
             })
@@ -60,13 +60,14 @@ pub(crate) fn verify(
 
 /// One trace, and its verdict where it is a new one.
 fn look(
+    files: &TraceFiles,
     candidate: &Candidate,
     known: &HashMap<String, TraceVerdict>,
     replay: bool,
 ) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
     let unread = |error| (Err(format!("the trace cannot be read: {error}")), None);
-    let here = match reel_trace::local_copy(path) {
+    let here = match files.local_copy(path) {
         Ok(here) => here,
         Err(error) => return unread(error),
     };

@@ -208,7 +208,7 @@ impl Files {
         let picture = self.picture(&entries);
         if text.is_none() && picture.is_none() && !failed {
             self.notes.push(format!(
-                "{}: neither text nor picture says what the call came to",
+                "{}: neither text nor image says what the call came to",
                 name_of(folder)
             ));
         }
@@ -271,7 +271,7 @@ impl Files {
         if pictures.len() > 1 {
             let folder = path.parent().map(name_of).unwrap_or_default();
             self.notes.push(format!(
-                "{folder}: of {} pictures the last is kept",
+                "{folder}: of {} images the last is kept",
                 pictures.len()
             ));
         }

@@ -38,7 +38,7 @@ pub struct Limits {
 pub struct SessionPool {
     setup: Arc<Setup>,
     limits: Limits,
-    households: Mutex<BTreeMap<String, Arc<Slot>>>,
+    sessions: Mutex<BTreeMap<String, Arc<Slot>>>,
     work: Arc<Semaphore>,
     closing: AtomicBool,
 }
@@ -46,7 +46,7 @@ pub struct SessionPool {
 struct Slot {
     name: String,
     lease: Option<Lease>,
-    household: Arc<AsyncMutex<Session>>,
+    session: Arc<AsyncMutex<Session>>,
     seen: Mutex<SessionInfo>,
 }
 
@@ -77,7 +77,7 @@ impl SessionPool {
             setup: Arc::new(setup),
             work: Arc::new(Semaphore::new(limits.workers.max(1))),
             limits,
-            households: Mutex::default(),
+            sessions: Mutex::default(),
             closing: AtomicBool::new(false),
         }
     }
@@ -111,32 +111,32 @@ impl SessionPool {
         {
             return Err(LiveError::UnknownTask(lease.task_id.clone()));
         }
-        let mut households = self.lock();
+        let mut sessions = self.lock();
         if self.closing.load(Ordering::Acquire) {
             return Err(LiveError::Closing);
         }
-        if let Some(slot) = households.get(name) {
+        if let Some(slot) = sessions.get(name) {
             return if lease.is_some() && slot.lease != lease {
                 Err(LiveError::Taken(name.to_owned()))
             } else {
                 Ok(())
             };
         }
-        if households.len() >= self.limits.sessions {
+        if sessions.len() >= self.limits.sessions {
             return Err(LiveError::Full(self.limits.sessions));
         }
-        let household = Session::new(name, self.setup.clone(), lease.clone());
+        let session = Session::new(name, self.setup.clone(), lease.clone());
         let seen = Mutex::new(SessionInfo {
-            state: household.state(),
+            state: session.state(),
             used: Instant::now(),
         });
         let slot = Slot {
             name: name.to_owned(),
             lease,
-            household: Arc::new(AsyncMutex::new(household)),
+            session: Arc::new(AsyncMutex::new(session)),
             seen,
         };
-        households.insert(name.to_owned(), Arc::new(slot));
+        sessions.insert(name.to_owned(), Arc::new(slot));
         Ok(())
     }
 
@@ -160,23 +160,23 @@ impl SessionPool {
             .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
         let patience = self.limits.worker_timeout;
         let waited = async {
-            let household = slot.household.clone().lock_owned().await;
+            let session = slot.session.clone().lock_owned().await;
             let worker = self
                 .work
                 .clone()
                 .acquire_owned()
                 .await
                 .expect("the pool never closes its workers");
-            (household, worker)
+            (session, worker)
         };
-        let (household, worker) = tokio::time::timeout(patience, waited)
+        let (session, worker) = tokio::time::timeout(patience, waited)
             .await
             .map_err(|_| LiveError::Busy(patience.as_secs()))?;
         let pool = self.clone();
         let done = tokio::task::spawn_blocking(move || {
             let _worker = worker;
-            let mut used = SessionGuard { household, slot };
-            let value = work(&mut used.household);
+            let mut used = SessionGuard { session, slot };
+            let value = work(&mut used.session);
             drop(used);
             pool.make_room();
             value
@@ -207,9 +207,9 @@ impl SessionPool {
             .cloned()
             .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
         let waited = async {
-            let household = slot.household.clone().lock_owned().await;
+            let session = slot.session.clone().lock_owned().await;
             (
-                household,
+                session,
                 self.work
                     .clone()
                     .acquire_owned()
@@ -218,12 +218,12 @@ impl SessionPool {
             )
         };
         let patience = self.limits.worker_timeout;
-        let (household, worker) = tokio::time::timeout(patience, waited)
+        let (session, worker) = tokio::time::timeout(patience, waited)
             .await
             .map_err(|_| LiveError::Busy(patience.as_secs()))?;
         let looked = tokio::task::spawn_blocking(move || {
             let _worker = worker;
-            household.render_frame()
+            session.render_frame()
         });
         looked.await.unwrap_or(Err(LiveError::Closing))
     }
@@ -234,9 +234,9 @@ impl SessionPool {
     /// When there is none of that name, or its trace cannot be written.
     pub async fn close(self: &Arc<Self>, name: &str) -> Result<SessionStatus, LiveError> {
         let left = self
-            .with_session(name, |household| {
-                let left = household.abort();
-                left.map(|()| household.state())
+            .with_session(name, |session| {
+                let left = session.abort();
+                left.map(|()| session.state())
             })
             .await;
         if !matches!(left, Err(LiveError::Busy(_) | LiveError::Closing)) {
@@ -275,11 +275,10 @@ impl SessionPool {
         let slots: Vec<Arc<Slot>> = std::mem::take(&mut *self.lock()).into_values().collect();
         let count = slots.len();
         for slot in slots {
-            let household = slot.household.clone().lock_owned().await;
-            let left = tokio::task::spawn_blocking(move || {
-                SessionGuard { household, slot }.household.abort()
-            })
-            .await;
+            let session = slot.session.clone().lock_owned().await;
+            let left =
+                tokio::task::spawn_blocking(move || SessionGuard { session, slot }.session.abort())
+                    .await;
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
                     ?left,
@@ -327,16 +326,14 @@ impl SessionPool {
         let Some(slot) = self.lock().get(name).cloned() else {
             return;
         };
-        if let Ok(mut household) = slot.household.clone().try_lock_owned() {
-            household.suspend();
-            slot.seen().state = household.state();
+        if let Ok(mut session) = slot.session.clone().try_lock_owned() {
+            session.suspend();
+            slot.seen().state = session.state();
         }
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Slot>>> {
-        self.households
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -358,14 +355,14 @@ impl Slot {
 
 /// A session in use: what is known of it is renewed when that ends, by a panic too.
 struct SessionGuard {
-    household: OwnedMutexGuard<Session>,
+    session: OwnedMutexGuard<Session>,
     slot: Arc<Slot>,
 }
 
 impl Drop for SessionGuard {
     fn drop(&mut self) {
         *self.slot.seen() = SessionInfo {
-            state: self.household.state(),
+            state: self.session.state(),
             used: Instant::now(),
         };
     }

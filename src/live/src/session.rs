@@ -104,7 +104,7 @@ pub struct PrivilegedState {
     /// Where the objects are, by both authorities.
     pub graphs: Graphs,
     /// Objects on each receptacle by the registry, in the order of the scene and of their arrival.
-    pub shelves: Vec<(ReceptacleId, Vec<InstanceId>)>,
+    pub objects_by_receptacle: Vec<(ReceptacleId, Vec<InstanceId>)>,
     /// The marker map; `None` if there is none.
     pub markers: Option<Vec<Marker>>,
     /// What the gripper holds.
@@ -525,7 +525,7 @@ fn view(episode: &Episode) -> PrivilegedState {
     let simulator = episode.simulator();
     PrivilegedState {
         graphs: simulator.graphs(),
-        shelves: simulator.objects_by_receptacle(),
+        objects_by_receptacle: simulator.objects_by_receptacle(),
         markers: simulator
             .has_marker_map()
             .then(|| simulator.markers().to_vec()),

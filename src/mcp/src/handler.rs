@@ -247,35 +247,35 @@ impl ToolServer {
         self.pool.open(session)?;
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
-        let work = move |household: &mut Session| {
+        let work = move |session: &mut Session| {
             // Nobody waits for it where the call has no progress token.
             let _ = begun.send(());
-            household.set_policy(&policy);
+            session.set_policy(&policy);
             let said_begun = |begun: StartedEpisode| {
                 let scene = setup.scene(&begun.task).clone();
                 Response::EpisodeStarted(Box::new(begun), scene)
             };
             match tool {
                 Some(Tool::Lifecycle(Lifecycle::ListReceptacles))
-                    if !published || !household.is_running() =>
+                    if !published || !session.is_running() =>
                 {
                     Ok(Response::Receptacles(
-                        household.scene().cloned().ok_or(LiveError::NoEpisode)?,
+                        session.scene().cloned().ok_or(LiveError::NoEpisode)?,
                     ))
                 }
                 Some(Tool::Finish) => {
-                    if household.is_running() {
-                        household.call(StepInput::from_call(call))?;
+                    if session.is_running() {
+                        session.call(StepInput::from_call(call))?;
                     }
-                    Ok(household
+                    Ok(session
                         .begin_next()?
                         .map_or(Response::Completed, said_begun))
                 }
                 Some(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => {
-                    household.begin(&task_id).map(said_begun)
+                    session.begin(&task_id).map(said_begun)
                 }
                 _ => {
-                    let made = household.call(StepInput {
+                    let made = session.call(StepInput {
                         user_reply: reply,
                         ..StepInput::from_call(call)
                     })?;

@@ -11,7 +11,7 @@ use std::{
 };
 
 use datafusion::error::DataFusionError;
-use reel_trace::is_remote;
+use reel_trace::{TraceFiles, is_remote};
 use reel_world::Digest;
 
 use crate::functions::simulator::ReplayRow;
@@ -97,11 +97,20 @@ pub struct Control {
     simulated: AtomicU64,
     /// Traces that functions may open.
     traces: OnceLock<TraceAccess>,
+    /// Where functions read traces from.
+    pub(crate) files: TraceFiles,
     /// What `replay` said, by the trace's digest.
     pub(crate) verdicts: Mutex<BTreeMap<Digest, ReplayRow>>,
 }
 
 impl Control {
+    pub(crate) fn new(files: TraceFiles) -> Self {
+        Self {
+            files,
+            ..Self::default()
+        }
+    }
+
     /// Stops what runs, as soon as it looks.
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::Relaxed);

@@ -39,6 +39,7 @@ use datafusion::{
 };
 use futures_util::StreamExt as _;
 use reel_tables::{Store, Table, View, views};
+use reel_trace::TraceFiles;
 use tokio::runtime::Runtime;
 
 use crate::{
@@ -186,9 +187,9 @@ impl QuerySession {
         let views = all_views(&StepFields::All);
         store.check_files()?;
         Ok(Self(Arc::new(Inner {
+            control: Arc::new(Control::new(store.trace_files().clone())),
             store,
             limits,
-            control: Arc::default(),
             environment,
             runtime,
             views,
@@ -656,14 +657,15 @@ impl std::fmt::Debug for QuerySession {
 }
 
 /// The state of an engine that has every function a session has, for who runs the plans of
-/// sessions with a remote engine.
+/// sessions with a remote engine; the functions read traces from `files`.
 pub fn every_function(
     config: SessionConfig,
     environment: Arc<RuntimeEnv>,
     opens: TraceAccess,
+    files: TraceFiles,
 ) -> SessionState {
     let context = SessionContext::new_with_config_rt(config, environment);
-    let control = Arc::new(Control::default());
+    let control = Arc::new(Control::new(files));
     control.allow(opens);
     equip(&context, &control);
     context.state()

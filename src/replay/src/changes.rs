@@ -9,7 +9,7 @@ use std::{
 
 use reel_episode::Episode;
 use reel_sim::{render::Detail, sim_version};
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use reel_world::{
     Assets, Outcome,
     record::{EndReason, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord},
@@ -115,6 +115,7 @@ pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
 /// Replays many trace files on so many threads, and says what changed in those that are not exact;
 /// in the order of the paths.
 pub fn replay_outcomes_all<P: AsRef<Path> + Sync>(
+    files: &TraceFiles,
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,
@@ -122,22 +123,20 @@ pub fn replay_outcomes_all<P: AsRef<Path> + Sync>(
 ) -> Vec<ReplayReport> {
     on_workers(paths, workers, |path| {
         let path = path.as_ref();
-        let judgement =
-            catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| {
-                ReplayReport {
-                    trace: path.to_owned(),
-                    verdict: Verdict::panicked(path),
-                    outcomes: None,
-                }
+        let judgement = catch_unwind(AssertUnwindSafe(|| judge(files, path, assets)))
+            .unwrap_or_else(|_| ReplayReport {
+                trace: path.to_owned(),
+                verdict: Verdict::panicked(path),
+                outcomes: None,
             });
         on_done(path, &judgement.verdict);
         judgement
     })
 }
 
-fn judge(path: &Path, assets: &dyn Assets) -> ReplayReport {
-    let verdict = verify_from(path, assets);
-    let outcomes = Trace::read(path).ok().and_then(|trace| match verdict {
+fn judge(files: &TraceFiles, path: &Path, assets: &dyn Assets) -> ReplayReport {
+    let verdict = verify_from(files, path, assets);
+    let outcomes = files.read(path).ok().and_then(|trace| match verdict {
         // Nothing changed, and nothing need be executed a second time to say so.
         Verdict::Exact { .. } => Some(Changes::none(&trace)),
         _ => changes(&trace.with_meshes(assets)).ok(),

@@ -22,7 +22,7 @@ use std::{
 
 use rayon::prelude::*;
 use reel_sim::render::Detail;
-use reel_trace::{Trace, TraceError};
+use reel_trace::{Trace, TraceError, TraceFiles};
 use reel_world::{Assets, Frame, NoAssets};
 use serde::{Deserialize, Serialize};
 
@@ -118,7 +118,7 @@ impl std::fmt::Display for Verdict {
             } => {
                 write!(
                     f,
-                    "exact: {calls} calls, {physics_steps} physics steps, {images} frames"
+                    "exact: {calls} calls, {physics_steps} physics steps, {images} images"
                 )
             }
             Verdict::Diverged { divergence } => write!(f, "DIVERGED {divergence}"),
@@ -141,13 +141,13 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// Replays one trace file, of primitives only.
+/// Replays one trace file of this machine, of primitives only.
 pub fn verify(path: &Path) -> Verdict {
-    verify_from(path, &NoAssets)
+    verify_from(&TraceFiles::default(), path, &NoAssets)
 }
 
-fn verify_from(path: &Path, assets: &dyn Assets) -> Verdict {
-    match Trace::read(path) {
+fn verify_from(files: &TraceFiles, path: &Path, assets: &dyn Assets) -> Verdict {
+    match files.read(path) {
         Ok(trace) => verify_trace(&trace.with_meshes(assets)),
         Err(error) => refused(&error),
     }
@@ -156,13 +156,18 @@ fn verify_from(path: &Path, assets: &dyn Assets) -> Verdict {
 /// Replays many trace files on so many threads; verdicts in the order of the paths.
 /// Meshes come from `assets`.
 pub fn verify_all<P: AsRef<Path> + Sync>(
+    files: &TraceFiles,
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
     on_workers(paths, workers, |path| {
-        contained(path.as_ref(), |path| verify_from(path, assets), &on_done)
+        contained(
+            path.as_ref(),
+            |path| verify_from(files, path, assets),
+            &on_done,
+        )
     })
 }
 
@@ -174,13 +179,14 @@ pub fn verify_catching_panics(trace: &Trace) -> Verdict {
 
 /// [`verify_all`], and each again from snapshots after `count` of its calls.
 pub fn verify_all_from_snapshots<P: AsRef<Path> + Sync>(
+    files: &TraceFiles,
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,
     count: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
-    let verify = |path: &Path| seek::verify_restored_at_some(path, assets, count);
+    let verify = |path: &Path| seek::verify_restored_at_some(files, path, assets, count);
     on_workers(paths, workers, |path| {
         contained(path.as_ref(), verify, &on_done)
     })

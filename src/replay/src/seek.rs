@@ -9,7 +9,7 @@ use std::{
 };
 
 use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use reel_world::{Assets, Digest};
 
 use crate::{Replay, Verdict, refused};
@@ -100,7 +100,7 @@ pub fn frames_at(
     let none = |moment: &Option<u32>| Verdict::Refused {
         reason: match moment {
             Some(call) => format!("call {call} returned no image to the agent"),
-            None => "the agent got no picture before the first call".into(),
+            None => "the agent got no image before the first call".into(),
         },
     };
     if trace.image_count() > 0 {
@@ -198,8 +198,15 @@ pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
 
 /// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by
 /// the trace's own digest, so that the same trace is always asked the same.
-pub(crate) fn verify_restored_at_some(path: &Path, assets: &dyn Assets, count: usize) -> Verdict {
-    let checked = Trace::read(path).and_then(|trace| trace.verify_images().map(|()| trace));
+pub(crate) fn verify_restored_at_some(
+    files: &TraceFiles,
+    path: &Path,
+    assets: &dyn Assets,
+    count: usize,
+) -> Verdict {
+    let checked = files
+        .read(path)
+        .and_then(|trace| trace.verify_images().map(|()| trace));
     let trace = match checked {
         Ok(trace) => trace.with_meshes(assets),
         Err(error) => return refused(&error),

@@ -18,7 +18,7 @@
 //! facts.begin(&mut episode); // once an episode; first how its start differs from the task's, by authority
 //! episode.change(Authority::Physics, facts.change("add", Some("red_on_table_1_at_t"), "floor", None, None)?);
 //! episode.push_visible(facts.object("red_on_table_1_at_t"));
-//! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
+//! let call = facts.head_of_call("pick", None, Some("1")); // then each step: tool, error_code, argument
 //! let red = facts.object("red_on_table_1_at_t");
 //! let reply = None::<&str>.map(|text| facts.text(text));
 //! let trainer_reading = facts.trainer_reading(&call, "Picked up the object."); // for `real-trainer`

@@ -243,8 +243,8 @@ impl RealTrainer {
                 paid.once(Term::CallFailed, Cause::None);
                 self.ending = Some(TrainerEnd::CallFailed);
             }
-            Delivery::Answered if step.head.named == ToolKind::Finish => self.finish(paid),
-            Delivery::Answered => self.call(facts, &step.head, paid),
+            Delivery::Executed if step.head.named == ToolKind::Finish => self.finish(paid),
+            Delivery::Executed => self.call(facts, &step.head, paid),
         }
         if self.ending.is_none() && self.steps >= paid.preset().rules.max_turns {
             paid.once(Term::TurnLimit, Cause::Count(self.steps));

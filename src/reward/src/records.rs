@@ -242,7 +242,7 @@ impl TaskFacts {
 
 fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
     let error = step.outcome.error.map(ErrorCode::as_str);
-    let called = facts.called(
+    let called = facts.head_of_call(
         step.tool_name(),
         error,
         step.input.call.argument().as_deref(),

@@ -6,7 +6,7 @@ use std::{sync::Arc, time::Duration};
 use axum::Router;
 use reel_counterfactual::blame::BlameOptions;
 use reel_query::Parameters;
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use rmcp::{
     ErrorData, RoleServer, ServerHandler,
     model::{
@@ -150,6 +150,7 @@ impl Analysis {
             .existing(name)
             .map_err(|error| error.to_string())?;
         let measured = reel_counterfactual::blame::blame_all(
+            &TraceFiles::default(),
             &[path],
             1,
             &BlameOptions {

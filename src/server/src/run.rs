@@ -3,6 +3,7 @@
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
 use reel_live::SessionPool;
+use reel_trace::TraceFiles;
 use tokio::{
     runtime::{Builder, Runtime},
     signal,
@@ -14,18 +15,22 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and
-/// the number of tasks.
+/// the number of tasks. Questions about the store read traces from `trace_files`.
 ///
 /// # Errors
 /// When the service cannot start.
-pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Result<(), ServeError> {
+pub fn run(
+    config: Config,
+    trace_files: TraceFiles,
+    on_listening: impl FnOnce(SocketAddr, usize),
+) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
     raise_file_limit();
     let runtime = runtime(None)?;
     let served = runtime.block_on(async {
         // Whoever is told the address may end the service at once.
         let stopped = stopped();
-        let service = Service::start(config).await?;
+        let service = Service::start(config, trace_files).await?;
         on_listening(
             service.address().map_err(ServeError::System)?,
             service.tasks(),

@@ -14,6 +14,7 @@ use std::{
 use axum::{Router, middleware};
 use reel_live::{SessionPool, restore};
 use reel_mcp::{Guard, Questions};
+use reel_trace::TraceFiles;
 use tokio::{net::TcpListener, sync::Semaphore};
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -116,7 +117,11 @@ impl Service {
     ///
     /// # Errors
     /// When the configuration is wrong, or the address or a folder cannot be had.
-    pub async fn start(config: Config) -> Result<Self, ServeError> {
+    #[cfg_attr(
+        not(feature = "tables"),
+        expect(unused_variables, reason = "only a store names traces elsewhere")
+    )]
+    pub async fn start(config: Config, trace_files: TraceFiles) -> Result<Self, ServeError> {
         let tokens = Tokens::open(&config.tokens())?;
         if !config.is_local() && tokens.entries().is_empty() {
             return Err(ServeError::Open(config.listen));
@@ -152,7 +157,7 @@ impl Service {
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
-            tables: Tables::new(config.store()),
+            tables: Tables::new(config.store(), trace_files),
             archive,
             snapshots: moments,
             tokens,

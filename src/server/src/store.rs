@@ -9,6 +9,7 @@ use std::{
 
 use axum::body::Bytes;
 use reel_tables::{Stamp, Store, StoreError};
+use reel_trace::TraceFiles;
 
 /// Longest answer that is kept, in bytes.
 pub(crate) const ANSWER_MAX: usize = 1 << 20;
@@ -18,6 +19,7 @@ const ANSWERS_MAX: usize = 64 << 20;
 /// The store of tables.
 pub(crate) struct Tables {
     location: String,
+    trace_files: TraceFiles,
     opened: Mutex<Option<Opened>>,
 }
 
@@ -38,9 +40,10 @@ pub(crate) struct Newest {
 
 impl Tables {
     /// The store at a location, which need not be there yet.
-    pub fn new(location: String) -> Self {
+    pub fn new(location: String, trace_files: TraceFiles) -> Self {
         Self {
             location,
+            trace_files,
             opened: Mutex::default(),
         }
     }
@@ -58,7 +61,7 @@ impl Tables {
         }
         // What is in the way of the new one may not bring the old one back.
         *opened = None;
-        let store = Store::open(&self.location)?;
+        let store = Store::open(&self.location)?.with_trace_files(self.trace_files.clone());
         let asked = Newest {
             store: store.reopen()?,
             stamp: store.stamp()?,
@@ -98,7 +101,7 @@ impl Tables {
 
     /// Opens the store as it was at an earlier version of the tables.
     pub fn at(&self, version: u64) -> Result<Store, StoreError> {
-        Store::open_at(&self.location, version)
+        Ok(Store::open_at(&self.location, version)?.with_trace_files(self.trace_files.clone()))
     }
 }
 
@@ -149,7 +152,7 @@ mod tests {
     fn what_was_written_meanwhile_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("store");
-        let tables = Tables::new(place.display().to_string());
+        let tables = Tables::new(place.display().to_string(), TraceFiles::default());
         assert!(tables.newest().is_err());
         fill(&place, 1);
         let before = tables.newest().unwrap().store;

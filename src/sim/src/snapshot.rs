@@ -126,7 +126,7 @@ impl Simulator {
             .iter()
             .try_fold(0u32, |sum, (_, pixels)| sum.checked_add(*pixels));
         if pixels != Some((FRAME_WIDTH * FRAME_HEIGHT) as u32) {
-            return Err(damaged("its picture has another size"));
+            return Err(damaged("its image has another size"));
         }
         let arrivals = snapshot
             .arrivals

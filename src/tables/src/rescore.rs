@@ -317,7 +317,7 @@ impl<'a> Columns<'a> {
         range(list, row).for_each(|index| episode.push_visible(facts.object(objects.value(index))));
         let mut marked = false;
         for step in range(self.steps, row) {
-            let call = facts.called(
+            let call = facts.head_of_call(
                 self.tool.value(step),
                 optional(self.error_code, step),
                 optional(self.argument, step),

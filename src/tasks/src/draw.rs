@@ -10,10 +10,11 @@ use reel_world::{
 };
 
 use crate::{
+    generate::task::wording::InstructionWording,
     library::{self, LibraryObject},
     placement::{self, Occupancy, PlacementError},
     random::Stream,
-    wording::{Phrases, definite, indefinite},
+    wording::{definite, indefinite},
     yaml,
 };
 
@@ -233,19 +234,16 @@ impl<'a> Draft<'a> {
         let target = InstanceId::new(&self.target.asset, &self.src.id, name);
         objects.sort_by(|a, b| a.instance.cmp(&b.instance));
 
-        let phrases = Phrases {
-            src: self.src_caption,
-            dest: self.dest_caption,
-            into: self.dest.door.exists(),
-        };
-        let template = Phrases::template(stream);
+        let wording = InstructionWording::published(stream);
+        let into = self.dest.door.exists();
+        let word = |object: &str| wording.say(object, self.src_caption, self.dest_caption, into);
         let precise = match self.family {
-            Family::FDO => phrases.word(template, &indefinite(&self.target.category)),
-            _ => phrases.word(template, &definite(&self.target.caption)),
+            Family::FDO => word(&indefinite(&self.target.category)),
+            _ => word(&definite(&self.target.caption)),
         };
         let fuzzy = self.family == Family::SUL;
         let instruction = if fuzzy {
-            phrases.word(template, &indefinite(&self.target.purpose))
+            word(&indefinite(&self.target.purpose))
         } else {
             precise.clone()
         };

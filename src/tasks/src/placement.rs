@@ -7,10 +7,10 @@ use reel_world::{Receptacle, ReceptacleId, Rect};
 
 use crate::random::Stream;
 
-/// Free rim of a surface and free space between objects, in metres.
-const MARGIN_M: f64 = 0.05;
-/// Most tries for one object.
-const MOST_TRIES: usize = 2000;
+/// Free rim of a surface, and free space between objects, in metres.
+pub const MARGIN_M: f64 = 0.05;
+/// Most tries of the static filter for one object.
+pub const TRIES_MAX: usize = 2000;
 /// Gap between an object and the surface it is about to settle
 /// on, in metres (docs/spec.md#real-bench).
 pub(crate) const SPAWN_GAP_M: f64 = 0.02;
@@ -54,7 +54,7 @@ impl Occupancy {
         let surface = receptacle.surface_rect();
         let taken = self.taken.entry(receptacle.id.clone()).or_default();
         let half = [size[0] / 2.0, size[1] / 2.0];
-        for _ in 0..MOST_TRIES {
+        for _ in 0..TRIES_MAX {
             let centre = [0, 1].map(|axis| {
                 let inset = half[axis] + MARGIN_M;
                 round_mm(stream.between(surface.min[axis] + inset, surface.max[axis] - inset))
@@ -62,14 +62,9 @@ impl Occupancy {
             let edges = [0, 1].map(|axis| {
                 (centre[axis] - surface.min[axis]).min(surface.max[axis] - centre[axis])
             });
-            let footprint = Rect {
-                min: [centre[0] - half[0], centre[1] - half[1]],
-                max: [centre[0] + half[0], centre[1] + half[1]],
-            };
+            let footprint = footprint(centre, size);
             if edges[0].min(edges[1]) <= REACH_M
-                && !taken
-                    .iter()
-                    .any(|other| nearer_than_margin(&footprint, other))
+                && taken.iter().all(|other| are_apart(&footprint, other))
             {
                 taken.push(footprint);
                 let z = receptacle.surface_height() + size[2] / 2.0 + SPAWN_GAP_M;
@@ -80,8 +75,18 @@ impl Occupancy {
     }
 }
 
-fn nearer_than_margin(a: &Rect, b: &Rect) -> bool {
-    (0..2).all(|axis| a.min[axis] < b.max[axis] + MARGIN_M && b.min[axis] < a.max[axis] + MARGIN_M)
+/// The ground that an object (width, depth, height) covers around its centre.
+pub(crate) fn footprint([x, y]: [f64; 2], [width, depth, _]: [f64; 3]) -> Rect {
+    Rect {
+        min: [x - width / 2.0, y - depth / 2.0],
+        max: [x + width / 2.0, y + depth / 2.0],
+    }
+}
+
+/// Whether two footprints keep [`MARGIN_M`] between them.
+pub(crate) fn are_apart(a: &Rect, b: &Rect) -> bool {
+    (0..2)
+        .any(|axis| a.min[axis] >= b.max[axis] + MARGIN_M || b.min[axis] >= a.max[axis] + MARGIN_M)
 }
 
 fn round_mm(length_m: f64) -> f64 {
@@ -103,7 +108,7 @@ mod tests {
         let placed = &occupancy.taken[&table.id];
         assert!((3..=8).contains(&placed.len()), "{placed:?}");
         for (index, a) in placed.iter().enumerate() {
-            assert!(!placed[..index].iter().any(|b| nearer_than_margin(a, b)));
+            assert!(placed[..index].iter().all(|b| are_apart(a, b)));
         }
     }
 

@@ -1,8 +1,6 @@
-//! Instructions in varied words, as the published ones are worded.
+//! The published ways to word an instruction, and phrases for what is in it.
 
 pub use reel_world::language::{article, indefinite};
-
-use crate::random::Stream;
 
 /// `{src}`, `{dest}` and `{object}` stand for phrases, `{at}` for "on" or "in".
 pub const TEMPLATES: &[&str] = &[
@@ -18,31 +16,6 @@ pub const TEMPLATES: &[&str] = &[
     "Bring {object} from {src} to {dest}.",
     "Get {object} from {src} and move it to {dest}.",
 ];
-
-/// The phrases of an instruction.
-pub(crate) struct Phrases<'a> {
-    pub src: &'a str,
-    pub dest: &'a str,
-    /// Whether the destination is something to put into.
-    pub into: bool,
-}
-
-impl Phrases<'_> {
-    /// One of the wordings.
-    pub fn template(stream: &mut Stream) -> &'static str {
-        TEMPLATES[stream.below(TEMPLATES.len())]
-    }
-
-    /// Words an instruction about an object.
-    pub fn word(&self, template: &str, object: &str) -> String {
-        let at = if self.into { "in" } else { "on" };
-        template
-            .replace("{src}", self.src)
-            .replace("{dest}", self.dest)
-            .replace("{object}", object)
-            .replace("{at}", at)
-    }
-}
 
 /// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty
 /// for an empty caption.
@@ -98,17 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn phrases_read_as_english() {
-        let phrases = Phrases {
-            src: "the couch",
-            dest: "the microwave",
-            into: true,
-        };
-        let template = "Take {object} from {src} and put it {at} {dest}.";
-        assert_eq!(
-            phrases.word(template, &indefinite("apple")),
-            "Take an apple from the couch and put it in the microwave."
-        );
+    fn captions_become_definite_phrases() {
         assert_eq!(
             definite("Small red mug with a rim."),
             "the small red mug with a rim"

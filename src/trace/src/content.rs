@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use crate::{
-    TraceError,
+    TraceError, TraceFiles,
     container::{self, At, Item},
     files,
     limits::Limits,
@@ -14,9 +14,9 @@ use crate::{
 ///
 /// # Errors
 /// When the file cannot be read or its container is damaged.
-pub fn content(path: &Path) -> Result<BTreeMap<String, u64>, TraceError> {
+pub fn content(files: &TraceFiles, path: &Path) -> Result<BTreeMap<String, u64>, TraceError> {
     let limits = Limits::default();
-    let bytes = files::read(path, &limits)?;
+    let bytes = files::read(files, path, &limits)?;
     let mut shares: BTreeMap<String, u64> = BTreeMap::new();
     container::walk(&bytes, path, &limits, &mut |_: At, item: Item| {
         let (what, length) = match item {

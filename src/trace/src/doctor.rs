@@ -11,7 +11,7 @@ use reel_world::record::EndReason;
 use serde::Serialize;
 
 use crate::{
-    TraceError,
+    TraceError, TraceFiles,
     container::{self, At, Closing, Item, Visitor},
     error::position,
     files,
@@ -79,7 +79,7 @@ impl std::fmt::Display for Finding {
 /// When the file cannot be read at all.
 pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
     let limits = Limits::default();
-    let bytes = files::read(path, &limits)?;
+    let bytes = files::read(&TraceFiles::default(), path, &limits)?;
     let mut examiner = Examiner {
         reading: Reading::new(path),
         content: Content::default(),
@@ -131,7 +131,7 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
                 notes.push(format!("recorded {origin}: nothing to re-execute"));
             } else if trace.image_count() == 0 {
                 notes.push(format!(
-                    "no pictures; version {} of the simulator can draw them",
+                    "no images; version {} of the simulator can draw them",
                     trace.header.sim_version
                 ));
             }
@@ -559,7 +559,7 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
             ..
         } => {
             step = *of;
-            let advice = "take another copy, or drop the pictures with `reel trace compact` and draw them again with `reel trace expand`";
+            let advice = "take another copy, or drop the images with `reel trace compact` and draw them again with `reel trace expand`";
             ("picture".to_owned(), format!("it {what}"), advice)
         }
         other => ("trace".to_owned(), other.to_string(), COPY),

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{TraceError, buffer::Buffer, limits::Limits, remote};
+use crate::{TraceError, TraceFiles, buffer::Buffer, limits::Limits};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";
@@ -21,7 +21,7 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// The whole file, if it is not larger than the limit.
-pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
+pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
     let failed = |source: io::Error| {
         let part = with_suffix(path, PART);
         if source.kind() == io::ErrorKind::NotFound && part.exists() {
@@ -34,7 +34,8 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
         }
     };
     let limit = limits.file_bytes;
-    let file = remote::local_copy(path)
+    let file = files
+        .local_copy(path)
         .and_then(File::open)
         .map_err(failed)?;
     let found = file.metadata().map_err(failed)?.len();

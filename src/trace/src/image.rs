@@ -23,7 +23,7 @@ pub fn encode_webp(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     let encoder = WebPEncoder::new(&mut bytes);
     encoder
         .encode(rgb, width, height, ColorType::Rgb8)
-        .expect("the picture has the size it says and memory does not fail");
+        .expect("the image has the size it says and memory does not fail");
     bytes
 }
 
@@ -57,7 +57,7 @@ pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
         .expect("writing to memory does not fail");
     writer
         .write_image_data(rgb)
-        .expect("the picture has the size it says");
+        .expect("the image has the size it says");
     writer.finish().expect("writing to memory does not fail");
     bytes
 }
@@ -80,7 +80,7 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
     }
     let size = reader
         .output_buffer_size()
-        .ok_or("a picture too large for memory")?;
+        .ok_or("an image too large for memory")?;
     let mut pixels = vec![0; size];
     let info = reader.next_frame(&mut pixels).map_err(refused)?;
     pixels.truncate(info.buffer_size());
@@ -95,7 +95,7 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
             .chunks_exact(2)
             .flat_map(|pixel| [pixel[0]; 3])
             .collect()),
-        png::ColorType::Indexed => Err("a picture whose palette cannot be read".to_owned()),
+        png::ColorType::Indexed => Err("an image whose palette cannot be read".to_owned()),
     }
 }
 

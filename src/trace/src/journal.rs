@@ -301,7 +301,7 @@ impl<W: Write + Seek> Journal<W> {
         step: Option<u32>,
         image: &CameraImage,
     ) -> Result<(), TraceError> {
-        self.expect_moment(step, "the picture of the camera")?;
+        self.expect_moment(step, "the image of the camera")?;
         if self.images == Images::None {
             return Ok(());
         }

@@ -26,10 +26,10 @@ mod logprobs;
 mod reader;
 mod recorder;
 mod recover;
-mod remote;
 mod rewrite;
 pub mod robot;
 mod schema;
+mod trace_files;
 mod unpack;
 mod viewer;
 
@@ -42,6 +42,4 @@ pub use logprobs::ScoredTokens;
 pub use reader::{RecordsReader, Trace};
 pub use recorder::{Durability, Images, RecordOptions, Recorder, Timing, TraceSummary};
 pub use recover::{Recovery, RecoveryStatus, RestoreScorer, recover};
-pub use remote::{
-    FileMetadata, RemoteFs, file_metadata, install_remote_fs, is_remote, list_remote, local_copy,
-};
+pub use trace_files::{FileMetadata, RemoteFs, TraceFiles, is_remote};

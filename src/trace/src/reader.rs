@@ -13,7 +13,7 @@ use reel_world::{
 };
 
 use crate::{
-    Timing, TraceError,
+    Timing, TraceError, TraceFiles,
     assembly::Assembly,
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
@@ -60,7 +60,8 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads a finished trace, or an unfinished recording that ends with a whole step, and verifies
+    /// Reads a finished trace, or an unfinished recording that ends with a whole step, from a file
+    /// of this machine ([`TraceFiles::read`] reads URLs, too), and verifies
     /// it: every checksum, the schemas, the order, and the hash chain over all records. Pictures
     /// are verified when they are decoded.
     ///
@@ -75,7 +76,15 @@ impl Trace {
     /// # Errors
     /// As [`Trace::read`].
     pub fn read_with_limits(path: &Path, limits: &Limits) -> Result<Trace, TraceError> {
-        Self::from_bytes(path, &files::read(path, limits)?, limits)
+        Self::read_from(&TraceFiles::default(), path, limits)
+    }
+
+    pub(crate) fn read_from(
+        files: &TraceFiles,
+        path: &Path,
+        limits: &Limits,
+    ) -> Result<Trace, TraceError> {
+        Self::from_bytes(path, &files::read(files, path, limits)?, limits)
     }
 
     /// [`Trace::read`] for bytes that are already in memory; `path` says in messages
@@ -93,9 +102,12 @@ impl Trace {
     ///
     /// # Errors
     /// When not even the state after settling can be read.
-    pub fn read_partial(path: &Path) -> Result<(Trace, Option<String>), TraceError> {
+    pub fn read_partial(
+        files: &TraceFiles,
+        path: &Path,
+    ) -> Result<(Trace, Option<String>), TraceError> {
         let limits = Limits::default();
-        let loaded = load(path, &files::read(path, &limits)?, &limits);
+        let loaded = load(path, &files::read(files, path, &limits)?, &limits);
         let problem = loaded.problems.into_iter().next();
         match (loaded.trace, problem) {
             (Ok(trace), problem) => Ok((trace, problem.map(|problem| problem.error.to_string()))),
@@ -185,17 +197,31 @@ impl Trace {
 /// share is parsed once.
 #[derive(Default)]
 pub struct RecordsReader {
+    files: TraceFiles,
     limits: Limits,
     known: DocumentCache,
 }
 
 impl RecordsReader {
+    /// A reader of these files; the default reads those of this machine.
+    pub fn new(files: TraceFiles) -> Self {
+        Self {
+            files,
+            ..Self::default()
+        }
+    }
+
+    /// Where it reads traces from.
+    pub fn files(&self) -> &TraceFiles {
+        &self.files
+    }
+
     /// Reads a trace without its pictures.
     ///
     /// # Errors
     /// As [`Trace::read`].
     pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
-        let bytes = files::read(path, &self.limits)?;
+        let bytes = files::read(&self.files, path, &self.limits)?;
         let mut reading = Reading {
             assembly: Assembly::records_only(path, &self.known),
             problems: Vec::new(),

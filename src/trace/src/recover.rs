@@ -19,7 +19,7 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Images, Trace, TraceError, container,
+    Images, Trace, TraceError, TraceFiles, container,
     error::position,
     files::{self, PART},
     journal::Journal,
@@ -110,7 +110,7 @@ pub fn recover(
         .extension()
         .is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
     let limits = Limits::default();
-    let bytes = files::read(source, &limits)?;
+    let bytes = files::read(&TraceFiles::default(), source, &limits)?;
     // Held until the recording may have been deleted.
     let _lock = if is_part { Some(lock(source)?) } else { None };
     let name = PathBuf::from(source.file_name().unwrap_or(source.as_os_str()));

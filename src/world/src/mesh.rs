@@ -548,7 +548,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_halved_to_one_pixel() {
+    fn images_are_halved_to_one_pixel() {
         let rgb = (0..5 * 3).flat_map(|pixel| [pixel as u8 * 10; 3]).collect();
         let levels = levels(Texture {
             width: 5,

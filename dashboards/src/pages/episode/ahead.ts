@@ -10,7 +10,7 @@ export function pathsOf(trace: string) {
   } as const;
 }
 
-/** The picture comes first: it takes longest. */
+/** The image comes first: it takes longest. */
 export function foreseeEpisode(trace: string, query: URLSearchParams) {
   foresee([framePath(trace, momentOf(query), queryOf(viewOf(query))), ...Object.values(pathsOf(trace))]);
 }

@@ -1,4 +1,4 @@
-/** The cameras of an episode, how the free one moves, and the picture that an address asks for. */
+/** The cameras of an episode, how the free one moves, and the image that an address asks for. */
 import { link } from "../../lib/route.svelte";
 import { START, type Point, type Robot } from "../../lib/trace";
 

@@ -7,7 +7,7 @@ const KNOWN: Record<string, string[]> = {
   pick: ["marker_id"], place: ["marker_id"], open: ["marker_id"], close: ["marker_id"], ask: ["question"], finish: [],
 };
 
-/** Tools with their arguments: those of every household, and what else this trace called. */
+/** Tools with their arguments: those of every session, and what else this trace called. */
 export function toolsOf({ steps }: Recording): Record<string, string[]> {
   const tools = { ...KNOWN };
   for (const { tool, input } of steps) {

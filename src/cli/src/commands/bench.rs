@@ -657,8 +657,9 @@ fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {
 /// The episodes of a folder that came to their end, in a fixed order.
 fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
     let mut reports = Vec::new();
-    for path in inputs::traces(&[folder.to_owned()])? {
-        let trace = Trace::read(&path)?;
+    let files = inputs::trace_files();
+    for path in inputs::traces(&files, &[folder.to_owned()])? {
+        let trace = files.read(&path)?;
         reports.extend(
             EpisodeReport::of_trace(&trace, &path)
                 .filter(|report| report.end_reason != EndReason::Aborted),

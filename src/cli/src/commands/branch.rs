@@ -78,7 +78,9 @@ pub struct Arguments {
 
 /// Plays a branch of a trace, or checks that traces are branches of it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let parent = arguments.assets.read(&arguments.trace)?;
+    let parent = arguments
+        .assets
+        .read(&inputs::trace_files(), &arguments.trace)?;
     let Some(at) = arguments.at else {
         return check(&parent, arguments);
     };
@@ -226,7 +228,7 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
 fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut all_hold = true;
     for path in &arguments.check {
-        let branch = arguments.assets.read(path)?;
+        let branch = arguments.assets.read(&inputs::trace_files(), path)?;
         let descent = verify_branch(&branch, parent);
         all_hold &= descent.holds();
         if arguments.json {

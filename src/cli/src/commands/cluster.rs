@@ -106,9 +106,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             assets,
         } => {
             let assets = Arc::new(assets.open()?);
-            let works = replay::works(&assets)
+            let files = inputs::trace_files();
+            let works = replay::works(&files, &assets)
                 .into_iter()
-                .chain([blame::work(), ingest::work(), reward::work()])
+                .chain([
+                    blame::work(files.clone()),
+                    ingest::work(files.clone()),
+                    reward::work(),
+                ])
                 .collect();
             let cores = std::thread::available_parallelism().map_or(1, usize::from);
             let executor = ExecutorOptions {
@@ -119,6 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 memory_bytes: memory.map(|mib| mib << 20),
                 work: work.clone(),
                 traces: traces.clone(),
+                files,
                 build: cluster_arguments::build_fingerprint(),
                 works,
             };

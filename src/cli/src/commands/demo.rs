@@ -10,7 +10,7 @@ use std::{
 use anyhow::{Context, bail};
 use reel_query::{Format, named};
 use reel_tasks::{DrawOptions, draw};
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use reel_world::{Family, Profile, Skills, Task};
 
 use crate::{
@@ -99,8 +99,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 
     let bar = progress::bar(recorded.len(), "replay");
-    let verdicts =
-        reel_replay::verify_all(&recorded, &reel_world::NoAssets, workers, |_, _| bar.inc(1));
+    let verdicts = reel_replay::verify_all(
+        &TraceFiles::default(),
+        &recorded,
+        &reel_world::NoAssets,
+        workers,
+        |_, _| bar.inc(1),
+    );
     bar.finish_and_clear();
     let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
     println!(
@@ -119,7 +124,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 
     let store = store.to_string_lossy();
-    let report = ingest::ingest(&recorded, &store, &ClusterArguments::default())?;
+    let report = ingest::ingest(
+        &inputs::trace_files(),
+        &recorded,
+        &store,
+        &ClusterArguments::default(),
+    )?;
     println!("4. {} episodes in tables\n", report.added);
     let name = "main_results";
     let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;

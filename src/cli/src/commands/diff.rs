@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use reel_replay::compare;
-use reel_trace::Trace;
 
-use crate::ExitStatus;
+use crate::{ExitStatus, inputs};
 
 /// Show two traces of one task side by side, from the first difference on: calls, results,
 /// changes of the world graph, reward. Between the columns stands | where the calls differ, ~ where
@@ -32,7 +31,8 @@ pub struct Arguments {
 
 /// Compares two traces of one task and prints them side by side.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let beside = compare(&Trace::read(&arguments.a)?, &Trace::read(&arguments.b)?)?;
+    let files = inputs::trace_files();
+    let beside = compare(&files.read(&arguments.a)?, &files.read(&arguments.b)?)?;
     if arguments.json {
         println!("{}", serde_json::to_string(&beside)?);
     } else {

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_replay::{EpisodePosition, Explanation, FieldChange, body_changes, explain, state_at};
-use reel_trace::Trace;
+use reel_trace::TraceFiles;
 use reel_world::{Assets, record::BodyState};
 use serde_json::json;
 
@@ -27,6 +27,7 @@ pub struct Build<'a> {
 
 /// Explains the first difference of each trace.
 pub fn run(
+    files: &TraceFiles,
     paths: &[PathBuf],
     assets: &dyn Assets,
     against: Option<&Build<'_>>,
@@ -35,7 +36,7 @@ pub fn run(
 ) -> anyhow::Result<ExitStatus> {
     let mut all_exact = true;
     for path in paths {
-        let trace = Trace::read(path)?.with_meshes(assets);
+        let trace = files.read(path)?.with_meshes(assets);
         let explanation = explain(&trace);
         all_exact &= explanation.verdict.is_exact();
         let other = against
@@ -71,6 +72,7 @@ pub fn run(
 
 /// Prints motion states after a physics step as JSON.
 pub fn print_state(
+    files: &TraceFiles,
     paths: &[PathBuf],
     assets: &dyn Assets,
     place: &str,
@@ -89,7 +91,7 @@ pub fn print_state(
         .parse()
         .with_context(|| format!("'{step}' is no physics step; --state-at takes CALL:STEP"))?;
     for path in paths {
-        match state_at(&Trace::read(path)?.with_meshes(assets), moment, step) {
+        match state_at(&files.read(path)?.with_meshes(assets), moment, step) {
             Ok(Some(bodies)) => println!(
                 "{}",
                 json!({ "trace": path, "at": place, "bodies": bodies })

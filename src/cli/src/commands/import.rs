@@ -264,7 +264,7 @@ fn tell(
                 "no success"
             };
             println!(
-                "{}: {steps} steps, {images} frames, {end}, {success}",
+                "{}: {steps} steps, {images} images, {end}, {success}",
                 imported.trace.display()
             );
             imported

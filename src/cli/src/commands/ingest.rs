@@ -5,6 +5,7 @@ use std::path::PathBuf;
 #[cfg(feature = "cluster")]
 use reel_tables::TraceRows;
 use reel_tables::{IngestReport, Progress, Store};
+use reel_trace::TraceFiles;
 use serde_json::json;
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
@@ -37,11 +38,12 @@ pub struct Arguments {
 
 /// Ingests traces into a store and reports what was added or quarantined.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.paths)?;
-    let report = ingest(&paths, &arguments.store, &arguments.elsewhere)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.paths)?;
+    let report = ingest(&files, &paths, &arguments.store, &arguments.elsewhere)?;
     if arguments.check_histories {
         let bar = progress::bar(paths.len(), "check");
-        let store = Store::open(&arguments.store)?;
+        let store = Store::open(&arguments.store)?.with_trace_files(files);
         reel_export::check_histories(&store, |checked| bar.inc(checked as u64))?;
         bar.finish_and_clear();
     }
@@ -79,13 +81,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// # Errors
 /// When the store cannot be opened or written, or the cluster does not answer.
 pub fn ingest(
+    files: &TraceFiles,
     paths: &[PathBuf],
     store: &str,
     elsewhere: &ClusterArguments,
 ) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
     let progress = |done: usize, _: usize| bar.set_position(done as u64);
-    let store = Store::open_or_create(store)?;
+    let store = Store::open_or_create(store)?.with_trace_files(files.clone());
     let report = read_elsewhere(store, paths, elsewhere, &progress);
     bar.finish_and_clear();
     report
@@ -133,9 +136,9 @@ fn read_elsewhere(
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
-pub fn work() -> reel_cluster::TraceJob {
+pub fn work(files: TraceFiles) -> reel_cluster::TraceJob {
     // parses tasks and scenes once
-    let reader = reel_trace::RecordsReader::default();
+    let reader = reel_trace::RecordsReader::new(files);
     let run = move |traces: &[PathBuf], _: &str| {
         let rows = TraceRows::read(&reader, traces, &reel_tables::DocumentSet::default());
         rows.and_then(|rows| rows.to_bytes())

@@ -14,9 +14,8 @@ use reel_query::{
     Format, Limits, Parameters, QueryError, QuerySession, StopReason, arrow_file, format, named,
     parquet_file,
 };
-use reel_tables::Store;
 
-use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, inputs, progress};
 
 /// Query a store in SQL, by text or by the name of a query. Every named query is a view too. Functions of
 /// Reel's own work on the steps of an episode and call the simulator: `reel query --functions`.
@@ -124,10 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     };
     parameters.extend(arguments.parameters.iter().cloned());
-    let store = match arguments.at {
-        Some(version) => Store::open_at(&arguments.store, version)?,
-        None => Store::open(&arguments.store)?,
-    };
+    let store = inputs::store(&arguments.store, arguments.at)?;
     let limits = Limits {
         memory_bytes: (arguments.memory as usize) << 20,
         time: Duration::from_secs(arguments.timeout),
@@ -179,7 +175,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// # Errors
 /// When the store cannot be opened or the query is wrong.
 pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
-    let text = format(&reel_query::run(Store::open(store)?, sql)?, form)?;
+    let text = format(&reel_query::run(inputs::store(store, None)?, sql)?, form)?;
     println!("{}", text.trim_end());
     Ok(())
 }

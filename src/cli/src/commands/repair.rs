@@ -40,7 +40,9 @@ pub struct Arguments {
 
 /// Repairs a failed episode, writes the new trace and prints the edits.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let trace = arguments.assets.read(&arguments.trace)?;
+    let trace = arguments
+        .assets
+        .read(&inputs::trace_files(), &arguments.trace)?;
     let found = blame(&trace);
     let Some(decisive) = &found.decisive else {
         eprintln!(

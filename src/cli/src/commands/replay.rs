@@ -77,10 +77,11 @@ pub struct Arguments {
 
 /// Replays the given traces and reports the first difference of each.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.paths)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.paths)?;
     let assets = arguments.assets.open()?;
     if let Some(place) = &arguments.state_at {
-        return explain::print_state(&paths, &assets, place);
+        return explain::print_state(&files, &paths, &assets, place);
     }
     if arguments.explain {
         let other = arguments.against.as_deref().map(|build| explain::Build {
@@ -88,6 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             assets: arguments.assets.path(),
         });
         return explain::run(
+            &files,
             &paths,
             &assets,
             other.as_ref(),
@@ -116,7 +118,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     ..one
                 })
                 .collect(),
-            None => replay_outcomes_all(&paths, &assets, workers, |_, _| bar.inc(1)),
+            None => replay_outcomes_all(&files, &paths, &assets, workers, |_, _| bar.inc(1)),
         };
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
@@ -127,7 +129,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             .map_traces("replay", &arguments.restored, &paths, |more| bar.inc(more))?
         {
             Some(verdicts) => verdicts,
-            None => verify(&paths, &assets, workers, arguments.restored, || bar.inc(1)),
+            None => verify(&files, &paths, &assets, workers, arguments.restored, || {
+                bar.inc(1)
+            }),
         };
     bar.finish_and_clear();
     let mut totals = [0u64; 3];
@@ -156,7 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !arguments.json && paths.len() > 1 {
         let [calls, physics_steps, images] = totals;
         println!(
-            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {images} frames",
+            "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {images} images",
             paths.len()
         );
         if let Some(count) = arguments.restored {
@@ -176,6 +180,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 fn verify(
+    files: &reel_trace::TraceFiles,
     paths: &[PathBuf],
     assets: &dyn Assets,
     workers: usize,
@@ -183,25 +188,42 @@ fn verify(
     done: impl Fn() + Sync,
 ) -> Vec<Verdict> {
     match restored {
-        None => verify_all(paths, assets, workers, |_, _| done()),
-        Some(count) => verify_all_from_snapshots(paths, assets, workers, count, |_, _| done()),
+        None => verify_all(files, paths, assets, workers, |_, _| done()),
+        Some(count) => {
+            verify_all_from_snapshots(files, paths, assets, workers, count, |_, _| done())
+        }
     }
 }
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
 pub fn works(
+    files: &reel_trace::TraceFiles,
     assets: &std::sync::Arc<Option<reel_tasks::assets::AssetFolder>>,
 ) -> [reel_cluster::TraceJob; 2] {
     use crate::cluster_arguments::work;
 
     let (of_replay, of_outcomes) = (assets.clone(), assets.clone());
+    let (replay_files, outcome_files) = (files.clone(), files.clone());
     [
         work("replay", move |traces, restored| {
-            Ok(verify(traces, &*of_replay, 1, restored, || ()))
+            Ok(verify(
+                &replay_files,
+                traces,
+                &*of_replay,
+                1,
+                restored,
+                || (),
+            ))
         }),
         work("outcomes", move |traces, ()| {
-            Ok(replay_outcomes_all(traces, &*of_outcomes, 1, |_, _| ()))
+            Ok(replay_outcomes_all(
+                &outcome_files,
+                traces,
+                &*of_outcomes,
+                1,
+                |_, _| (),
+            ))
         }),
     ]
 }

@@ -9,13 +9,12 @@ use anyhow::Context;
 use base64::{Engine as _, prelude::BASE64_STANDARD};
 use reel_query::{Format, QuerySession, format, named};
 use reel_replay::{Viewpoint, view_at};
-use reel_tables::Store;
 use reel_taxonomy::sankey::{Flow, Sankey};
-use reel_trace::{Trace, encode_png};
+use reel_trace::{TraceFiles, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, de::DeserializeOwned};
 
-use crate::ExitStatus;
+use crate::{ExitStatus, inputs};
 
 /// Write one self-contained HTML file about the episodes of a store: a summary in sentences with its
 /// evidence, success rates with intervals, reasons of failure, decisive calls, the hardest tasks,
@@ -112,10 +111,7 @@ struct Example {
 
 /// Writes the HTML report of a store and prints its path.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let store = match arguments.at {
-        Some(version) => Store::open_at(&arguments.store, version)?,
-        None => Store::open(&arguments.store)?,
-    };
+    let store = inputs::store(&arguments.store, arguments.at)?;
     let version = store.version();
     let session = QuerySession::new(store)?;
     if arguments.summary {
@@ -228,7 +224,7 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         html.push_str("<p>No episode failed.</p>\n");
     } else {
         why(&mut html, &kinds, &causes, episodes, won);
-        examples_of(&mut html, &examples);
+        examples_of(&mut html, session.store().trace_files(), &examples);
     }
     if !hard.is_empty() {
         html.push_str("<h2>The hardest tasks</h2>\n<table><tr><th>task<th>family<th>instruction<th class=n>successes</tr>\n");
@@ -355,15 +351,15 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
     html.push_str("</table>\n");
 }
 
-fn examples_of(html: &mut String, examples: &[Example]) {
+fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
     if examples.is_empty() {
         html.push_str("<p class=soft>The failures are not classified: <code>reel taxonomy --store</code> does that.</p>\n");
         return;
     }
     html.push_str("<h3>An example of each</h3>\n<div class=examples>\n");
     for example in examples {
-        let picture = picture(example).map_or_else(
-            || "<p class=soft>no picture: the trace is not where the tables say, or cannot be executed</p>".to_owned(),
+        let picture = picture(files, example).map_or_else(
+            || "<p class=soft>no image: the trace is not where the tables say, or cannot be executed</p>".to_owned(),
             |png| {
                 format!(
                     "<img alt=\"what the robot saw before step {}\" src=\"data:image/png;base64,{}\">",
@@ -407,8 +403,8 @@ fn examples_of(html: &mut String, examples: &[Example]) {
 }
 
 /// What the robot saw before a step: as recorded, else drawn by going there.
-fn picture(example: &Example) -> Option<Vec<u8>> {
-    let trace = Trace::read(example.trace.as_ref()).ok()?;
+fn picture(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
+    let trace = files.read(example.trace.as_ref()).ok()?;
     let before = u32::try_from(example.step).ok()?.checked_sub(1);
     let recorded = trace.frame_rgb(before).ok().flatten();
     let rgb = recorded.or_else(|| view_at(&trace, before, &Viewpoint::Head, None).ok())?;

@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use reel_server::{AskResponder, Config, Order};
 use reel_world::Profile;
 
-use crate::ExitStatus;
+use crate::{ExitStatus, inputs};
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
 /// Every call is persisted before it is answered.
@@ -140,7 +140,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     config.store = arguments.store.clone().or(config.store);
     config.tokens = arguments.tokens.clone().or(config.tokens);
     config.check()?;
-    reel_server::run(config, |address, tasks| {
+    reel_server::run(config, inputs::trace_files(), |address, tasks| {
         println!("listening on http://{address}: {tasks} tasks; Ctrl-C stops");
     })?;
     Ok(ExitStatus::Success)

@@ -36,7 +36,8 @@ pub struct Arguments {
 
 /// Prints a trace as a transcript, or its state after a number of calls.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
+    let (trace, lost) = Trace::read_partial(&inputs::trace_files(), &arguments.trace)
+        .context("cannot show the trace")?;
     if let Some(calls) = arguments.at {
         return at(
             &trace.with_meshes(&arguments.assets.open()?),

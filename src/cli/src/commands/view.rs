@@ -33,7 +33,9 @@ pub struct Arguments {
 
 /// Opens an episode in Rerun, or serves Reel's web viewer until Ctrl-C.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let trace = arguments.assets.read(&arguments.trace)?;
+    let trace = arguments
+        .assets
+        .read(&inputs::trace_files(), &arguments.trace)?;
     let last = trace.steps.len().checked_sub(1);
     if let Some(step) = arguments
         .at

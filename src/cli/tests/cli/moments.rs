@@ -81,7 +81,7 @@ fn nobody_reading_on_is_no_panic() {
 }
 
 #[test]
-fn pictures_are_dropped_and_drawn_again() {
+fn images_are_dropped_and_drawn_again() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     reel!(folder, "task draw --count 2 --seed 6 --out tasks");

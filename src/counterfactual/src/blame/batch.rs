@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use serde::{Deserialize, Serialize};
 
 use crate::blame::{Alternative, Blame, alternative, blame};
@@ -34,13 +34,15 @@ pub struct BlameOptions {
 /// Measures traces. A trace that cannot be read is an error in words, and keeps
 /// the others from nothing.
 pub fn blame_all(
+    files: &TraceFiles,
     paths: &[PathBuf],
     workers: usize,
     options: &BlameOptions,
     on_done: impl Fn() + Sync,
 ) -> Vec<Result<MeasuredTrace, String>> {
     let measure = |path: &PathBuf| {
-        let measured = Trace::read(path)
+        let measured = files
+            .read(path)
             .map_err(|error| error.to_string())
             .map(|trace| measure(&trace, options));
         on_done();

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_was_cut_off_is_noticed_wherever() {
+    fn an_image_that_was_cut_off_is_noticed_wherever() {
         for bytes in [samples::png(8, 8), samples::jpeg(8, 8), samples::webp(8, 8)] {
             assert!(ImageHeader::of(&bytes).is_ok());
             for length in 0..bytes.len() {

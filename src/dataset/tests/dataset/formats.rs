@@ -200,7 +200,7 @@ fn another_template_is_another_prompt() {
 }
 
 #[test]
-fn rows_are_json_with_a_tag_a_picture() {
+fn rows_are_json_with_a_tag_an_image() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let episode = episode("e1", Split::Train);
@@ -507,7 +507,7 @@ fn shards_are_whole_files_of_at_most_so_many_rows() {
 }
 
 #[test]
-fn a_missing_picture_is_an_error() {
+fn a_missing_image_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));

@@ -229,7 +229,7 @@ fn speed() {
 }
 
 #[test]
-fn threads_may_put_the_same_picture() {
+fn threads_may_put_the_same_image() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = ImageStore::new(folder.path(), ImageOptions::default());
     let grey = vec![9; 640 * 480 * 3];

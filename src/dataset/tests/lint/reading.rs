@@ -179,7 +179,7 @@ fn openai_with_calls_and_data_urls() {
 }
 
 #[test]
-fn parquet_with_pictures_inside() {
+fn parquet_with_images_inside() {
     let folder = Folder::new();
     let path = folder.path().join("test-00000-of-00001.parquet");
     let fields = Fields::from(vec![

@@ -16,7 +16,10 @@ pub(super) enum Topic {
 
 /// The question which object is meant, by what was seen (captions or categories) and what
 /// it is wanted for.
-pub fn which<'a>(seen: impl Iterator<Item = &'a str>, purpose: Option<&str>) -> String {
+pub fn clarifying_question<'a>(
+    seen: impl Iterator<Item = &'a str>,
+    purpose: Option<&str>,
+) -> String {
     let mut things: Vec<String> = seen
         .map(|thing| thing.trim_end_matches('.').to_lowercase())
         .collect();

@@ -3,12 +3,13 @@
 use std::{
     fs, io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use reel_dataset::Format;
 use reel_export::{AnnotationSource, ExportOptions};
 use reel_tables::Store;
-use reel_trace::{FileMetadata, Images, RemoteFs, file_metadata, install_remote_fs};
+use reel_trace::{FileMetadata, Images, RemoteFs, TraceFiles};
 use tempfile::TempDir;
 
 use crate::{export, options, played::play, rows};
@@ -24,7 +25,7 @@ impl RemoteFs for Bucket {
     }
 
     fn metadata(&self, name: &str) -> io::Result<FileMetadata> {
-        file_metadata(Path::new(name.trim_start_matches(SCHEME)))
+        TraceFiles::default().metadata(Path::new(name.trim_start_matches(SCHEME)))
     }
 
     fn fetch(&self, name: &str) -> io::Result<PathBuf> {
@@ -37,13 +38,15 @@ impl RemoteFs for Bucket {
 
 #[test]
 fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
-    install_remote_fs(Box::new(Bucket(TempDir::new().unwrap())));
+    let bucket_files = TraceFiles::with_remote(Arc::new(Bucket(TempDir::new().unwrap())));
     let dir = TempDir::new().unwrap();
     let at = |name: &str| dir.path().join(name);
     let files = play(&at("traces"), "oracle", Images::None);
     let named = |path: &PathBuf| PathBuf::from(format!("{SCHEME}{}", path.display()));
     let made = |name: &str, paths: &[PathBuf]| {
-        let mut store = Store::open_or_create(at(name)).unwrap();
+        let mut store = Store::open_or_create(at(name))
+            .unwrap()
+            .with_trace_files(bucket_files.clone());
         let ingested = store.ingest(paths, &|_, _| ()).unwrap();
         assert_eq!(
             (ingested.added, ingested.quarantined.len()),

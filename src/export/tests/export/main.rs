@@ -432,7 +432,7 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
     }
     assert!(
         !said.contains("decoded\n"),
-        "pictures that were compared with nothing: {said}"
+        "images that were compared with nothing: {said}"
     );
 }
 

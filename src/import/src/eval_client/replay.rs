@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
-use reel_trace::{Trace, TraceError, encode_png};
+use reel_trace::{Trace, TraceError, TraceFiles, encode_png};
 use reel_world::{
     DoorState, FRAME_HEIGHT, FRAME_WIDTH, Tool, ToolSpec, WorldGraph,
     record::{EndReason, MarkerTarget, StepRecord},
@@ -16,6 +16,7 @@ use super::{Content, Decision, EvalDriver, ToolResult, result::DEBUG_TEXT, run::
 /// Traces of one model, in the order of their episodes.
 #[derive(Debug)]
 pub struct RecordedRun<'a> {
+    files: &'a TraceFiles,
     paths: std::slice::Iter<'a, PathBuf>,
     /// `episode_idx` of the next trace.
     index: u32,
@@ -33,8 +34,9 @@ struct Playing {
 
 impl<'a> RecordedRun<'a> {
     /// The traces of these files.
-    pub fn new(paths: &'a [PathBuf]) -> Self {
+    pub fn new(files: &'a TraceFiles, paths: &'a [PathBuf]) -> Self {
         Self {
+            files,
             paths: paths.iter(),
             index: 0,
             playing: None,
@@ -64,7 +66,7 @@ impl EvalDriver for RecordedRun<'_> {
         let Some(path) = self.paths.next() else {
             return Ok(vec![Content::Text(super::run::END.to_owned())]);
         };
-        let trace = Trace::read(path).map_err(|error| {
+        let trace = self.files.read(path).map_err(|error| {
             let what = error.to_string();
             self.problem = Some(error);
             what

@@ -145,7 +145,7 @@ pub(crate) fn read(
             })
         }
         Kind::Episode => episode(&said)?,
-        Kind::Camera => return Err("pictures are not read here".to_owned()),
+        Kind::Camera => return Err("images are not read here".to_owned()),
     })
 }
 

@@ -46,7 +46,7 @@ pub(crate) fn of_message(message: &Value, pointer: &str) -> Result<CameraImage, 
         size("height"),
         beside.and_then(|beside| beside.get("encoding")?.as_str()),
     ) else {
-        return Err("neither a JPEG nor a PNG file, and no raw picture either".to_owned());
+        return Err("neither a JPEG nor a PNG file, and no raw image either".to_owned());
     };
     let channels: &[usize] = match encoding {
         "rgb8" | "8UC3" => &[3, 0, 1, 2],
@@ -158,7 +158,7 @@ fn jpeg(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
     check(width, height)?;
     let rgb = decoder.decode().map_err(refused)?;
     if rgb.len() != width * height * 3 {
-        return Err("a JPEG picture that is not in colours".to_owned());
+        return Err("a JPEG image that is not in colours".to_owned());
     }
     Ok((rgb, width, height))
 }

@@ -38,7 +38,10 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         let trace = Trace::read(&path).unwrap();
         let results = run(
             &settings(&root),
-            &mut RecordedRun::new(std::slice::from_ref(&path)),
+            &mut RecordedRun::new(
+                &reel_trace::TraceFiles::default(),
+                std::slice::from_ref(&path),
+            ),
         )
         .unwrap();
         assert_eq!(results["total"], 1, "{}", path.display());
@@ -118,7 +121,11 @@ fn episodes_of_a_folder_that_is_not_empty_are_skipped() {
             run_tag: tag.to_owned(),
             ..settings(folder.path())
         };
-        run(&settings, &mut RecordedRun::new(&paths[..1])).unwrap()
+        run(
+            &settings,
+            &mut RecordedRun::new(&reel_trace::TraceFiles::default(), &paths[..1]),
+        )
+        .unwrap()
     };
     assert_eq!(run("first")["skipped"], 0);
     let again = run("second");

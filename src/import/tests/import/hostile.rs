@@ -151,7 +151,7 @@ fn a_missing_file_is_less_information() {
 }
 
 #[test]
-fn alien_pictures_cost_the_picture_alone() {
+fn alien_images_cost_the_image_alone() {
     let (_folder, root, out) = folders();
     let episode = fixture::full(&root);
     let path = episode.folder().join("step_004/image_observation_0.png");

@@ -232,7 +232,7 @@ fn every_field_comes_through() {
         let rgb = trace.frame_rgb(Some(step)).unwrap().unwrap();
         assert!(
             rgb == fixture::pixels(FRAME_WIDTH, FRAME_HEIGHT, step as u8),
-            "the picture of step {step} changed"
+            "the image of step {step} changed"
         );
     }
     assert_eq!((trace.image(None), trace.image(Some(12))), (None, None));

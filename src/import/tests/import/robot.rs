@@ -690,7 +690,7 @@ fn a_task_that_is_known_is_judged_by_the_graphs() {
 }
 
 #[test]
-fn raw_pictures_in_every_order_of_colours() {
+fn raw_images_in_every_order_of_colours() {
     let place = Place::new();
     let mut messages = Vec::new();
     let orders: [(&str, &[u8], u32); 5] = [

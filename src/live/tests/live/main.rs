@@ -93,7 +93,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
         let names = ["a", "b", "c"];
         for name in names {
             pool.open(name).unwrap();
-            pool.with_session(name, |household| household.begin_next())
+            pool.with_session(name, |session| session.begin_next())
                 .await
                 .unwrap()
                 .unwrap()
@@ -104,7 +104,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
             for name in names {
                 let input = input.clone();
                 let made = pool
-                    .with_session(name, move |household| household.call(input))
+                    .with_session(name, move |session| session.call(input))
                     .await
                     .unwrap()
                     .unwrap();
@@ -160,27 +160,27 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     pool.open("a").unwrap();
     let none = pool
-        .with_session("a", |household| household.call(call("walk_around")))
+        .with_session("a", |session| session.call(call("walk_around")))
         .await
         .unwrap();
     assert!(matches!(none, Err(LiveError::NoEpisode)), "{none:?}");
     let begun = pool
-        .with_session("a", |household| household.begin("nobody's task"))
+        .with_session("a", |session| session.begin("nobody's task"))
         .await
         .unwrap();
     assert!(matches!(begun, Err(LiveError::UnknownTask(_))), "{begun:?}");
     let last = episodes::tasks()[3].task_id.clone();
-    pool.with_session("a", move |household| household.begin(&last))
+    pool.with_session("a", move |session| session.begin(&last))
         .await
         .unwrap()
         .unwrap();
-    pool.with_session("a", |household| household.call(call("walk_around")))
+    pool.with_session("a", |session| session.call(call("walk_around")))
         .await
         .unwrap()
         .unwrap();
     // It was the last of the list: nothing comes after it.
     assert!(
-        pool.with_session("a", |household| household.begin_next())
+        pool.with_session("a", |session| session.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -195,19 +195,19 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     assert!(matches!(pool.close("a").await, Err(LiveError::Unknown(_))));
 
     pool.open("b").unwrap();
-    pool.with_session("b", |household| household.begin_next())
+    pool.with_session("b", |session| session.begin_next())
         .await
         .unwrap()
         .unwrap()
         .unwrap();
     let made = pool
-        .with_session("b", |household| household.call(call("finish")))
+        .with_session("b", |session| session.call(call("finish")))
         .await
         .unwrap()
         .unwrap();
     assert_eq!(made.ended, Some(EndReason::Finished));
     let after = pool
-        .with_session("b", |household| household.call(call("walk_around")))
+        .with_session("b", |session| session.call(call("walk_around")))
         .await
         .unwrap();
     assert!(
@@ -222,19 +222,19 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     for name in ["broken", "whole"] {
         pool.open(name).unwrap();
-        pool.with_session(name, |household| household.begin_next())
+        pool.with_session(name, |session| session.begin_next())
             .await
             .unwrap()
             .unwrap()
             .unwrap();
-        pool.with_session(name, |household| household.call(call("walk_around")))
+        pool.with_session(name, |session| session.call(call("walk_around")))
             .await
             .unwrap()
             .unwrap();
     }
     let broken = pool
-        .with_session("broken", |household| {
-            household.inject_failure("the roof fell in")
+        .with_session("broken", |session| {
+            session.inject_failure("the roof fell in")
         })
         .await;
     assert!(
@@ -243,16 +243,16 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     );
     assert_eq!(pool.entry("broken").unwrap().state.state, "failed");
     let after = pool
-        .with_session("broken", |household| household.call(call("walk_around")))
+        .with_session("broken", |session| session.call(call("walk_around")))
         .await
         .unwrap();
     assert!(matches!(after, Err(LiveError::Broken(_))), "{after:?}");
-    pool.with_session("whole", |household| household.call(call("finish")))
+    pool.with_session("whole", |session| session.call(call("finish")))
         .await
         .unwrap()
         .unwrap();
     // The next episode begins as if nothing had been, and what was done before is a trace.
-    pool.with_session("broken", |household| household.begin_next())
+    pool.with_session("broken", |session| session.begin_next())
         .await
         .unwrap()
         .unwrap()
@@ -308,7 +308,7 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
     );
     for index in 0..3 {
         let begun = pool
-            .with_session("w-trainer", |household| household.begin_next())
+            .with_session("w-trainer", |session| session.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -317,13 +317,13 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
             (begun.task.task_id.as_str(), begun.number),
             (task_id.as_str(), index)
         );
-        pool.with_session("w-trainer", |household| household.call(call("finish")))
+        pool.with_session("w-trainer", |session| session.call(call("finish")))
             .await
             .unwrap()
             .unwrap();
     }
     assert!(
-        pool.with_session("w-trainer", |household| household.begin_next())
+        pool.with_session("w-trainer", |session| session.begin_next())
             .await
             .unwrap()
             .unwrap()
@@ -360,7 +360,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
     pool.open("a").unwrap();
     let full = pool.open("b");
     assert!(matches!(full, Err(LiveError::Full(1))), "{full:?}");
-    pool.with_session("a", |household| household.begin_next())
+    pool.with_session("a", |session| session.begin_next())
         .await
         .unwrap()
         .unwrap()
@@ -368,7 +368,7 @@ async fn the_idle_are_put_aside_and_then_closed() {
     tokio::time::sleep(park_after * 2).await;
     pool.reap_idle().await;
     assert_eq!(pool.entry("a").unwrap().state.state, "suspended");
-    pool.with_session("a", |household| household.call(call("walk_around")))
+    pool.with_session("a", |session| session.call(call("walk_around")))
         .await
         .unwrap()
         .unwrap();

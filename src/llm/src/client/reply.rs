@@ -44,7 +44,7 @@ pub(crate) struct Answer {
 
 /// Why a body of status 200 is no answer.
 pub(crate) struct InvalidReply {
-    pub what: String,
+    pub reason: String,
     /// Whether it ends too early, so that another try may help.
     pub cut: bool,
 }
@@ -104,7 +104,7 @@ fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, InvalidReply>
         return Ok(None);
     };
     let refuse = |what: String| InvalidReply {
-        what: format!("its log-probabilities (`logprobs.content`) cannot be used: {what}"),
+        reason: format!("its log-probabilities (`logprobs.content`) cannot be used: {what}"),
         cut: false,
     };
     let tokens = Vec::<Token>::deserialize(content).map_err(|error| refuse(error.to_string()))?;
@@ -152,14 +152,14 @@ pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, I
 
 fn json(body: &str) -> Result<Value, InvalidReply> {
     serde_json::from_str(body).map_err(|error| InvalidReply {
-        what: format!("it is not JSON ({error})"),
+        reason: format!("it is not JSON ({error})"),
         cut: error.classify() == Category::Eof,
     })
 }
 
 fn wrong(what: &str) -> InvalidReply {
     InvalidReply {
-        what: what.to_owned(),
+        reason: what.to_owned(),
         cut: false,
     }
 }
@@ -221,7 +221,7 @@ mod tests {
         let asked = |logprobs: &str| {
             parse(&body(logprobs), true)
                 .map(|answer| answer.logprobs)
-                .map_err(|error| error.what)
+                .map_err(|error| error.reason)
         };
         let found = asked(whole).unwrap().unwrap();
         assert_eq!(
@@ -289,9 +289,9 @@ mod tests {
         ] {
             let error = parse(body, false).err().unwrap();
             assert!(
-                error.cut == cut && error.what.contains(word),
+                error.cut == cut && error.reason.contains(word),
                 "{body}: {}",
-                error.what
+                error.reason
             );
         }
     }

@@ -250,11 +250,11 @@ impl Client {
                 true => ModelError::Cut {
                     url,
                     attempts,
-                    problem: none.what,
+                    problem: none.reason,
                 },
                 false => ModelError::Answer {
                     url,
-                    problem: none.what,
+                    problem: none.reason,
                     excerpt: excerpt(&text),
                 },
             };

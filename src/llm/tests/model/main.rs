@@ -122,7 +122,7 @@ fn without_a_key_none_is_sent_and_extra_fields_replace_ours() {
 }
 
 #[test]
-fn pictures_go_as_data_urls() {
+fn images_go_as_data_urls() {
     let server = Scripted::start(vec![Act::Reply("a mug".to_owned())]);
     let image = Part::Image {
         media_type: "image/png".to_owned(),

@@ -111,13 +111,13 @@ struct Entry {
 
 impl OrderedGraph {
     /// The objects on each receptacle, with the doors of a graph.
-    pub(super) fn of(shelves: &[(ReceptacleId, Vec<InstanceId>)], graph: &WorldGraph) -> Self {
+    pub(super) fn of(receptacles: &[(ReceptacleId, Vec<InstanceId>)], graph: &WorldGraph) -> Self {
         let entry = |(receptacle, content): &(ReceptacleId, Vec<InstanceId>)| Entry {
             receptacle: receptacle.clone(),
             content: content.clone(),
             door: graph.door(receptacle).map(|state| state == DoorState::Open),
         };
-        Self(shelves.iter().map(entry).collect())
+        Self(receptacles.iter().map(entry).collect())
     }
 
     fn initial(task: &Task, scene: &Scene) -> Self {
@@ -130,12 +130,12 @@ impl OrderedGraph {
                 .cloned()
                 .collect()
         };
-        let shelves: Vec<_> = scene
+        let receptacles: Vec<_> = scene
             .receptacles
             .iter()
             .map(|receptacle| (receptacle.id.clone(), on(&receptacle.id)))
             .collect();
-        Self::of(&shelves, &task.initial)
+        Self::of(&receptacles, &task.initial)
     }
 
     /// The graph with an object moved: what the published agent scores, the file's own goal does

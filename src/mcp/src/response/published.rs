@@ -80,7 +80,7 @@ fn state(view: &PrivilegedState) -> Value {
             .map(|marker| (marker.id.to_string(), Value::from(name(&marker.target))))
             .collect()
     };
-    let graph = OrderedGraph::of(&view.shelves, &view.graphs.registry);
+    let graph = OrderedGraph::of(&view.objects_by_receptacle, &view.graphs.registry);
     json!({
         "CURRENT_LANDMARK": view.landmark,
         "CURRENT_POS": view.landmark.as_ref().map(|_| view.robot.camera.map(decimal)),

@@ -12,7 +12,6 @@ use datafusion::{
     logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
 };
 use reel_counterfactual::blame::{Blame, Decisive};
-use reel_trace::Trace;
 
 use super::{FunctionHelp, simulator::each};
 use crate::control::Control;
@@ -42,8 +41,10 @@ pub(crate) fn function(control: &Arc<Control>) -> ScalarUDF {
 fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let rows: Vec<Option<Blame>> = each(&arrays[0], control, |path, _| {
-        let trace =
-            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let trace = control
+            .files
+            .read(path)
+            .map_err(|error| DataFusionError::External(Box::new(error)))?;
         Ok(reel_counterfactual::blame::blame(&trace))
     })?;
     let decisive = || {

@@ -20,7 +20,7 @@ use datafusion::{
 use rayon::prelude::*;
 use reel_replay::Verdict;
 use reel_reward::Preset;
-use reel_trace::{Trace, encode_png};
+use reel_trace::encode_png;
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, record::Metrics};
 
 use super::FunctionHelp;
@@ -41,7 +41,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     },
     FunctionHelp {
         call: "frame(trace, step)",
-        meaning: "The picture after a step as PNG; step -1 is before the first decision. Where the trace holds no pictures it \
+        meaning: "The image after a step as PNG; step -1 is before the first decision. Where the trace holds no images it \
                   is rendered again.",
         example: "SELECT episode_id, frame(trace, -1) AS png FROM episodes LIMIT 1",
     },
@@ -89,7 +89,7 @@ pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
 fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let rows = each(&arrays[0], control, |path, _| {
-        let trace = match Trace::read(path) {
+        let trace = match control.files.read(path) {
             Ok(trace) => trace,
             Err(error) => {
                 return Ok(ReplayRow {
@@ -158,8 +158,10 @@ fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
                 .join("', '");
             return exec_err!("reward: no preset is called '{name}'; there are '{known}'");
         };
-        let mut trace =
-            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let mut trace = control
+            .files
+            .read(path)
+            .map_err(|error| DataFusionError::External(Box::new(error)))?;
         let terms = reel_reward::rewards(
             &preset,
             &trace.task,
@@ -206,8 +208,10 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         if steps.is_null(row) {
             return Ok(None);
         }
-        let trace =
-            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let trace = control
+            .files
+            .read(path)
+            .map_err(|error| DataFusionError::External(Box::new(error)))?;
         let step = steps.value(row);
         let wanted = match step {
             -1 => None,

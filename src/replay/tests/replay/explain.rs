@@ -126,7 +126,7 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
 }
 
 #[test]
-fn a_differing_picture_is_measured() {
+fn a_differing_image_is_measured() {
     let folder = tempfile::tempdir().unwrap();
     let base = Trace::read(&record(
         &folder.path().join("a.mcap"),
@@ -190,7 +190,7 @@ fn compact_drops_what_expand_brings_back_and_nothing_that_it_could_not() {
     compact(&Trace::read(&full).unwrap(), &path("compacted.mcap"), true).unwrap();
     assert!(
         read(&path("compacted.mcap")) == read(&lean),
-        "compacting gives other bytes than recording without pictures"
+        "compacting gives other bytes than recording without images"
     );
     expand(
         &Trace::read(&path("compacted.mcap")).unwrap(),
@@ -199,7 +199,7 @@ fn compact_drops_what_expand_brings_back_and_nothing_that_it_could_not() {
     .unwrap();
     assert!(
         read(&path("expanded.mcap")) == read(&full),
-        "expanding gives other bytes than recording with pictures"
+        "expanding gives other bytes than recording with images"
     );
 
     let mut other = Trace::read(&full).unwrap();

@@ -30,10 +30,13 @@ fn folder() -> PathBuf {
 fn every_golden_trace_is_exact() {
     let paths = corpus(&folder()).unwrap();
     assert!(paths.len() >= 24, "{}", paths.len());
-    for (path, verdict) in paths
-        .iter()
-        .zip(verify_all(&paths, &reel_world::NoAssets, 2, |_, _| {}))
-    {
+    for (path, verdict) in paths.iter().zip(verify_all(
+        &reel_trace::TraceFiles::default(),
+        &paths,
+        &reel_world::NoAssets,
+        2,
+        |_, _| {},
+    )) {
         assert!(
             verdict.is_exact(),
             "{}: {verdict}\nif this change is meant: raise SIM_VERSION and `reel dev mint`",

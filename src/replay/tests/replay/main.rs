@@ -41,10 +41,22 @@ fn what_was_recorded_is_exact_in_any_order_and_on_any_number_of_workers() {
             images,
         ));
     }
-    let one_by_one: Vec<Verdict> = verify_all(&paths, &reel_world::NoAssets, 1, |_, _| {});
+    let one_by_one: Vec<Verdict> = verify_all(
+        &reel_trace::TraceFiles::default(),
+        &paths,
+        &reel_world::NoAssets,
+        1,
+        |_, _| {},
+    );
     assert!(one_by_one.iter().all(Verdict::is_exact), "{one_by_one:#?}");
     let shuffled: Vec<_> = [2, 0, 3, 1].map(|index: usize| paths[index].clone()).into();
-    let verdicts = verify_all(&shuffled, &reel_world::NoAssets, 2, |_, _| {});
+    let verdicts = verify_all(
+        &reel_trace::TraceFiles::default(),
+        &shuffled,
+        &reel_world::NoAssets,
+        2,
+        |_, _| {},
+    );
     assert_eq!(
         verdicts,
         [2, 0, 3, 1].map(|index: usize| one_by_one[index].clone())

@@ -112,7 +112,13 @@ fn an_episode_with_meshes_replays_exactly_from_its_start_and_from_every_call() {
                 Images::None
             },
         );
-        let verdicts = verify_all(&[&path], &assets, 1, |_, _| {});
+        let verdicts = verify_all(
+            &reel_trace::TraceFiles::default(),
+            &[&path],
+            &assets,
+            1,
+            |_, _| {},
+        );
         assert!(verdicts[0].is_exact(), "{}", verdicts[0]);
         let trace = Trace::read(&path).unwrap().with_meshes(&assets);
         let done = |tool: &str| {

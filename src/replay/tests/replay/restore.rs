@@ -87,7 +87,7 @@ fn seeking_gives_the_same_bits_from_the_start_from_the_cache_and_past_a_damaged_
 }
 
 #[test]
-fn pictures_drawn_again_are_those_that_were_recorded() {
+fn images_drawn_again_are_those_that_were_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let [full, lean] = [Images::Full, Images::None].map(|images| {
         let path = record(

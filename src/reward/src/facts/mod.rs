@@ -153,7 +153,7 @@ impl ToolKind {
 pub enum Delivery {
     /// The call did what it should.
     #[default]
-    Answered,
+    Executed,
     /// The model's answer held no call, and none was made.
     Unreadable,
     /// Not within the time that the trainer waits. Records and tables do not say this.

@@ -264,7 +264,7 @@ impl TaskFacts {
 
     /// The call of a step, from its tool, the code of its error and the text of its argument: the
     /// marker or the receptacle that it names. The rest of the head is empty.
-    pub fn called(
+    pub fn head_of_call(
         &mut self,
         tool: &str,
         error_code: Option<&str>,
@@ -280,7 +280,7 @@ impl TaskFacts {
         let delivery = if unreadable {
             Delivery::Unreadable
         } else {
-            Delivery::Answered
+            Delivery::Executed
         };
         let takes_marker = matches!(named, ToolKind::GazeAt | ToolKind::Pick);
         let marker = argument

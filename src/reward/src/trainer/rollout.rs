@@ -195,7 +195,7 @@ impl TrainerRollout {
             Turn::TimedOut => self.without_call(Delivery::TimedOut),
             Turn::Failed => self.without_call(Delivery::Failed),
             Turn::Finish => {
-                let head = self.facts.called("finish", None, None);
+                let head = self.facts.head_of_call("finish", None, None);
                 self.moment.step(head);
                 String::new()
             }
@@ -270,7 +270,7 @@ impl TrainerRollout {
             })
         };
         let argument = of_key("receptacle_name").or_else(|| of_key("marker_id"));
-        let mut head = self.facts.called(tool, None, argument.as_deref());
+        let mut head = self.facts.head_of_call(tool, None, argument.as_deref());
         head.trainer_reading = self.facts.trainer_reading(&head, &observation);
         head.held = self.held;
         let marks = debug.as_ref().and_then(|debug| debug.markers.as_deref());

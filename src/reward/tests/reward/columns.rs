@@ -50,7 +50,7 @@ pub fn facts_from_columns(
     facts.begin(&mut episode);
     for (index, row) in rows.iter().enumerate() {
         if index > 0 {
-            let call = facts.called(
+            let call = facts.head_of_call(
                 &row.tool,
                 row.error_code.as_deref(),
                 row.argument.as_deref(),

@@ -202,11 +202,11 @@ pub(super) async fn release(
     State(app): State<Arc<App>>,
     PathParams(worker): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
-    let household = Worker::named(&worker)?.session_name();
-    if app.pool.entry(&household)?.group_id.is_none() {
+    let session = Worker::named(&worker)?.session_name();
+    if app.pool.entry(&session)?.group_id.is_none() {
         return Err(ApiError::not_found(format!("worker {worker} has no lease")));
     }
-    app.pool.close(&household).await?;
+    app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -14,7 +14,7 @@ use reel_counterfactual::blame::BlameOptions;
 use reel_counterfactual::branch::{Branch, BranchError, Continuation};
 use reel_replay::{Verdict, Viewpoint, view_at};
 use reel_reward::Preset;
-use reel_trace::{Images, RecordOptions, Trace, TraceError, encode_png};
+use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, ToolCall};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -538,7 +538,14 @@ pub(super) async fn blame(
             alternatives: asked.alternative,
             branches: None,
         };
-        let measured = reel_counterfactual::blame::blame_all(&[path], 1, &options, || ()).pop();
+        let measured = reel_counterfactual::blame::blame_all(
+            &TraceFiles::default(),
+            &[path],
+            1,
+            &options,
+            || (),
+        )
+        .pop();
         let measured = measured.unwrap_or_else(|| Err("nothing was measured".to_owned()));
         let mut value =
             json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);

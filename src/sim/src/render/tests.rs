@@ -239,7 +239,7 @@ fn trace(camera: &Camera, things: &[(Part, Pose)], x: usize, y: usize) -> (u16, 
 }
 
 #[test]
-fn pictures_agree_with_an_analytic_ray_caster() {
+fn images_agree_with_an_analytic_ray_caster() {
     let (camera, things) = scene();
     let frame = render(&camera, &drawables(&things), Detail::Full);
     let (mut agreeing, mut wrong_depths) = (0, 0);
@@ -314,7 +314,7 @@ fn frame_digests_are_stable() {
         marked.digests().rgb,
     ]
     .map(|digest| digest.to_string());
-    assert_eq!(found, GOLDEN, "pictures changed: raise SIM_VERSION");
+    assert_eq!(found, GOLDEN, "images changed: raise SIM_VERSION");
 }
 
 /// RGB, ids, depth, RGB with overlay.

@@ -17,7 +17,7 @@ use arrow::{
 };
 use deltalake::kernel::Action;
 use rayon::prelude::*;
-use reel_trace::{RecordsReader, file_metadata};
+use reel_trace::{RecordsReader, TraceFiles};
 use serde::Serialize;
 
 use super::{
@@ -86,12 +86,13 @@ impl Store {
         paths: &[PathBuf],
         progress: Progress<'_>,
     ) -> Result<IngestReport, StoreError> {
+        let files = self.trace_files.clone();
         self.ingest_by(
             paths,
             TRACES_PER_BATCH,
             progress,
             |groups, seen, done, take| {
-                let reader = RecordsReader::default();
+                let reader = RecordsReader::new(files);
                 let read = |group: &Vec<PathBuf>| {
                     let rows = TraceRows::read(&reader, group, &seen);
                     done(group.len());
@@ -141,7 +142,7 @@ impl Store {
         let mut report = IngestReport::default();
         let fresh: Vec<PathBuf> = paths
             .iter()
-            .filter(|path| !known.files.contains(&file_key(path)))
+            .filter(|path| !known.files.contains(&file_key(&self.trace_files, path)))
             .cloned()
             .collect();
         let groups: Vec<Vec<PathBuf>> = fresh.chunks(group).map(<[PathBuf]>::to_vec).collect();
@@ -310,9 +311,13 @@ impl Store {
                         if *digest == key(&read.digest)
                             && same_content.get(&read.episode_id).is_some_and(
                                 |(path, bytes)| match *path == read.path {
-                                    true => file_metadata(Path::new(path))
+                                    true => self
+                                        .trace_files
+                                        .metadata(Path::new(path))
                                         .is_ok_and(|facts| facts.bytes != *bytes),
-                                    false => !known.files.contains(&file_key(Path::new(path))),
+                                    false => !known
+                                        .files
+                                        .contains(&file_key(&self.trace_files, Path::new(path))),
                                 },
                             ) =>
                     {
@@ -356,7 +361,9 @@ impl Store {
                 Some((trace, _))
                     if *trace > read.path
                         && paths.contains(Path::new(trace))
-                        && known.files.contains(&file_key(Path::new(trace))) =>
+                        && known
+                            .files
+                            .contains(&file_key(&self.trace_files, Path::new(trace))) =>
                 {
                     verdicts.keep[index][row] = false;
                     report.unchanged += 1;
@@ -663,9 +670,10 @@ fn column_of(table: Table) -> &'static str {
     }
 }
 
-fn file_key(path: &Path) -> Key {
-    let (bytes, modified_ns) =
-        file_metadata(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
+fn file_key(files: &TraceFiles, path: &Path) -> Key {
+    let (bytes, modified_ns) = files
+        .metadata(path)
+        .map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
     identity(&path.display().to_string(), bytes, modified_ns)
 }
 

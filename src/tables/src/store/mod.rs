@@ -32,6 +32,7 @@ use deltalake::{
 };
 use object_store::{ObjectMeta, ObjectStore, ObjectStoreExt as _};
 use parquet::errors::ParquetError;
+use reel_trace::TraceFiles;
 use serde::Serialize;
 use tokio::runtime::{Builder, Runtime};
 use url::Url;
@@ -72,6 +73,7 @@ pub struct Store {
     location: Location,
     runtime: Arc<Runtime>,
     tables: BTreeMap<Table, DeltaTable>,
+    trace_files: TraceFiles,
 }
 
 /// The commits by which a store sees what it sees ([`Store::stamp`]): of another store in the same
@@ -244,6 +246,18 @@ impl Store {
         self.tables[&Table::Episodes].version().unwrap_or_default()
     }
 
+    /// Reads the traces that its rows name from `files`, not only from this machine.
+    #[must_use]
+    pub fn with_trace_files(mut self, files: TraceFiles) -> Self {
+        self.trace_files = files;
+        self
+    }
+
+    /// Where the traces that its rows name are read from.
+    pub fn trace_files(&self) -> &TraceFiles {
+        &self.trace_files
+    }
+
     /// The same version once more, with threads of its own: what hangs in one is not waited
     /// for in the other.
     ///
@@ -254,6 +268,7 @@ impl Store {
             location: self.location.clone(),
             runtime: runtime()?,
             tables: self.tables.clone(),
+            trace_files: self.trace_files.clone(),
         })
     }
 
@@ -385,6 +400,7 @@ impl Store {
             location,
             runtime,
             tables,
+            trace_files: TraceFiles::default(),
         })
     }
 

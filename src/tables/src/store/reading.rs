@@ -12,7 +12,7 @@ use arrow::{
     compute::concat_batches,
     ipc::{reader::StreamReader, writer::StreamWriter},
 };
-use reel_trace::{RecordsReader, file_metadata};
+use reel_trace::RecordsReader;
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +100,10 @@ impl TraceRows {
                 }
             };
             // after it was read: then a bucket has told it already
-            let modified_ns = file_metadata(path).map_or(0, |facts| facts.modified_ns);
+            let modified_ns = reader
+                .files()
+                .metadata(path)
+                .map_or(0, |facts| facts.modified_ns);
             if let Err(error) = episodes.push_episode(&trace, modified_ns) {
                 // a row that fails may have filled some of its columns: the rows before it are
                 // read again without it

@@ -57,7 +57,7 @@ fn decode(bytes: &[u8], texels_max: usize) -> Result<Texture, MeshError> {
         [0x89, b'P', b'N', b'G', ..] => decode_png(bytes, texels_max),
         [0xff, 0xd8, ..] => decode_jpeg(bytes, texels_max),
         _ => Err(MeshError::Unsupported(
-            "a picture that is neither PNG nor JPEG".into(),
+            "an image that is neither PNG nor JPEG".into(),
         )),
     }
 }

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_spread_to_the_last() {
+    fn images_are_spread_to_the_last() {
         let picture = |step| CaseImage {
             step,
             media_type: "image/png".to_owned(),

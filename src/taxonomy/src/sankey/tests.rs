@@ -245,7 +245,7 @@ fn families_and_classes_keep_their_order_and_sub_classes_go_by_size() {
 }
 
 #[test]
-fn labels_neither_overlap_nor_leave_the_picture() {
+fn labels_neither_overlap_nor_leave_the_image() {
     for flows in inputs() {
         let scene = scene_of(&flows);
         let texts: Vec<&Text> = scene

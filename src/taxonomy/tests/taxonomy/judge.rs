@@ -332,7 +332,7 @@ fn words_of_an_episode_are_data() {
 }
 
 #[test]
-fn a_long_episode_is_cut_in_the_middle_and_pictures_are_chosen() {
+fn a_long_episode_is_cut_in_the_middle_and_images_are_chosen() {
     let turn = |step| CaseStep {
         step,
         call: "walk_around()".to_owned(),

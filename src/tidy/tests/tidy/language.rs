@@ -34,19 +34,8 @@ const SERIALISED: &[(&str, &str)] = &[
     ("src/history/src/step_facts.rs", "seen"),
 ];
 
-/// Files and identifiers in them that keep such a word: `then` composes poses as in nalgebra, the
-/// others wait for a better name.
-const ALLOWED: &[(&str, &str)] = &[
-    ("src/annotate/src/memory.rs", "seen"),
-    ("src/annotate/src/voice.rs", "say"),
-    ("src/episode/src/user/question.rs", "which"),
-    ("src/export/src/task_index.rs", "told"),
-    ("src/live/src/session.rs", "shelves"),
-    ("src/llm/src/client/reply.rs", "what"),
-    ("src/reward/src/facts/mod.rs", "Answered"),
-    ("src/reward/src/facts/task.rs", "called"),
-    ("src/sim/src/geometry.rs", "then"),
-];
+/// Files and identifiers in them that keep such a word: `then` composes poses as in nalgebra.
+const ALLOWED: &[(&str, &str)] = &[("src/sim/src/geometry.rs", "then")];
 
 /// Fewest words of a doc comment.
 const DOC_WORDS_MIN: usize = 4;

@@ -22,7 +22,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace"]),
     ("query", &["world", "reward", "trace", "tables", "replay", "counterfactual"]),
-    ("cluster", &["tables", "query"]),
+    ("cluster", &["tables", "query", "trace"]),
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),

@@ -4,7 +4,7 @@ use std::{borrow::Cow, collections::BTreeSet, fs, io::Cursor, path::Path};
 
 use mcap::{MessageStream, WriteOptions, read::LinearReader, records::Record};
 use proptest::prelude::*;
-use reel_trace::{Images, Limits, RecordsReader, Trace, TraceError};
+use reel_trace::{Images, Limits, RecordsReader, Trace, TraceError, TraceFiles};
 
 use crate::sample::{Sample, Source};
 
@@ -59,7 +59,7 @@ fn a_recording_cut_at_any_byte_gives_its_whole_steps() {
         );
         if length % 64 == 0 && !whole.is_empty() {
             fs::write(&path, &part[..length]).unwrap();
-            let (trace, lost) = Trace::read_partial(&path).unwrap();
+            let (trace, lost) = Trace::read_partial(&TraceFiles::default(), &path).unwrap();
             assert_eq!(trace.steps, sample.steps[..steps_readable]);
             assert!(lost.unwrap().contains("torn at byte"));
         }
@@ -76,7 +76,8 @@ fn a_call_whose_result_was_never_written_is_named() {
         .unwrap();
     recorder.input(2, &sample.steps[0].input).unwrap();
     drop(recorder);
-    let (trace, lost) = Trace::read_partial(&folder.path().join("x.mcap.part")).unwrap();
+    let (trace, lost) =
+        Trace::read_partial(&TraceFiles::default(), &folder.path().join("x.mcap.part")).unwrap();
     assert_eq!(trace.steps, sample.steps);
     assert!(lost.unwrap().contains("call 2 was received"));
 }

@@ -124,7 +124,7 @@ fn what_was_measured_comes_back() {
         assert!(trace.frame_rgb(step).unwrap().is_some());
     }
     assert_eq!(trace.camera_image(Some(2)), None);
-    let shares = content(&path).unwrap();
+    let shares = content(&reel_trace::TraceFiles::default(), &path).unwrap();
     assert!(
         TOPICS.iter().all(|topic| shares.contains_key(*topic)),
         "{shares:?}"
@@ -166,7 +166,7 @@ fn traces_without_a_robot_have_none_of_its_channels() {
         .unwrap()
         .end(&sample.end)
         .unwrap();
-    let shares = content(&path).unwrap();
+    let shares = content(&reel_trace::TraceFiles::default(), &path).unwrap();
     assert!(
         TOPICS.iter().all(|topic| !shares.contains_key(*topic)),
         "{shares:?}"

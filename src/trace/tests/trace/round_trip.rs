@@ -106,7 +106,7 @@ fn equal_records_give_equal_bytes_anywhere() {
 }
 
 #[test]
-fn pictures_come_back_and_must_be_the_recorded_ones() {
+fn images_come_back_and_must_be_the_recorded_ones() {
     let folder = tempfile::tempdir().unwrap();
     let (mut sample, mut frames) = Source::seeded(4).sample(2).with_frames();
     let path = folder.path().join("a.mcap");

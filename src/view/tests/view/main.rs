@@ -98,7 +98,7 @@ fn a_sheet_has_a_card_for_every_moment() {
 }
 
 #[test]
-fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
+fn a_video_has_an_image_for_every_step_and_waits_for_the_longer_one() {
     let dir = TempDir::new().unwrap();
     let long = success("oracle", Family::SUL, 1).record(dir.path(), Images::None);
     let short = Play::new("lean", Family::SUL, 1)
@@ -136,7 +136,7 @@ fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
     };
     assert!(
         right(0) != right(1) && right(1) == right(2),
-        "the shorter one waits in its last picture"
+        "the shorter one waits in its last image"
     );
     assert_eq!(film.stream().count(), film.frames.len() + 2);
 
@@ -211,7 +211,7 @@ fn a_recording_is_what_rerun_accepts() {
     assert_eq!(&bytes[..4], b"RRF2");
     assert!(
         bytes.len() > 50_000,
-        "the pictures are in it: {}",
+        "the images are in it: {}",
         bytes.len()
     );
     // rerun-sdk puts its command beside its Python.

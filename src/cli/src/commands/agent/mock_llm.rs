@@ -4,7 +4,6 @@ use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
 use reel_llm::agent::script::{InjectedError, Script};
 use reel_server::{MockOptions, mock_llm};
-use reel_trace::Trace;
 
 use crate::{ExitStatus, inputs};
 
@@ -46,10 +45,11 @@ pub struct Arguments {
 
 /// Serves the decisions of recorded episodes as a mock model until stopped.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.traces)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.traces)?;
     let traces = paths
         .iter()
-        .map(|path| Trace::read(path))
+        .map(|path| files.read(path))
         .collect::<Result<Vec<_>, _>>()?;
     let script = Script::new(&traces, arguments.trouble.clone());
     let options = MockOptions {

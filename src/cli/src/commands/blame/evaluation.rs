@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fs};
 use anyhow::{Context, bail};
 use reel_agents::Label;
 use reel_counterfactual::blame::MeasuredTrace;
-use reel_trace::Trace;
+use reel_trace::TraceFiles;
 
 /// What came of one kind of fault.
 #[derive(Default)]
@@ -21,7 +21,7 @@ struct FaultKindRow {
 }
 
 /// Prints how often the decisive step is the call with which the first unrepaired fault began.
-pub fn print(measured: &[MeasuredTrace]) -> anyhow::Result<()> {
+pub fn print(files: &TraceFiles, measured: &[MeasuredTrace]) -> anyhow::Result<()> {
     let mut rows: BTreeMap<&'static str, FaultKindRow> = BTreeMap::new();
     let (mut total, mut without, mut verified) = (FaultKindRow::default(), Vec::new(), 0);
     for one in measured
@@ -47,7 +47,7 @@ pub fn print(measured: &[MeasuredTrace]) -> anyhow::Result<()> {
         };
         let (began, steps) = (fault.step.unwrap_or_default(), one.blame.costs.len());
         let found = one.blame.decisive.as_ref().map(|decisive| decisive.step);
-        let trace = Trace::read(&one.trace)?;
+        let trace = files.read(&one.trace)?;
         let error = trace
             .steps
             .iter()

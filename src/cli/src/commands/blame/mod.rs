@@ -72,6 +72,7 @@ pub struct Arguments {
 
 /// Measures failed episodes, then prints their decisive steps or stores them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let files = inputs::trace_files();
     #[cfg(feature = "analytics")]
     let mut store = arguments.store.as_ref().map(Store::open).transpose()?;
     #[cfg(feature = "analytics")]
@@ -81,10 +82,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             .into_iter()
             .map(PathBuf::from)
             .collect(),
-        None => inputs::traces(&arguments.paths)?,
+        None => inputs::traces(&files, &arguments.paths)?,
     };
     #[cfg(not(feature = "analytics"))]
-    let paths = inputs::traces(&arguments.paths)?;
+    let paths = inputs::traces(&files, &arguments.paths)?;
     if let Some(folder) = &arguments.branches {
         std::fs::create_dir_all(folder)?;
     }
@@ -103,9 +104,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 .zip(&paths)
                 .map(|(answer, path)| received(answer, path, &options))
                 .collect::<Result<_, _>>()?,
-            None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || {
-                bar.inc(1)
-            }),
+            None => blame_all(
+                &files,
+                &paths,
+                inputs::workers(arguments.jobs),
+                &options,
+                || bar.inc(1),
+            ),
         };
     bar.finish_and_clear();
     let mut unreadable = false;
@@ -119,7 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(_) if arguments.labels => {}
             #[cfg(feature = "analytics")]
             Ok(_) if store.is_some() => {}
-            Ok(measured) => print(measured, &Trace::read(path)?, arguments.steps),
+            Ok(measured) => print(measured, &files.read(path)?, arguments.steps),
         }
     }
     let measured: Vec<MeasuredTrace> = measured.into_iter().flatten().collect();
@@ -138,7 +143,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         });
     }
     if arguments.labels && !arguments.json {
-        evaluation::print(&measured)?;
+        evaluation::print(&files, &measured)?;
     } else if !arguments.json && measured.len() > 1 {
         print_summary(&measured);
     }
@@ -191,33 +196,36 @@ fn received(
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
-pub fn work() -> reel_cluster::TraceJob {
-    crate::cluster_arguments::work("blame", |traces, (alternatives, branches): (bool, bool)| {
-        let folder = branches
-            .then(tempfile::tempdir)
-            .transpose()
-            .map_err(|error| error.to_string())?;
-        let options = BlameOptions {
-            alternatives,
-            branches: folder.as_ref().map(|folder| folder.path().to_owned()),
-        };
-        let answered = |measured: Result<MeasuredTrace, String>| {
-            let kept = measured
-                .as_ref()
-                .ok()
-                .and_then(|one| one.alternative.as_ref()?.trace.as_ref());
-            let branch = kept
-                .map(std::fs::read)
+pub fn work(files: reel_trace::TraceFiles) -> reel_cluster::TraceJob {
+    crate::cluster_arguments::work(
+        "blame",
+        move |traces, (alternatives, branches): (bool, bool)| {
+            let folder = branches
+                .then(tempfile::tempdir)
                 .transpose()
-                .map_err(|error| error.to_string())?
-                .map(|bytes| BASE64.encode(bytes));
-            Ok(ExecutorReply { measured, branch })
-        };
-        blame_all(traces, 1, &options, || ())
-            .into_iter()
-            .map(answered)
-            .collect()
-    })
+                .map_err(|error| error.to_string())?;
+            let options = BlameOptions {
+                alternatives,
+                branches: folder.as_ref().map(|folder| folder.path().to_owned()),
+            };
+            let answered = |measured: Result<MeasuredTrace, String>| {
+                let kept = measured
+                    .as_ref()
+                    .ok()
+                    .and_then(|one| one.alternative.as_ref()?.trace.as_ref());
+                let branch = kept
+                    .map(std::fs::read)
+                    .transpose()
+                    .map_err(|error| error.to_string())?
+                    .map(|bytes| BASE64.encode(bytes));
+                Ok(ExecutorReply { measured, branch })
+            };
+            blame_all(&files, traces, 1, &options, || ())
+                .into_iter()
+                .map(answered)
+                .collect()
+        },
+    )
 }
 
 /// Measures the failed episodes of a store, and says what came of it.

@@ -13,7 +13,6 @@ use reel_annotate::{
 use reel_history::{EpisodeFacts, StepFacts};
 use reel_llm::client::Client;
 use reel_prompt::Prompt;
-use reel_trace::Trace;
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, model::Model, progress, prompt::PromptArguments};
@@ -69,7 +68,8 @@ struct TraceResult {
 
 /// Annotates the given traces, prints the counts and names each that failed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.paths)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.paths)?;
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let prompt = arguments.prompt.prompt()?;
     let bar = progress::bar(paths.len(), "annotating");
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .num_threads(inputs::workers(arguments.jobs))
         .build()?;
     let note = |path: &PathBuf| {
-        let noted = note(path, client.as_ref(), &prompt, arguments.seed);
+        let noted = note(&files, path, client.as_ref(), &prompt, arguments.seed);
         bar.inc(1);
         noted
     };
@@ -130,12 +130,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 fn note(
+    files: &reel_trace::TraceFiles,
     path: &Path,
     client: Option<&Client>,
     prompt: &Arc<Prompt>,
     seed: u64,
 ) -> anyhow::Result<TraceResult> {
-    let trace = Trace::read(path)?;
+    let trace = files.read(path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
     let seed = episode_seed(seed, &trace.chain());

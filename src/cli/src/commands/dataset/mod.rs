@@ -156,7 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 .with_context(|| format!("cannot make {}", folder.display()))?;
             for (index, image) in example.images.iter().enumerate() {
                 let Some(bytes) = image_bytes(image) else {
-                    eprintln!("reel: picture {} is not there", index + 1);
+                    eprintln!("reel: image {} is not there", index + 1);
                     continue;
                 };
                 let extension = match &bytes[..] {

@@ -80,9 +80,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let workers = inputs::workers(arguments.jobs);
     let bar = progress::bar(paths.len(), "gate");
-    let judgements = replay_outcomes_all(&paths, &arguments.assets.open()?, workers, |_, _| {
-        bar.inc(1)
-    });
+    let judgements = replay_outcomes_all(
+        &reel_trace::TraceFiles::default(),
+        &paths,
+        &arguments.assets.open()?,
+        workers,
+        |_, _| bar.inc(1),
+    );
     bar.finish_and_clear();
     let this = judgements
         .iter()

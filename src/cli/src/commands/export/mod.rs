@@ -99,7 +99,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::RealAnnotation(arguments) => real_annotation::run(arguments),
         #[cfg(feature = "rerun")]
         Command::Rrd { trace, out, json } => {
-            std::fs::write(out, reel_view::rrd(&reel_trace::Trace::read(trace)?)?)?;
+            std::fs::write(
+                out,
+                reel_view::rrd(&crate::inputs::trace_files().read(trace)?)?,
+            )?;
             if *json {
                 println!("{}", json!({ "out": out }));
             } else {
@@ -113,7 +116,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::Sheet { trace, out, json } => {
             std::fs::write(
                 out,
-                reel_view::contact_sheet(&reel_trace::Trace::read(trace)?)?,
+                reel_view::contact_sheet(&crate::inputs::trace_files().read(trace)?)?,
             )?;
             if *json {
                 println!("{}", json!({ "out": out }));

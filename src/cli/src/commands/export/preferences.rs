@@ -15,7 +15,7 @@ use reel_dataset::{Encoding, Format, ImageOptions, Ratios, Style, WriterOptions}
 use reel_export::{AnnotationSource, ExportOptions, Selection, SplitBy};
 use reel_replay::verify_trace;
 use reel_tables::Store;
-use reel_trace::Trace;
+use reel_trace::{Trace, TraceFiles};
 use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs, progress};
@@ -83,14 +83,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let traces = out.join("traces");
     fs::create_dir_all(&traces)
         .with_context(|| format!("cannot make the folder {}", traces.display()))?;
-    let failed = Store::open(&arguments.store)?.failed_traces()?;
+    let store = inputs::store(&arguments.store, None)?;
+    let failed = store.failed_traces()?;
     let bar = progress::bar(failed.len(), "prefer");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(inputs::workers(arguments.jobs))
         .build()?;
     let one = |path: &String| {
-        let made =
-            pair(Path::new(path), &traces).map_err(|reason| (path.clone(), format!("{reason:#}")));
+        let made = pair(store.trace_files(), Path::new(path), &traces)
+            .map_err(|reason| (path.clone(), format!("{reason:#}")));
         bar.inc(1);
         made
     };
@@ -104,7 +105,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Err(refusal) => refused.push(refusal),
         }
     }
-    let count = pool.install(|| write(arguments, &pairs, &mut refused))?;
+    let count = pool.install(|| write(store.trace_files(), arguments, &pairs, &mut refused))?;
     if arguments.json {
         let refused: Vec<Value> = refused
             .iter()
@@ -127,8 +128,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
-    let failed = Trace::read(path)?;
+fn pair(files: &TraceFiles, path: &Path, traces: &Path) -> anyhow::Result<Pair> {
+    let failed = files.read(path)?;
     let verdict = verify_trace(&failed);
     if !verdict.is_exact() {
         bail!("it does not replay exactly: {verdict}");
@@ -154,6 +155,7 @@ fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
 
 /// Makes the examples of all these episodes with the exporter of training sets, and pairs them.
 fn write(
+    files: &TraceFiles,
     arguments: &Arguments,
     pairs: &[Pair],
     refused: &mut Vec<(String, String)>,
@@ -164,7 +166,7 @@ fn write(
         .iter()
         .flat_map(|pair| [pair.failed.path.clone(), pair.better.path.clone()])
         .collect();
-    let mut store = Store::open_or_create(&work)?;
+    let mut store = Store::open_or_create(&work)?.with_trace_files(files.clone());
     store.ingest(&paths, &|_, _| ())?;
     reel_export::export(&store, &examples, &options(arguments), &|_| (), &|_| ())?;
     let rows = rows(&examples)?;

@@ -48,13 +48,14 @@ pub struct Arguments {
 
 /// Runs `reel export real-annotation`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.paths)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.paths)?;
     let out = &arguments.out;
     let (mut templates, mut samples, mut images): (Vec<Value>, Vec<Value>, usize) =
         (Vec::new(), Vec::new(), 0);
     let bar = progress::bar(paths.len(), "export");
     for (number, path) in (1..).zip(&paths) {
-        let trace = Trace::read(path)?;
+        let trace = files.read(path)?;
         let subset = arguments
             .subset
             .clone()

@@ -8,7 +8,6 @@ use std::{
 
 use anyhow::Context;
 use reel_import::eval_client::{RunSettings, replay::RecordedRun, run};
-use reel_trace::Trace;
 use serde_json::{Map, json};
 
 use crate::{ExitStatus, inputs};
@@ -49,8 +48,9 @@ pub struct Arguments {
 /// Runs `reel export real-eval`.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut models: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
-    for path in inputs::traces(&arguments.paths)? {
-        let model = Trace::read(&path)?.header.policy.name;
+    let files = inputs::trace_files();
+    for path in inputs::traces(&files, &arguments.paths)? {
+        let model = files.read(&path)?.header.policy.name;
         models.entry(model).or_default().push(path);
     }
     let run_tag = match &arguments.run_tag {
@@ -69,7 +69,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             metadata: Map::new(),
             run_tag: run_tag.clone(),
         };
-        let mut recorded = RecordedRun::new(&paths);
+        let mut recorded = RecordedRun::new(&files, &paths);
         let results = match run(&settings, &mut recorded) {
             Ok(results) => results,
             Err(error) => {

@@ -32,10 +32,7 @@ pub struct StoreSource {
 impl StoreSource {
     /// Opens the store that the arguments name.
     pub fn open(&self) -> anyhow::Result<Store> {
-        Ok(match self.version {
-            Some(version) => Store::open_at(&self.store, version)?,
-            None => Store::open(&self.store)?,
-        })
+        inputs::store(&self.store, self.version)
     }
 
     /// The episodes that fulfil the condition; `None` if there is no condition.

@@ -14,7 +14,7 @@ use reel_taxonomy::{
     CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
 };
 
-use crate::ExitStatus;
+use crate::{ExitStatus, inputs};
 
 /// Keep labels of failed episodes: who says that it is of which class, and how sure. The rules
 /// never read them; `reel taxonomy agreement` compares the two.
@@ -232,7 +232,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
 
 /// The episodes of a store with the number of their steps, and whether they succeeded.
 fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, (i32, bool)>> {
-    let session = QuerySession::new(Store::open(store)?)?;
+    let session = QuerySession::new(inputs::store(store, None)?)?;
     let text = format(
         &session.run(
             "SELECT episode_id, array_length(steps), coalesce(success, false) FROM episodes",

@@ -13,7 +13,7 @@ use reel_taxonomy::{
         Source, judge_all,
     },
 };
-use reel_trace::Trace;
+use reel_trace::TraceFiles;
 use reel_world::{
     ObjectInstance, Task,
     record::{Backend, StepRecord},
@@ -84,7 +84,7 @@ const PORTION: usize = 32;
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let client = client.context("--endpoint and --model are missing: the model that judges")?;
-    let session = QuerySession::new(Store::open(&arguments.store)?)?;
+    let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
     let options = JudgeOptions {
@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     for portion in failed.chunks(PORTION) {
         let mut cases = Vec::new();
         for episode in portion {
-            match case(episode, arguments) {
+            match case(session.store().trace_files(), episode, arguments) {
                 Ok(case) => cases.push(case),
                 Err(error) => {
                     errors += 1;
@@ -154,9 +154,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// What the judge gets of an episode.
-fn case(episode: &StoredClass, arguments: &Arguments) -> anyhow::Result<Case> {
+fn case(files: &TraceFiles, episode: &StoredClass, arguments: &Arguments) -> anyhow::Result<Case> {
     let (frames, truth) = (arguments.frames, arguments.truth);
-    let trace = Trace::read(Path::new(&episode.trace)).context("its trace cannot be read")?;
+    let trace = files
+        .read(Path::new(&episode.trace))
+        .context("its trace cannot be read")?;
     let turn = |step: &StepRecord| {
         let policy = step.input.policy.clone().unwrap_or_default();
         let asked = step.tool_name() == "ask";

@@ -17,7 +17,7 @@ use reel_taxonomy::{
 };
 use serde_json::json;
 
-use crate::{ExitStatus, cluster_arguments::ClusterArguments, progress};
+use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
 
 pub mod judge;
 
@@ -207,7 +207,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
     spinner.set_message("asking the rules");
     let session = arguments
         .elsewhere
-        .session(Store::open(&arguments.store)?, Limits::default())?;
+        .session(inputs::store(&arguments.store, None)?, Limits::default())?;
     let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
     if !arguments.dry_run && arguments.condition.is_none() {
         spinner.set_message(format!("keeping {} classes", verdicts.len()));
@@ -388,7 +388,7 @@ pub fn classes_of(session: &QuerySession, store: &str) -> anyhow::Result<Vec<Sto
 }
 
 fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
-    let session = QuerySession::new(Store::open(&arguments.store)?)?;
+    let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
     let labels = session.store().labels()?;
     let truth = label_set(&labels, &arguments.set);
     let found = match arguments.of.as_str() {
@@ -574,7 +574,7 @@ fn confusion(agreement: &Agreement) -> String {
 }
 
 fn compare_sets(arguments: &Drift) -> anyhow::Result<ExitStatus> {
-    let session = QuerySession::new(Store::open(&arguments.store)?)?;
+    let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
     classes_of(&session, &arguments.store)?;
     let (before, _) = how_many(&session, &arguments.before)?;
     let (after, _) = how_many(&session, &arguments.after)?;

@@ -3,13 +3,16 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicU64, AtomicUsize, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, AtomicUsize, Ordering},
+    },
 };
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_tables::buckets::UploadOutcome;
-use reel_trace::{is_remote, list_remote, local_copy};
+use reel_trace::{TraceFiles, is_remote};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
@@ -48,7 +51,9 @@ pub struct Arguments {
 /// Copies files to or from a bucket and reports how many were sent or failed.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let outward = is_remote(&arguments.to);
-    let files = files(&arguments.from)?;
+    let buckets = Arc::new(inputs::buckets());
+    let trace_files = TraceFiles::with_remote(buckets.clone());
+    let files = files(&trace_files, &arguments.from)?;
     if let Some((file, _)) = files.iter().find(|(file, _)| is_remote(file) == outward) {
         let sides = if outward {
             "both are in buckets: the store's own tools copy within it"
@@ -57,7 +62,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         };
         bail!("{sides}: {} to {}", file.display(), arguments.to.display());
     }
-    let buckets = inputs::buckets();
     let bar = progress::bar(files.len(), "copy");
     let (copied, bytes) = (AtomicUsize::new(0), AtomicU64::new(0));
     let copy = |(from, name): &(PathBuf, String)| -> anyhow::Result<()> {
@@ -68,7 +72,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             );
             buckets.upload(from, &to)?
         } else {
-            bring(from, &arguments.to.join(name))?
+            bring(&trace_files, from, &arguments.to.join(name))?
         };
         if let UploadOutcome::Sent { bytes: size } = sent {
             copied.fetch_add(1, Ordering::Relaxed);
@@ -116,12 +120,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// Every file with its name below the folder it was found in.
-fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
+fn files(trace_files: &TraceFiles, from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
     let mut files = Vec::new();
     for path in from {
         let mut below = Vec::new();
         if is_remote(path) {
-            below = list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
+            below = trace_files
+                .list_remote(path)
+                .with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.is_dir() {
             inputs::collect(path, &|_| true, &mut below)
                 .with_context(|| format!("cannot list {}", path.display()))?;
@@ -152,8 +158,8 @@ fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
 }
 
 /// Brings a file of a bucket into its place at once.
-fn bring(from: &Path, to: &Path) -> anyhow::Result<UploadOutcome> {
-    let here = local_copy(from)?;
+fn bring(files: &TraceFiles, from: &Path, to: &Path) -> anyhow::Result<UploadOutcome> {
+    let here = files.local_copy(from)?;
     let bytes = fs::metadata(&here)
         .with_context(|| format!("cannot read {}", here.display()))?
         .len();

@@ -81,7 +81,7 @@ fn text(examination: &DoctorReport) -> String {
     let notes: String = notes.iter().map(|note| format!("; {note}")).collect();
     if findings.is_empty() {
         return format!(
-            "{}: healthy, {steps} steps, {images} frames, {bytes} bytes{notes}\n",
+            "{}: healthy, {steps} steps, {images} images, {bytes} bytes{notes}\n",
             path.display()
         );
     }

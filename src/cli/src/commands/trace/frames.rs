@@ -50,7 +50,9 @@ pub struct Arguments {
 
 /// Writes the frames of a trace, or of one call, as PNG files.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let trace = arguments.assets.read(&arguments.trace)?;
+    let trace = arguments
+        .assets
+        .read(&inputs::trace_files(), &arguments.trace)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let mut files = Vec::new();

@@ -66,8 +66,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 fn list(paths: &[PathBuf]) -> anyhow::Result<ExitStatus> {
     let mut any = false;
-    for path in inputs::traces(paths)? {
-        for line in Trace::read(&path)?.scored_tokens() {
+    let files = inputs::trace_files();
+    for path in inputs::traces(&files, paths)? {
+        for line in files.read(&path)?.scored_tokens() {
             println!("{}", serde_json::to_string(&line)?);
             any = true;
         }
@@ -86,8 +87,9 @@ fn list(paths: &[PathBuf]) -> anyhow::Result<ExitStatus> {
 
 fn add(paths: &[PathBuf], from: &Path, policy: Option<&str>) -> anyhow::Result<ExitStatus> {
     let mut traces = Vec::new();
-    for path in inputs::traces(paths)? {
-        traces.push(Trace::read(&path)?);
+    let files = inputs::trace_files();
+    for path in inputs::traces(&files, paths)? {
+        traces.push(files.read(&path)?);
     }
     let is_lines = from
         .extension()
@@ -169,8 +171,9 @@ fn of_traces(
     let policy = policy
         .context("--policy is missing: the name of the policy of the other traces, e.g. new")?;
     let mut others: BTreeMap<_, Trace> = BTreeMap::new();
-    for path in inputs::traces(&[from.to_owned()])? {
-        let trace = Trace::read(&path)?;
+    let files = inputs::trace_files();
+    for path in inputs::traces(&files, &[from.to_owned()])? {
+        let trace = files.read(&path)?;
         if let Some(twice) = others.insert(pair(&trace), trace) {
             bail!(
                 "{} holds several episodes of task {} at seed {}; give a folder of one policy",

@@ -95,7 +95,8 @@ fn repack(
     name: &'static str,
     write: impl Fn(&Trace, &Path) -> Result<TraceSummary, RepackError> + Sync,
 ) -> anyhow::Result<ExitStatus> {
-    let paths = inputs::traces(&arguments.paths)?;
+    let files = inputs::trace_files();
+    let paths = inputs::traces(&files, &arguments.paths)?;
     let assets = arguments.assets.open()?;
     let targets = targets(&paths, arguments.out.as_deref())?;
     if let Some(out) = &arguments.out {
@@ -106,13 +107,13 @@ fn repack(
     let one = |(from, to): (&PathBuf, &PathBuf)| -> anyhow::Result<Repacked> {
         let mut shares: BTreeMap<String, [u64; 2]> = BTreeMap::new();
         let mut take = |which: usize, path: &Path| -> anyhow::Result<()> {
-            for (what, bytes) in content(path)? {
+            for (what, bytes) in content(&files, path)? {
                 shares.entry(what).or_default()[which] += bytes;
             }
             Ok(())
         };
         take(0, from)?;
-        let trace = Trace::read(from)?.with_meshes(&assets);
+        let trace = files.read(from)?.with_meshes(&assets);
         let summary =
             write(&trace, to).with_context(|| format!("{} is left as it is", from.display()))?;
         take(1, to)?;

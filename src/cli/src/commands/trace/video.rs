@@ -69,10 +69,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !["gif", "mp4"].contains(&kind.as_str()) {
         bail!("{}: a video is a .gif or an .mp4", out.display());
     }
+    let files = inputs::trace_files();
     let traces: Vec<Trace> = [Some(&arguments.trace), arguments.beside.as_ref()]
         .into_iter()
         .flatten()
-        .map(|path| arguments.assets.read(path))
+        .map(|path| arguments.assets.read(&files, path))
         .collect::<Result<_, _>>()?;
     if let [trace, beside] = &traces[..] {
         compare(trace, beside)?;

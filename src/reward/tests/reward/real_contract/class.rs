@@ -123,7 +123,7 @@ fn compare_class(
         let held = step["inv"]
             .as_str()
             .map(|held| facts.object(&held.replace("_on_", " on ")));
-        let call = facts.called(tool, None, argument.as_deref());
+        let call = facts.head_of_call(tool, None, argument.as_deref());
         episode.step(StepHead { held, ..call });
         let now = world_graph(&step["graph"]);
         for event in now.difference(&graph) {

@@ -4,7 +4,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_episode::user::{RuleUser, spoken_id, which};
+use reel_episode::user::{RuleUser, clarifying_question, spoken_id};
 use reel_sim::{PreparedTask, Simulator, render::Detail};
 use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task, language};
 use serde_json::Value;
@@ -287,7 +287,7 @@ fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
 
 /// The question in words for what is seen, as one asks who sees all that stands there.
 fn question(task: &Task) -> String {
-    which(
+    clarifying_question(
         on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)),
         task.purpose.as_deref(),
     )

@@ -18,7 +18,7 @@ pub mod real;
 pub mod report;
 mod settle;
 mod statistics;
-mod wording;
+pub(crate) mod wording;
 
 pub use compatibility::Compatibility;
 pub use draft::{Difficulty, DraftError, TaskType};

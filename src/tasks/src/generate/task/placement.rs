@@ -9,11 +9,9 @@ use reel_world::Rect;
 use serde::Serialize;
 
 use super::ground::{Side, Site};
+pub use crate::placement::{MARGIN_M, TRIES_MAX};
+use crate::placement::{are_apart, footprint};
 
-/// Free rim of a surface, and free space between objects, in metres.
-pub const MARGIN_M: f64 = 0.05;
-/// Most tries of the static filter for one object.
-pub const TRIES_MAX: usize = 2000;
 /// Objects stand at most so far from the edge they are reached over, in metres.
 pub const BAND_M: f64 = 0.5;
 /// Radius in which the nearest point of that edge has to be free of anything else, in metres.
@@ -187,18 +185,6 @@ fn candidates(site: &Site, centres: &Rect, stream: &mut Stream) -> Vec<[f64; 2]>
     points
         .filter(|point| nearest_side(site, *point).1 <= BAND_M)
         .collect()
-}
-
-fn footprint([x, y]: [f64; 2], [width, depth, _]: [f64; 3]) -> Rect {
-    Rect {
-        min: [x - width / 2.0, y - depth / 2.0],
-        max: [x + width / 2.0, y + depth / 2.0],
-    }
-}
-
-fn are_apart(a: &Rect, b: &Rect) -> bool {
-    (0..2)
-        .any(|axis| a.min[axis] >= b.max[axis] + MARGIN_M || b.min[axis] >= a.max[axis] + MARGIN_M)
 }
 
 fn middle(rect: &Rect) -> [f64; 2] {

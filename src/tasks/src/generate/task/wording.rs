@@ -46,6 +46,13 @@ impl InstructionWording {
         }
     }
 
+    /// Draws one of the published templates.
+    pub(crate) fn published(stream: &mut Stream) -> Self {
+        Self {
+            template: TEMPLATES[stream.below(TEMPLATES.len())],
+        }
+    }
+
     /// Draws a template for an instruction that gathers several objects.
     pub(crate) fn gathering(stream: &mut Stream) -> Self {
         Self {

@@ -1,0 +1,144 @@
+//! Where traces are read from: the files of this machine and, where a program has a [`RemoteFs`],
+//! files under names like `s3://bucket/folder/trace.mcap`. This crate knows no protocol of them.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::UNIX_EPOCH,
+};
+
+use crate::{Limits, Trace, TraceError};
+
+/// What is known of a file without reading it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct FileMetadata {
+    /// Size of the file in bytes.
+    pub bytes: u64,
+    /// When it was written last, nanoseconds since 1970; 0 if unknown.
+    pub modified_ns: i64,
+}
+
+/// A place of files that are named by URL.
+pub trait RemoteFs: Send + Sync {
+    /// The files below a folder, or the one file of this name; none where there is neither.
+    ///
+    /// # Errors
+    /// Fails if the place cannot be reached.
+    fn list(&self, folder: &str) -> io::Result<Vec<String>>;
+
+    /// What is known of a file.
+    ///
+    /// # Errors
+    /// Fails if it is not there, or the place cannot be reached.
+    fn metadata(&self, name: &str) -> io::Result<FileMetadata>;
+
+    /// Brings a file to this machine, as it is now, and says where it is.
+    ///
+    /// # Errors
+    /// Fails if it is not there, or the place cannot be reached.
+    fn fetch(&self, name: &str) -> io::Result<PathBuf>;
+}
+
+/// Reads traces by name. The default reads files of this machine and refuses URLs.
+#[derive(Clone, Default)]
+pub struct TraceFiles(Option<Arc<dyn RemoteFs>>);
+
+impl TraceFiles {
+    /// Reads files of this machine, and those named by URL from `remote`.
+    pub fn with_remote(remote: Arc<dyn RemoteFs>) -> Self {
+        Self(Some(remote))
+    }
+
+    /// [`Trace::read`] of a file on this machine or of a URL.
+    ///
+    /// # Errors
+    /// As [`Trace::read`], and if the file cannot be fetched.
+    pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
+        Trace::read_from(self, path, &Limits::default())
+    }
+
+    /// The files below a folder that is named by URL.
+    ///
+    /// # Errors
+    /// Fails if the place cannot be reached, or the folder is not named by URL.
+    pub fn list_remote(&self, folder: &Path) -> io::Result<Vec<PathBuf>> {
+        let names = self.remote(folder)?.list(url(folder).unwrap_or_default())?;
+        Ok(names.into_iter().map(PathBuf::from).collect())
+    }
+
+    /// What is known of a file, wherever it lies.
+    ///
+    /// # Errors
+    /// Fails if it is not there, or the place cannot be reached.
+    pub fn metadata(&self, path: &Path) -> io::Result<FileMetadata> {
+        if let Some(name) = url(path) {
+            return self.remote(path)?.metadata(name);
+        }
+        let data = std::fs::metadata(path)?;
+        let since = data
+            .modified()
+            .ok()
+            .and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        let modified_ns = since
+            .and_then(|since| i64::try_from(since.as_nanos()).ok())
+            .unwrap_or(0);
+        Ok(FileMetadata {
+            bytes: data.len(),
+            modified_ns,
+        })
+    }
+
+    /// Where a file lies on this machine, once it is fetched.
+    ///
+    /// # Errors
+    /// Fails if it is named by URL, and not there or not reached.
+    pub fn local_copy(&self, path: &Path) -> io::Result<PathBuf> {
+        match url(path) {
+            Some(name) => self.remote(path)?.fetch(name),
+            None => Ok(path.to_owned()),
+        }
+    }
+
+    fn remote(&self, path: &Path) -> io::Result<&dyn RemoteFs> {
+        self.0.as_deref().ok_or_else(|| {
+            io::Error::other(format!(
+                "only local files are read here; fetch it first, with `reel trace copy {} .`",
+                path.display()
+            ))
+        })
+    }
+}
+
+impl std::fmt::Debug for TraceFiles {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self.0 {
+            None => "TraceFiles(local)",
+            Some(_) => "TraceFiles(local and remote)",
+        })
+    }
+}
+
+/// Whether a file is named by URL.
+pub fn is_remote(path: &Path) -> bool {
+    url(path).is_some()
+}
+
+fn url(path: &Path) -> Option<&str> {
+    path.to_str().filter(|name| name.contains("://"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn local_readers_refuse_a_url_and_name_the_command() {
+        let error = Trace::read(Path::new("s3://lab/traces/a.mcap")).unwrap_err();
+        let text = format!("{error} {:?}", error);
+        assert!(
+            text.contains("reel trace copy s3://lab/traces/a.mcap ."),
+            "{text}"
+        );
+    }
+}
