@@ -5,7 +5,7 @@ TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-insight eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -71,6 +71,9 @@ eval-tasks: ## make 2,000 tasks, check them and annotated ones from outside, let
 
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh
+
+eval-insight: ## how often taxonomy and blame are right on perturbed competent play whose truth is played out, 1,000 episodes
+	tests/eval-insight.sh
 
 scale: ## ten million synthetic episodes: made, compacted, asked; and read by third-party readers (needs Python; 20 GB; an hour)
 	tests/bench/scale.sh
