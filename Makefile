@@ -5,7 +5,7 @@ TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -74,6 +74,9 @@ eval-blame: ## how often the decisive step is right, on 600 episodes with inject
 
 eval-preferences: ## whether 500 preference pairs choose what is possible, succeeds and asks where asking was missing (ten minutes; needs Python)
 	tests/eval-preferences.sh
+
+eval-insight: ## how often taxonomy and blame are right on perturbed competent play whose truth is played out, 1,000 episodes
+	tests/eval-insight.sh
 
 scale: ## ten million synthetic episodes: made, compacted, asked; and read by third-party readers (needs Python; 20 GB; an hour)
 	tests/bench/scale.sh

@@ -20,3 +20,4 @@ WHERE dest_door = 'closed'
   AND NOT sequence_match(steps, 'open[ok and receptacle_match = ''dest'']')
   AND sequence_match(steps, 'pick[ok and goal_object] !pick[ok]* nav_to[ok and receptacle_match = ''dest'']')
   AND NOT sequence_match(steps, 'place[ok and goal_object]')
+  AND NOT sequence_match(steps, 'open[error_code in (''skill_failed'', ''backend_error'')]')

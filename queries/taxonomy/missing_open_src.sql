@@ -21,3 +21,4 @@ WHERE src_door = 'closed'
   AND NOT sequence_match(steps, 'pick[ok]')
   AND sequence_match(steps, 'nav_to[receptacle_match = ''src'']')
   AND NOT sequence_match(steps, '(nav_to nav_to){4,}')
+  AND NOT sequence_match(steps, 'open[error_code in (''skill_failed'', ''backend_error'')]')

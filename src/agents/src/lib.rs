@@ -10,6 +10,7 @@ mod injection;
 mod narration;
 mod oracle;
 mod perception;
+pub mod perturb;
 pub mod plan;
 mod planner;
 mod policy;

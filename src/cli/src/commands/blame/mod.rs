@@ -228,6 +228,28 @@ pub fn work(files: reel_trace::TraceFiles) -> reel_cluster::TraceJob {
     )
 }
 
+/// Measures the failed episodes of a store from their records alone, and keeps that.
+#[cfg(feature = "analytics")]
+pub fn measure(location: &str) -> anyhow::Result<()> {
+    let mut store = inputs::store(location, None)?;
+    let paths: Vec<PathBuf> = store
+        .failed_traces()?
+        .into_iter()
+        .map(PathBuf::from)
+        .collect();
+    let files = inputs::trace_files();
+    let measured = blame_all(
+        &files,
+        &paths,
+        inputs::workers(None),
+        &BlameOptions::default(),
+        || (),
+    );
+    let rows: Vec<BlameRow> = measured.iter().flatten().map(stored).collect();
+    store.replace_blame(&rows)?;
+    Ok(reel_export::check_failed_histories(&store)?)
+}
+
 /// Measures the failed episodes of a store, and says what came of it.
 #[cfg(feature = "analytics")]
 pub fn measure_and_print(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {

@@ -1,5 +1,6 @@
 //! `reel dev`: what people who change Reel need.
 
+mod eval_insight;
 pub mod gate;
 mod mint;
 mod perf;
@@ -20,6 +21,11 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
+    #[command(
+        name = "eval-insight",
+        about = "Measure taxonomy and blame on perturbed competent play"
+    )]
+    EvalInsight(eval_insight::Arguments),
     #[command(about = "Replay a corpus with this build and another, and list changed outcomes")]
     Gate(gate::Arguments),
     #[command(about = "Write golden traces anew, for a reason")]
@@ -31,6 +37,7 @@ enum Command {
 /// Runs the command of the group.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
+        Command::EvalInsight(arguments) => eval_insight::run(arguments),
         Command::Gate(arguments) => gate::run(arguments),
         Command::Mint(arguments) => mint::run(arguments),
         Command::Perf(arguments) => perf::run(arguments),

@@ -1,0 +1,357 @@
+//! Why a perturbed episode failed, by counterfactual play alone: the operators that are switched
+//! off one by one with all other random choices kept, and the oracle that takes over at every call.
+//!
+//! What counts as truth:
+//! - A *cause* is an operator without which the episode succeeds. Where there is none because
+//!   several operators would each have sufficed, every operator that fails on its own is one. The
+//!   *primary* cause is the one that began first; the readings of the others are fair, too.
+//! - The *harm* is `world` if an object or a door is wrong at the end that was not so at the start
+//!   (the target in the hand is no such object), else `ending` if the policy finished, else `time`.
+//! - The *strict* decisive call is, for `world`, the first successful pick, place, open or close of
+//!   the cause after which the oracle never again needs as few calls as before it; for `ending`, the
+//!   finish; for `time`, the cause's onset. *Fair* are besides: the onset, where the harm is
+//!   `world` or `ending`, and, where it is `time`, the last call from which the oracle still
+//!   succeeded.
+//!
+//! Never blame or a rule of the taxonomy: this judges them.
+
+use std::collections::BTreeSet;
+
+use reel_agents::{
+    AgentError, EpisodeReport, Policy, RecordTo, RunningEpisode,
+    perturb::{OperatorEvent, OperatorKind, Perturbation, Perturbed, Reading},
+};
+use reel_episode::EpisodeConfig;
+use reel_replay::Fork;
+use reel_trace::Trace;
+use reel_world::{
+    Skills,
+    record::{EndReason, StepRecord},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::branch::{Branch, BranchError};
+
+/// What kind of harm a failure ended in.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HarmKind {
+    /// An object or a door was left wrong.
+    World,
+    /// The policy finished before the goal held.
+    Ending,
+    /// The decisions ran out.
+    Time,
+}
+
+impl HarmKind {
+    /// All three kinds.
+    pub const ALL: [HarmKind; 3] = [HarmKind::World, HarmKind::Ending, HarmKind::Time];
+
+    /// Its name, as in `truth.json`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            HarmKind::World => "world",
+            HarmKind::Ending => "ending",
+            HarmKind::Time => "time",
+        }
+    }
+}
+
+/// A class and a sub-class, by name.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+pub struct Label {
+    /// Class of the paper's taxonomy.
+    pub class: String,
+    /// Sub-class; `*` is any of the class.
+    pub sub_class: String,
+}
+
+impl Label {
+    /// The label of a reading.
+    pub fn of((class, sub_class): Reading) -> Self {
+        Self {
+            class: class.as_str().to_owned(),
+            sub_class: sub_class.to_owned(),
+        }
+    }
+}
+
+/// Why one episode failed.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Failure {
+    /// The strict label.
+    pub label: Label,
+    /// Labels that a competent reader could defend, the strict one left out.
+    pub fair: Vec<Label>,
+    /// What kind of harm it ended in.
+    pub harm: HarmKind,
+    /// The decisive call; none where counterfactual play names none.
+    pub decisive: Option<u32>,
+    /// All calls that may fairly be called decisive, the strict one among them.
+    pub fair_decisive: BTreeSet<u32>,
+    /// Operators without which it succeeds, or that each suffice, by when they began.
+    pub causes: Vec<usize>,
+    /// Operators that acted and are no cause.
+    pub contributing: Vec<usize>,
+    /// The last call from which the oracle still succeeded.
+    pub last_chance: Option<u32>,
+}
+
+/// The truth of one perturbed episode.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct EpisodeTruth {
+    /// Id of the episode.
+    pub episode_id: String,
+    /// What was perturbed.
+    pub perturbation: Perturbation,
+    /// When each operator began.
+    pub events: Vec<OperatorEvent>,
+    /// Whether it succeeded all the same.
+    pub success: bool,
+    /// Why it failed; none for a success, and where no set of operators explains it.
+    pub failure: Option<Failure>,
+}
+
+/// Plays a perturbed episode, records it and finds out why it failed. `None` if competent play
+/// fails there, too, so that no operator is to blame.
+///
+/// # Errors
+/// When an episode cannot be played or its trace cannot be written or read.
+pub fn play_perturbed(
+    config: &EpisodeConfig,
+    perturbation: &Perturbation,
+    record: &RecordTo,
+) -> Result<Option<EpisodeTruth>, BranchError> {
+    let mut policy = Perturbed::new(&config.task, &config.scene, perturbation);
+    let played = EpisodeConfig {
+        skills: skills(perturbation),
+        ..config.clone()
+    };
+    let report = run(played, &mut policy, Some(record))?;
+    let trace = Trace::read(&record.path).map_err(|error| BranchError::Unreadable {
+        path: record.path.clone(),
+        error: error.to_string(),
+    })?;
+    let truth = EpisodeTruth {
+        episode_id: report.episode_id.clone(),
+        perturbation: perturbation.clone(),
+        events: policy.events(),
+        success: report.success,
+        failure: None,
+    };
+    if report.success {
+        return Ok(Some(truth));
+    }
+    let replay = |perturbation: &Perturbation| succeeds(config, &trace, perturbation);
+    if !replay(&perturbation.keeping(|_| false))? {
+        return Ok(None);
+    }
+    let acted: Vec<usize> = truth
+        .events
+        .iter()
+        .filter(|event| event.onset.is_some())
+        .map(|event| event.operator)
+        .collect();
+    let mut causes = Vec::new();
+    for index in &acted {
+        if replay(&perturbation.keeping(|other| other != *index))? {
+            causes.push(*index);
+        }
+    }
+    if causes.is_empty() {
+        for index in &acted {
+            if !replay(&perturbation.keeping(|other| other == *index))? {
+                causes.push(*index);
+            }
+        }
+    }
+    causes.sort_by_key(|index| truth.events[*index].onset);
+    let Some(primary) = causes.first().copied() else {
+        return Ok(Some(truth));
+    };
+    let failure = failure(&trace, &policy, &truth, primary, causes, &acted)?;
+    Ok(Some(EpisodeTruth {
+        failure: Some(failure),
+        ..truth
+    }))
+}
+
+fn failure(
+    trace: &Trace,
+    policy: &Perturbed,
+    truth: &EpisodeTruth,
+    primary: usize,
+    causes: Vec<usize>,
+    acted: &[usize],
+) -> Result<Failure, BranchError> {
+    let operators = &truth.perturbation.operators;
+    let onset = truth.events[primary].onset.unwrap_or_default();
+    let label = named(policy, primary, trace);
+    let mut fair: BTreeSet<Label> = BTreeSet::new();
+    for index in &causes {
+        fair.insert(named(policy, *index, trace));
+        fair.extend(operators[*index].kind.fair().iter().copied().map(Label::of));
+    }
+    fair.remove(&label);
+    let harm = harm(trace);
+    let costs = takeovers(trace)?;
+    let last_chance = costs
+        .iter()
+        .rposition(Option::is_some)
+        .map(|call| call as u32);
+    let last = trace.steps.len().saturating_sub(1) as u32;
+    let (decisive, others) = match harm {
+        HarmKind::World => (damage(trace, &costs, onset), vec![onset]),
+        HarmKind::Ending => (Some(last), vec![onset]),
+        HarmKind::Time => (Some(onset), last_chance.into_iter().collect()),
+    };
+    Ok(Failure {
+        label,
+        fair: fair.into_iter().collect(),
+        harm,
+        decisive,
+        fair_decisive: decisive.into_iter().chain(others).collect(),
+        contributing: acted
+            .iter()
+            .copied()
+            .filter(|index| !causes.contains(index))
+            .collect(),
+        causes,
+        last_chance,
+    })
+}
+
+/// The label of a cause: a wrong number that took another object is named by that object.
+fn named(policy: &Perturbed, index: usize, trace: &Trace) -> Label {
+    let (class, sub_class) = policy.reading(index);
+    let kind = policy_kind(policy, index);
+    let by_number = matches!(kind, OperatorKind::StaleNumber | OperatorKind::RandomNumber);
+    let taken = trace
+        .steps
+        .iter()
+        .filter(|step| by_number && is_change(step, "pick"))
+        .find_map(|step| {
+            let object = trace.task.object(step.object.as_ref()?)?;
+            (object.instance != trace.task.target).then_some(object)
+        });
+    match taken {
+        Some(object) => Label::of(reel_agents::perturb::look_alike(&trace.task, object)),
+        None => Label::of((class, sub_class)),
+    }
+}
+
+fn policy_kind(policy: &Perturbed, index: usize) -> OperatorKind {
+    policy.perturbation().operators[index].kind
+}
+
+fn is_change(step: &StepRecord, tool: &str) -> bool {
+    step.outcome.error.is_none() && step.tool.as_deref() == Some(tool)
+}
+
+/// What kind of harm the episode ended in.
+fn harm(trace: &Trace) -> HarmKind {
+    let (task, start) = (&trace.task, &trace.start.graphs.physics);
+    let Some(end) = &trace.end else {
+        return HarmKind::Time;
+    };
+    let graph = &end.graphs.physics;
+    let is_wrong = |object: &reel_world::ObjectInstance| {
+        let now = graph.receptacle_of(&object.instance);
+        let right = [
+            start.receptacle_of(&object.instance),
+            task.goal.receptacle_of(&object.instance),
+        ];
+        let in_hand = now.is_none() && object.instance == task.target;
+        !in_hand && !right.contains(&now)
+    };
+    // Put back where it was counts as placed wrongly, as it was moved.
+    let put_back = trace.steps.iter().any(|step| is_change(step, "place"))
+        && graph.receptacle_of(&task.target) == start.receptacle_of(&task.target);
+    // A door that the goal does not move may stay open: success does not need it closed.
+    let door_is_wrong = graph
+        .receptacles
+        .keys()
+        .filter(|id| task.goal.door(id) != task.initial.door(id))
+        .any(|id| graph.door(id) != task.goal.door(id));
+    if task.objects.iter().any(is_wrong) || put_back || door_is_wrong {
+        HarmKind::World
+    } else if end.reason == EndReason::Finished {
+        HarmKind::Ending
+    } else {
+        HarmKind::Time
+    }
+}
+
+/// By call: how many calls the oracle needs that takes over there; none where it fails.
+fn takeovers(trace: &Trace) -> Result<Vec<Option<u32>>, BranchError> {
+    let forks = Fork::at_every_call(trace).map_err(|verdict| BranchError::Parent {
+        path: trace.path.clone(),
+        call: 0,
+        verdict: Box::new(verdict),
+    })?;
+    let play = |fork: &Fork<'_>| {
+        let report = Branch::policy("oracle", trace.header.seed).play(fork, None)?;
+        Ok(report
+            .success
+            .then(|| report.length.saturating_sub(fork.call() as u32)))
+    };
+    forks.iter().map(play).collect()
+}
+
+/// The first change of the world from the onset on that was never made good.
+fn damage(trace: &Trace, costs: &[Option<u32>], onset: u32) -> Option<u32> {
+    let needs = |call: usize| costs.get(call).copied().flatten().unwrap_or(u32::MAX);
+    let changes = ["pick", "place", "open", "close"];
+    let mut found = trace.steps.iter().filter(|step| step.step >= onset);
+    let step = found.find(|step| {
+        let call = step.step as usize;
+        let later = (call + 1..costs.len()).map(needs).min().unwrap_or(u32::MAX);
+        changes.iter().any(|tool| is_change(step, tool)) && later >= needs(call)
+    });
+    step.map(|step| step.step)
+}
+
+fn skills(perturbation: &Perturbation) -> Skills {
+    if perturbation.has_flaky_skills() {
+        Skills::RealV1
+    } else {
+        Skills::Perfect
+    }
+}
+
+/// Whether the episode succeeds with another perturbation and the same seed.
+fn succeeds(
+    config: &EpisodeConfig,
+    trace: &Trace,
+    perturbation: &Perturbation,
+) -> Result<bool, BranchError> {
+    let skills = skills(perturbation);
+    let mut policy = Perturbed::new(&config.task, &config.scene, perturbation);
+    if skills != trace.header.skills {
+        let config = EpisodeConfig {
+            skills,
+            ..config.clone()
+        };
+        return Ok(run(config, &mut policy, None)?.success);
+    }
+    let fork = crate::branch::fork(trace, 0, None)?;
+    let episode = fork
+        .open(policy.info(), reel_sim::render::Detail::Geometry)
+        .map_err(|verdict| BranchError::Parent {
+            path: trace.path.clone(),
+            call: 0,
+            verdict: Box::new(verdict),
+        })?;
+    let mut running = RunningEpisode::resume(episode, None, |_| None, None)?;
+    running.play(&mut policy)?;
+    Ok(running.end(None)?.success)
+}
+
+fn run(
+    config: EpisodeConfig,
+    policy: &mut Perturbed,
+    record: Option<&RecordTo>,
+) -> Result<EpisodeReport, AgentError> {
+    reel_agents::run_episode(config, policy, reel_agents::Responders::default(), record)
+}

@@ -1,0 +1,16 @@
+#!/usr/bin/env bash
+# `make eval-insight`: how often taxonomy and blame are right on competent play that random operators perturb. The truth comes from
+# counterfactual play (src/counterfactual/src/truth) and is fixed before Reel answers. SPLIT=development may be looked at
+# (SHOW wrong answers are listed); the report half shares no operator, task or seed with it and shows figures only.
+# EPISODES (default 1000), SEED (default 1). REEL: a binary that is built already.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
+[[ -n ${REEL:-} ]] || cargo build --locked --workspace --all-targets
+reel="${REEL:-$CARGO_TARGET_DIR/debug/reel}"
+work="${EVAL_DIR:-$(mktemp -d)}"
+split="${SPLIT:-report}"
+show=()
+[[ $split == development ]] && show=(--examples "${SHOW:-20}")
+"$reel" dev eval-insight --split "$split" --episodes "${EPISODES:-1000}" --seed "${SEED:-1}" --out "$work" "${show[@]}"
+echo "traces, store and truth.json: $work"
