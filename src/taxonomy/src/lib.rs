@@ -7,6 +7,7 @@
 
 mod agreement;
 mod classify;
+pub mod clusters;
 mod drift;
 pub mod judge;
 mod labels;
