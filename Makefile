@@ -5,7 +5,7 @@ TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -68,6 +68,9 @@ eval-skills: ## how reliable the skills of --skills real-v1 are, beside the pape
 
 eval-tasks: ## make 2,000 tasks, check them and annotated ones from outside, let the oracle do them, lay them beside REAL-Bench (needs Python)
 	tests/generate/run.sh
+
+eval-attribution: ## whether the intervals of `reel attribute` hold the true share, on injected faults (ten minutes)
+	tests/eval-attribution.sh
 
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh

@@ -83,12 +83,18 @@ enum Command {
     Replay(commands::replay::Arguments),
     #[command(about = "Play another future of a recorded episode, from any call")]
     Branch(commands::branch::Arguments),
-    #[command(about = "Show two traces of one task side by side, from the first difference on")]
+    #[command(
+        about = "Show two traces side by side, or say why one run succeeds where another fails"
+    )]
     Diff(commands::diff::Arguments),
     #[command(
         about = "Measure which call decided a failed episode, and what would have been better"
     )]
     Blame(commands::blame::Arguments),
+    #[command(
+        about = "Measure what each capability cost: the success rate with it perfect, with intervals"
+    )]
+    Attribute(commands::attribute::Arguments),
     #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
     Repair(commands::repair::Arguments),
     #[command(
@@ -200,6 +206,7 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Branch(arguments) => commands::branch::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blame(arguments) => commands::blame::run(&arguments),
+        Command::Attribute(arguments) => commands::attribute::run(&arguments),
         Command::Repair(arguments) => commands::repair::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),

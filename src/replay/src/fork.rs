@@ -1,11 +1,11 @@
 //! Moments of a recorded episode from which another future can be played, as often as wanted, and
 //! whether a trace branches from another. What is played from there is somebody else's decision.
 
-use reel_episode::Episode;
+use reel_episode::{Episode, EpisodeConfig};
 use reel_sim::{Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
-    chain,
+    Skills, chain,
     record::{EpisodeHeader, Parent, PolicyInfo},
 };
 use serde::Serialize;
@@ -102,6 +102,23 @@ impl<'t> Fork<'t> {
             snapshot: episode.snapshot(),
         })
     }
+}
+
+/// What the episode of a trace starts from, but with skills that never fail, for a branch that
+/// differs from its first call on. `policy` says who decides in it.
+///
+/// # Errors
+/// Why nothing can be executed.
+pub fn with_perfect_skills(parent: &Trace, policy: PolicyInfo) -> Result<EpisodeConfig, Verdict> {
+    let mut config = player::config(parent)?;
+    config.run_id = format!("branch-{}", parent.header.episode_id);
+    config.policy = policy;
+    config.skills = Skills::Perfect;
+    config.parent = Some(Parent {
+        trace: parent.chain(),
+        call: 0,
+    });
+    Ok(config)
 }
 
 /// Whether a trace is a branch of another, and exact.

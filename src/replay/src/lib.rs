@@ -32,7 +32,7 @@ pub use changes::{
 pub use comparison::{CallPair, CallSummary, Comparison, EpisodeSummary, TaskMismatch, compare};
 pub use difference::{Divergence, EpisodePosition};
 pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, state_at};
-pub use fork::{BranchVerification, Fork, verify_branch};
+pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch};
 pub use reel_sim::SIM_VERSION;

@@ -7,6 +7,7 @@
 
 mod agreement;
 mod classify;
+pub mod clusters;
 mod drift;
 mod explain;
 pub mod judge;

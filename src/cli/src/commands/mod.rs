@@ -1,6 +1,7 @@
 //! Commands: what people type daily at the top, the others in folders, a folder a group.
 
 pub mod agent;
+pub mod attribute;
 #[cfg(feature = "service")]
 pub mod bench;
 pub mod blame;

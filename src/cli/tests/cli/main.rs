@@ -10,6 +10,7 @@ macro_rules! reel {
 
 #[cfg(feature = "service")]
 mod agents;
+mod attribution;
 mod blame;
 mod branches;
 #[cfg(feature = "cluster")]

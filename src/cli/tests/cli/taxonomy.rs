@@ -341,3 +341,46 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         "{agreement}"
     );
 }
+
+#[test]
+fn clusters_become_drafts_that_are_rules() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    classified(folder, "32");
+    let found = reel!(
+        folder,
+        "taxonomy clusters --store store --propose drafts --json | --where=NOT success"
+    );
+    let found: Value = serde_json::from_str(&found).unwrap();
+    let clusters = found["clusters"].as_array().unwrap();
+    assert!(!clusters.is_empty(), "{found}");
+    for cluster in clusters
+        .iter()
+        .filter(|cluster| !cluster["pattern"].is_null())
+    {
+        let pattern = cluster["pattern"].as_str().unwrap().replace('\'', "''");
+        let ids: Vec<String> = cluster["episodes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|id| format!("'{}'", id.as_str().unwrap()))
+            .collect();
+        let sql = format!(
+            "SELECT count(*) AS n FROM episodes WHERE sequence_match(steps, '{pattern}') AND episode_id IN ({})",
+            ids.join(", ")
+        );
+        let count = expect(
+            folder,
+            0,
+            &["query", "--store", "store", "--format", "csv", &sql],
+        );
+        assert_eq!(count, format!("n\n{}\n", cluster["size"]), "{cluster}");
+    }
+    reel!(folder, "taxonomy --store store --rules drafts --dry-run");
+    let rules = reel!(folder, "taxonomy rules --rules drafts");
+    assert!(rules.contains("cluster_1"), "{rules}");
+    assert!(
+        complaint(folder, 2, "taxonomy clusters --store store --threshold 2")
+            .contains("outside 0 to 1")
+    );
+}

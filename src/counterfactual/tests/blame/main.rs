@@ -1,5 +1,6 @@
 //! Measured episodes: what their steps cost, and which of them decided.
 
+mod attribution;
 mod faulty;
 mod real_bench;
 mod stage;

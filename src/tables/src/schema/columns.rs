@@ -361,6 +361,23 @@ pub(super) const BLAME: &[Column] = columns! {
     may reason: Text, "why there is no alternative";
 };
 
+pub(super) const ATTRIBUTION: &[Column] = columns! {
+    must episode_id: Text, "the failed episode";
+    must trace_digest: Text, "digest of its trace";
+    must capability: Text,
+        "the capability made perfect: `perception`, `communication`, `memory`, `primitives`";
+    must failures: Int, "recorded calls that failed by it";
+    may first_step: Int, "the first of them";
+    must played: Flag, "whether a branch was played; without a failure none has to be";
+    must success: Flag, "whether the branch succeeded";
+    must replaced: Int, "recorded calls that a competent agent's calls took the place of";
+    must skipped: Int, "recorded calls without a counterpart in the branch, left out";
+    may length: Int, "decisions of the branch";
+    may branch: Text, "trace of the branch; null if it was not kept";
+    must verified: Flag, "whether the kept branch replays exactly";
+    may reason: Text, "why no branch could be played";
+};
+
 pub(super) const LABELS: &[Column] = columns! {
     must episode_id: Text, "the episode";
     must author: Text, "author of the label: a person, a model, or `injected`";

@@ -12,9 +12,9 @@ use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 
 pub use columns::STEP;
 use columns::{
-    BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING, LABELS, LOGPROBS, MARKER,
-    MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS,
-    VISIBLE,
+    ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING, LABELS,
+    LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS,
+    TERM, VERDICTS, VISIBLE,
 };
 
 /// One of the tables that a store holds.
@@ -34,6 +34,8 @@ pub enum Table {
     Classes,
     /// Why episodes failed, measured.
     Blame,
+    /// What failed episodes come to with one capability perfect, played.
+    Attribution,
     /// Why they failed, by people, judges and those who injected the fault. The
     /// rules never read it.
     Labels,
@@ -100,7 +102,7 @@ const fn may(name: &'static str, kind: ColumnType, meaning: &'static str) -> Col
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 10] = [
+    pub const ALL: [Table; 11] = [
         Table::Episodes,
         Table::Tasks,
         Table::Scenes,
@@ -108,6 +110,7 @@ impl Table {
         Table::Quarantine,
         Table::Classes,
         Table::Blame,
+        Table::Attribution,
         Table::Labels,
         Table::Verdicts,
         Table::Contradictions,
@@ -123,6 +126,7 @@ impl Table {
             Table::Quarantine => "quarantine",
             Table::Classes => "classes",
             Table::Blame => "blame",
+            Table::Attribution => "attribution",
             Table::Labels => "labels",
             Table::Verdicts => "verdicts",
             Table::Contradictions => "contradictions",
@@ -144,6 +148,9 @@ impl Table {
             }
             Table::Blame => {
                 "One row a failed episode: the decisive step, measured, and a better call; written by `reel blame`."
+            }
+            Table::Attribution => {
+                "One row a failed episode and capability: what comes of it with that capability perfect, played; written by `reel attribute`."
             }
             Table::Labels => {
                 "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel store label`."
@@ -167,6 +174,7 @@ impl Table {
             Table::Quarantine => QUARANTINE,
             Table::Classes => CLASSES,
             Table::Blame => BLAME,
+            Table::Attribution => ATTRIBUTION,
             Table::Labels => LABELS,
             Table::Verdicts => VERDICTS,
             Table::Contradictions => CONTRADICTIONS,

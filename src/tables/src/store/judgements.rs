@@ -92,6 +92,26 @@ pub struct BlameRow {
     pub reason: Option<String>,
 }
 
+/// What comes of a failed episode with one capability perfect: a row of `attribution`. See the
+/// columns of that table.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
+pub struct AttributionRow {
+    pub episode_id: String,
+    pub trace_digest: String,
+    pub capability: String,
+    pub failures: i32,
+    pub first_step: Option<i32>,
+    pub played: bool,
+    pub success: bool,
+    pub replaced: i32,
+    pub skipped: i32,
+    pub length: Option<i32>,
+    pub branch: Option<String>,
+    pub verified: bool,
+    pub reason: Option<String>,
+}
+
 /// What somebody says about an episode: a row of `labels`.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct LabelRow {
@@ -144,11 +164,34 @@ impl Store {
         self.replace(Table::Blame, |_| Ok(Some(rows)))
     }
 
+    /// Puts these rows of `attribution` in the place of those that are there.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn replace_attribution(&mut self, rows: &[AttributionRow]) -> Result<(), StoreError> {
+        self.replace(Table::Attribution, |_| Ok(Some(rows)))
+    }
+
+    /// The traces of the episodes that were played to an end, in the order of the store.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn ended_traces(&self) -> Result<Vec<String>, StoreError> {
+        self.traces_where(|success| success.is_some())
+    }
+
     /// The traces of the episodes that failed, in the order of the store.
     ///
     /// # Errors
     /// When the store cannot be read.
     pub fn failed_traces(&self) -> Result<Vec<String>, StoreError> {
+        self.traces_where(|success| success == Some(false))
+    }
+
+    fn traces_where(
+        &self,
+        wanted: impl Fn(Option<bool>) -> bool,
+    ) -> Result<Vec<String>, StoreError> {
         #[derive(Deserialize)]
         struct Row {
             trace: String,
@@ -159,7 +202,7 @@ impl Store {
             let rows: Vec<Row> = crate::rows_from(&batch)?;
             traces.extend(
                 rows.into_iter()
-                    .filter(|row| row.success == Some(false))
+                    .filter(|row| wanted(row.success))
                     .map(|row| row.trace),
             );
             Ok(())

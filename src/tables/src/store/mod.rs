@@ -38,7 +38,7 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 pub use ingest::{IngestReport, Progress};
-pub use judgements::{BlameRow, ClassRow, Finding, LabelRow};
+pub use judgements::{AttributionRow, BlameRow, ClassRow, Finding, LabelRow};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use reading::{DocumentSet, TraceRows};
@@ -48,13 +48,14 @@ pub use unbound::{CheckedTrace, RefutedClaim, TraceVerdict};
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 7] = [
+const SIDE: [Table; 8] = [
     Table::Tasks,
     Table::Scenes,
     Table::Rescored,
     Table::Quarantine,
     Table::Classes,
     Table::Blame,
+    Table::Attribution,
     Table::Labels,
 ];
 
@@ -596,10 +597,22 @@ async fn open(
         location: location.to_string(),
     };
     let mut opened = DeltaTable::new(location.log(table.name())?);
-    match version {
-        Some(version) => opened.load_version(version as _).await.map_err(delta)?,
-        None => opened.load().await.map_err(delta)?,
-    }
+    let loaded = match version {
+        Some(version) => opened.load_version(version as _).await,
+        None => opened.load().await,
+    };
+    loaded.map_err(|error| match error {
+        // Stores of version 0.2.0 have no such table.
+        DeltaTableError::NotATable(_) | DeltaTableError::InvalidVersion(_)
+            if table == Table::Attribution =>
+        {
+            StoreError::OtherColumns {
+                table: table.name(),
+                location: location.to_string(),
+            }
+        }
+        error => delta(error),
+    })?;
     let ours: StructType = table.schema().as_ref().try_into_kernel()?;
     if *opened.snapshot().map_err(delta)?.schema() != ours {
         return Err(StoreError::OtherColumns {

@@ -19,6 +19,7 @@ use serde_json::json;
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
 
+mod clusters;
 pub mod judge;
 
 /// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what
@@ -31,6 +32,7 @@ pub mod judge;
 ///   reel taxonomy --store store --sankey failures.svg
 ///   reel query --store store "SELECT * FROM classes WHERE sub_class = 'missing_ask'"
 ///   reel taxonomy agreement --store store --reference agreed
+///   reel taxonomy clusters --store store --propose my-rules
 ///   reel taxonomy drift --store store --before "policy = 'old'" --after "policy = 'new'"
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment, args_conflicts_with_subcommands = true)]
@@ -50,6 +52,8 @@ enum Command {
     Agreement(WithLabels),
     /// Compare two sets of episodes: which classes grew, and whether more than chance explains
     Drift(Drift),
+    #[command(about = "Group the failures that no rule explains, and draft a rule for each group")]
+    Clusters(clusters::Arguments),
     #[command(
         about = "Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes"
     )]
@@ -151,6 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Some(Command::Rules(rules)) => list_rules(rules),
         Some(Command::Agreement(with)) => compare(with),
         Some(Command::Drift(sets)) => compare_sets(sets),
+        Some(Command::Clusters(arguments)) => clusters::run(arguments),
         Some(Command::Judge(arguments)) => judge::run(arguments),
     }
 }

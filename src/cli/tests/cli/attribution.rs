@@ -1,0 +1,56 @@
+//! What capabilities cost, and why a run regressed, from outside.
+
+use serde_json::Value;
+
+use crate::{complaint, expect, failed_episode};
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+#[test]
+fn a_wrong_object_is_perceptions_and_its_branch_replays() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    let told = reel!(folder, "attribute traces --branches rescued");
+    assert!(
+        told.contains("with perfect perception") && told.contains("-> 100.0%"),
+        "{told}"
+    );
+    let found = json(&reel!(folder, "attribute traces --branches rescued --json"));
+    let capabilities = found["episodes"][0]["capabilities"].as_array().unwrap();
+    let rescued: Vec<&str> = capabilities
+        .iter()
+        .filter(|one| one["success"] == true)
+        .filter_map(|one| one["capability"].as_str())
+        .collect();
+    assert_eq!(rescued, ["perception"]);
+    assert_eq!(capabilities[0]["verified"], true);
+    let branch = capabilities[0]["branch"].as_str().unwrap();
+    assert!(reel!(folder, "replay {branch}").contains("exact"));
+    assert_eq!(found["estimates"][0]["difference"]["value"], 1.0);
+    assert!(complaint(folder, 2, "attribute traces --labels").contains("no label beside"));
+    assert!(complaint(folder, 2, "attribute").contains("required"));
+}
+
+#[test]
+fn two_runs_are_paired_and_their_flips_explained() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    reel!(
+        folder,
+        "run --tasks tasks --policy oracle --out old --no-images"
+    );
+    let told = expect(folder, 1, "diff old traces");
+    assert!(told.contains("1 regressed, 0 recovered"), "{told}");
+    assert!(told.contains("success -> perception"), "{told}");
+    assert!(told.contains("decided at call"), "{told}");
+    let found = json(&expect(folder, 1, "diff old traces --json"));
+    let flip = &found["flips"][0];
+    assert_eq!(flip["is_regression"], true, "{flip}");
+    assert_eq!(flip["sides"][0]["class"], "success");
+    assert_eq!(found["summary"]["p"], 1.0);
+    assert!(reel!(folder, "diff old old").contains("0 regressed"));
+}
