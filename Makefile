@@ -119,6 +119,8 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/eval-taxonomy.sh
 	tests/eval-blame.sh
 	tests/eval-preferences.sh
+	tests/eval-insight.sh
+	tests/eval-attribution.sh
 	$(MAKE) eval-skills
 	tests/conformance.sh
 	tests/service.sh

@@ -23,7 +23,7 @@ pub use sample::sample_perturbation;
 /// One operator with its parameters.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Operator {
-    /// What it does.
+    /// Which operator it is, with its reading and its half.
     pub kind: OperatorKind,
     /// Seed of its own choices, which no other operator draws from.
     pub seed: u64,
@@ -35,7 +35,7 @@ pub struct Operator {
     pub enabled: bool,
 }
 
-/// Who plays competently.
+/// The policy whose play is perturbed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Base {

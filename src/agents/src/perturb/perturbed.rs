@@ -139,7 +139,7 @@ impl Perturbed {
             .unwrap_or_else(|| state.operator.kind.reading())
     }
 
-    /// What is played.
+    /// The perturbation that this policy plays.
     pub fn perturbation(&self) -> &Perturbation {
         &self.perturbation
     }

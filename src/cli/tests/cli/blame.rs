@@ -299,3 +299,41 @@ faulty"
         "all are found earlier: {told}"
     );
 }
+
+/// The short form of `make eval-insight`, on the half that may be looked at.
+#[cfg(feature = "analytics")]
+#[test]
+fn perturbed_competent_play_is_explained() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = reel!(
+        folder,
+        "dev eval-insight --split development --episodes 70 --seed 4 --out insight --json"
+    );
+    let figures: Value = serde_json::from_str(&text).unwrap();
+    let share = |name: &str| {
+        let share = &figures["shares"][name];
+        let number = |key: &str| {
+            share[key]
+                .as_f64()
+                .unwrap_or_else(|| panic!("{name}: {share}"))
+        };
+        (number("hits"), number("of"))
+    };
+    let at_least = |name: &str, least: f64| {
+        let (hits, of) = share(name);
+        assert!(hits >= least * of, "{name}: {hits} of {of}\n{text}");
+    };
+    assert!(share("class, fair").1 >= 25.0, "{text}");
+    at_least("class, fair", 0.85);
+    at_least("sub-class, fair", 0.75);
+    at_least("step world, fair", 0.75);
+    at_least("step ending, fair", 0.75);
+    assert_eq!(share("successes explained away").0, 0.0);
+    let refused = complaint(
+        folder,
+        2,
+        "dev eval-insight --split report --episodes 2 --out no --examples 3",
+    );
+    assert!(refused.contains("development"), "{refused}");
+}

@@ -10,7 +10,7 @@ use super::{Attributed, Capability};
 /// A share with its 95 % interval, from 0 to 1.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Interval {
-    /// The share itself.
+    /// The estimated share, from 0 to 1.
     pub value: f64,
     /// Lower bound at 95 %.
     pub low: f64,

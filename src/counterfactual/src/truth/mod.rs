@@ -45,7 +45,7 @@ pub enum HarmKind {
 }
 
 impl HarmKind {
-    /// All three kinds.
+    /// All three kinds, in the order of declaration.
     pub const ALL: [HarmKind; 3] = [HarmKind::World, HarmKind::Ending, HarmKind::Time];
 
     /// Its name, as in `truth.json`.
@@ -80,7 +80,7 @@ impl Label {
 /// Why one episode failed.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Failure {
-    /// The strict label.
+    /// The one label that counts as right under the strict reading.
     pub label: Label,
     /// Labels that a competent reader could defend, the strict one left out.
     pub fair: Vec<Label>,
@@ -103,7 +103,7 @@ pub struct Failure {
 pub struct EpisodeTruth {
     /// Id of the episode.
     pub episode_id: String,
-    /// What was perturbed.
+    /// The base play and the operators that perturbed it.
     pub perturbation: Perturbation,
     /// When each operator began.
     pub events: Vec<OperatorEvent>,

@@ -10,13 +10,13 @@ use super::{CallKind, CallSequence, distance::edit_distance};
 /// Different sequences whose distances are all computed; of more a sample decides the medoids.
 pub const SAMPLE_MAX: usize = 2_000;
 
-/// Sequences in groups.
+/// The sequences of episodes, grouped around medoids.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Grouping {
     /// Indices of the members with their distance to the medoid, which comes first; the largest
     /// group first.
     pub groups: Vec<Vec<(usize, f64)>>,
-    /// Different sequences.
+    /// Number of different sequences.
     pub sequences: usize,
     /// How many of them decided the medoids, where not all did.
     pub sampled: Option<usize>,

@@ -110,7 +110,10 @@ const ONLY_IN: &[(&str, &[&str])] = &[
             "server",
         ],
     ),
-    ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),
+    (
+        "rand_chacha",
+        &["sim", "tasks", "agents", "annotate", "cli", "query"],
+    ),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
