@@ -1,9 +1,7 @@
 //! Capabilities made perfect one at a time, against faults that were injected on purpose.
 
 use reel_agents::{Fault, FaultKind, Injection};
-use reel_counterfactual::attribution::{
-    AttributionOptions, Capability, attribute, clustered_interval, estimates, known_success,
-};
+use reel_counterfactual::attribution::{AttributionOptions, Capability, attribute, known_success};
 
 use crate::stage::Stage;
 

@@ -596,23 +596,19 @@ async fn open(
         source: Box::new(source),
         location: location.to_string(),
     };
+    // Stores of version 0.2.0 have no such table.
+    if table == Table::Attribution && location.commit(table.name(), 0).await?.is_none() {
+        return Err(StoreError::OtherColumns {
+            table: table.name(),
+            location: location.to_string(),
+        });
+    }
     let mut opened = DeltaTable::new(location.log(table.name())?);
     let loaded = match version {
         Some(version) => opened.load_version(version as _).await,
         None => opened.load().await,
     };
-    loaded.map_err(|error| match error {
-        // Stores of version 0.2.0 have no such table.
-        DeltaTableError::NotATable(_) | DeltaTableError::InvalidVersion(_)
-            if table == Table::Attribution =>
-        {
-            StoreError::OtherColumns {
-                table: table.name(),
-                location: location.to_string(),
-            }
-        }
-        error => delta(error),
-    })?;
+    loaded.map_err(delta)?;
     let ours: StructType = table.schema().as_ref().try_into_kernel()?;
     if *opened.snapshot().map_err(delta)?.schema() != ours {
         return Err(StoreError::OtherColumns {

@@ -586,6 +586,17 @@ fn verdicts_belong_to_no_version() {
 /// What was made up could have been recorded: every call is one of a tool, every failure has a code,
 /// its class and the text of that code.
 #[test]
+fn a_store_without_a_table_of_today_says_what_to_do() {
+    let dir = TempDir::new().unwrap();
+    let store = dir.path().join("store");
+    drop(Store::open_or_create(&store).unwrap());
+    fs::remove_dir_all(store.join("attribution")).unwrap();
+    let error = Store::open(&store).err().expect("a table is missing");
+    assert!(matches!(error, StoreError::OtherColumns { .. }), "{error}");
+    assert!(error.to_string().contains("reel ingest"), "{error}");
+}
+
+#[test]
 fn synthetic_steps_are_possible_ones() {
     #[derive(serde::Deserialize)]
     struct Row {
