@@ -123,6 +123,7 @@ mod tests {
 
     use reel_tables::{Store, synthesize};
     use reel_tasks::{DrawOptions, draw, home_scene};
+    use reel_trace::TraceFiles;
     use reel_world::Family;
 
     use super::Tables;
