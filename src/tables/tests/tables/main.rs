@@ -591,7 +591,9 @@ fn a_store_without_a_table_of_today_says_what_to_do() {
     let store = dir.path().join("store");
     drop(Store::open_or_create(&store).unwrap());
     fs::remove_dir_all(store.join("attribution")).unwrap();
-    let error = Store::open(&store).err().expect("a table is missing");
+    let Err(error) = Store::open(&store) else {
+        panic!("a table is missing, and it opens");
+    };
     assert!(matches!(error, StoreError::OtherColumns { .. }), "{error}");
     assert!(error.to_string().contains("reel ingest"), "{error}");
 }
