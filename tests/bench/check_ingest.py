@@ -1,7 +1,8 @@
 """Compares the rows of `ingest_python.py` with those of a store that `reel ingest` made of the same traces.
 
 Every column of `episodes`, `tasks`, `scenes` and `quarantine`, nested ones included, bit for bit (zero and minus zero
-differ), in any order of rows. Left out: the time a file was last written, and the words of a quarantine's reason.
+differ), in any order of rows. Left out: the time a file was last written, the words of a quarantine's reason, and the column
+`settles` of the steps, which needs an understanding of words that the script does not have.
 
   check_ingest.py STORE DIR
 
@@ -18,6 +19,7 @@ import pyarrow.parquet as pq
 from deltalake import DeltaTable
 
 KEYS = {"episodes": "episode_id", "tasks": "task_digest", "scenes": "scene_digest", "quarantine": "trace"}
+NOT_READ_AGAIN = {"episodes.steps.settles"}
 LEFT_OUT = {"episodes": ["trace_modified_ns"], "quarantine": ["reason"]}
 
 
@@ -63,7 +65,7 @@ def leaves(path, mine, other):
             return len(mine), [f"{path}: differs in the lengths of lists"]
         return leaves(path, mine.flatten(), other.flatten())
     if pa.types.is_struct(mine.type):
-        fields = [field.name for field in mine.type]
+        fields = [field.name for field in mine.type if f"{path}.{field.name}" not in NOT_READ_AGAIN]
         parts = [leaves(f"{path}.{name}", mine.field(name), other.field(name)) for name in fields]
         return sum(checked for checked, _ in parts), [line for _, lines in parts for line in lines]
     if pa.types.is_float64(mine.type):

@@ -43,7 +43,7 @@ EPISODE_COLUMNS = (
 STEP_COLUMNS = (
     "step", "tool", "call_name", "arguments", "argument",
     "text", "error_code", "error_class", "object", "receptacle", "held",
-    "goal_object", "goal_receptacle", "object_match", "receptacle_match", "put_back", "fell", "marker_count", "visible_count", "candidate_count", "reward",
+    "goal_object", "goal_receptacle", "object_match", "receptacle_match", "put_back", "fell", "repeated", "goals_met", "goals_missing", "marker_count", "visible_count", "candidate_count", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
     "reasoning", "history", "plan", "raw", "question", "reply", "reply_source",
     "prompt_tokens", "completion_tokens", "tokens",
@@ -134,6 +134,7 @@ class Rows:
         goal_objects, goal_places, is_candidate = task.goal_objects, task.goal_places, task.candidates.__contains__
         seen = {visible.object for visible in trace.settled.visible}
         see, candidates = seen.add, len(seen & task.candidates)
+        revisits = Revisits(trace)
         records = zip(trace.calls, trace.results, trace.diffs, trace.rewards, trace.moments[1:], trace.offsets)
         for step, (call, result, diff, reward, moment, offset) in enumerate(records):
             name, arguments_json = CALL(call)
@@ -184,6 +185,9 @@ class Rows:
                 self.logprobs += sorted((of.policy, of.logprobs[:]) for of in scored.policies)
             self.logprob_counts.append(len(scored.policies) if scored else 0)
             answer = answers.get(step)
+            target = answer.text if answer and tool == "ask" else object_ or receptacle or arguments
+            events = physics if revisits.by_physics else registry
+            repeated = revisits.follow(tool, target, error, receptacle, held, answer and answer.text, events)
             robot = moment.robot
             x, y = robot.base
             self.steps.append(
@@ -198,6 +202,7 @@ class Rows:
                     if tool == "place" and not error and object_ and receptacle
                     else None,
                     ("target" if task.fields["target"] in fallen else "other") if fallen else None,
+                    repeated, *revisits.goals(),
                     len(markers), len(visible), candidates, total,
                     moment.sim_step, x, y, robot.yaw, robot.path_length_m, latency_ns,
                     *said, (arguments if argument is None else argument) if tool == "ask" else None,
@@ -221,6 +226,8 @@ class Rows:
         steps["listed_objects"] = Nested(self.listed_counts, self.listed)
         steps["logprobs"] = Nested(self.logprob_counts, columns_of(("policy", "logprobs"), self.logprobs))
         steps["contradictions"] = [0] * len(self.steps)
+        # What an answer means is not read again here.
+        steps["settles"] = [None] * len(self.steps)
         # Clocks of servers and robots: the simulator's traces have none.
         steps["duration_ns"] = [None] * len(self.steps)
         steps["new_objects"] = Nested(self.new_object_counts, self.new_objects)
@@ -336,6 +343,46 @@ def scene_row(text, digest):
         for receptacle in scene["receptacles"]
     ]
     return digest, scene["scene_id"], [room["name"] for room in scene["rooms"]], receptacles, text.decode()
+
+
+class Revisits:
+    """Which calls repeat another in the same state of the world, and how far the goal is met."""
+
+    def __init__(self, trace):
+        self.by_physics = trace.start.profile in ("", "paper")
+        graphs = trace.graphs[0]
+        graph = graph_of(graphs.physics if self.by_physics else graphs.registry)
+        self.graph = {receptacle: (door, dict(content)) for receptacle, (door, content) in graph.items()}
+        self.at, self.held, self.replies, self.calls = None, None, set(), set()
+        self.goal = {object_: receptacle for event, object_, receptacle, _, _ in trace.task.goal if event == "add"}
+
+    def follow(self, tool, target, error, receptacle, held, reply, events):
+        things = frozenset(
+            (place, door, frozenset(item for item in content.items() if item[1])) for place, (door, content) in self.graph.items()
+        )
+        at = None if tool in ("nav_to", "ask") else self.at
+        call = (things, self.held, len(self.replies), tool, at, target, error or None)
+        repeated = call in self.calls or reply in self.replies
+        self.calls.add(call)
+        for event in events:
+            kind, object_, place, _, to = EVENT(event)
+            door, content = self.graph.setdefault(place, ("", {}))
+            if kind == "door":
+                self.graph[place] = (to, content)
+            else:
+                content[object_] = content.get(object_, 0) + (1 if kind == "add" else -1)
+        self.held = held or None
+        if reply is not None:
+            self.replies.add(reply)
+        if tool == "nav_to" and not error:
+            self.at = receptacle or self.at
+        return repeated
+
+    def goals(self):
+        met = sum(
+            self.held != object_ and self.graph.get(place, ("", {}))[1].get(object_, 0) > 0 for object_, place in self.goal.items()
+        )
+        return met, len(self.goal) - met
 
 
 class Task:

@@ -29,7 +29,7 @@ fn examples_run() {
     expect(folder.path(), 0, &[&ingest[..], &into[..]].concat());
     for (name, argument, end) in [
         ("read_trace", &trace, "success: true\n"),
-        ("replay_trace", &trace, "frames\n"),
+        ("replay_trace", &trace, "images\n"),
         ("custom_reward", &trace, "\n"),
         ("sql", &store, "1 policies, the last at 1\n"),
     ] {
