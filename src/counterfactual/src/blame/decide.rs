@@ -188,3 +188,35 @@ fn made_good(harmed: &[&Item], before: &BTreeMap<Item, u32>, later: &BTreeMap<It
         left(later, item) <= left(before, item) || (matches!(item, Item::Taken(_)) && nearer)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moments(costs: &[u32]) -> Vec<DecisionPoint> {
+        let moment = |cost: &u32| DecisionPoint {
+            cost: Some(*cost),
+            hindsight: Some(*cost),
+            work: BTreeMap::new(),
+            budget: 30,
+            advice: Tool::Finish,
+            question: Tool::Finish,
+            objection: None,
+        };
+        costs.iter().map(moment).collect()
+    }
+
+    #[test]
+    fn a_departure_that_was_repaid_begins_nothing() {
+        let (losses, costs) = ([1, 1, 1, 1, 1, 0, 0, 4], [10, 10, 10, 10, 10, 10, 9, 8, 11]);
+        assert_eq!(last_departure(&losses, &moments(&costs)), Some((7, 4)));
+    }
+
+    #[test]
+    fn a_departure_begins_with_no_bad_luck() {
+        assert_eq!(
+            last_departure(&[1, 1, 1], &moments(&[8, 7, 8, 9])),
+            Some((1, 2))
+        );
+    }
+}
