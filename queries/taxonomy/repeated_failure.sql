@@ -8,11 +8,11 @@
 -- Priority: 21
 SELECT prevailing_tail(
   steps,
-  '[repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'
+  '[repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''hand_not_free'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'
 ) AS found
 FROM episodes
 WHERE prevailing_tail(
   steps,
-  '[repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'
+  '[repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''hand_not_free'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'
 ).margin >= 2
   AND sequence_count(steps, '_[repeated and failed]') >= 2

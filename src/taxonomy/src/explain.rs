@@ -119,8 +119,7 @@ pub(crate) fn explain<'e>(
             conflicts: Vec::new(),
         });
     };
-    let holds = |finding: &&Evidence| rule(finding).secondary && agrees(finding, measured);
-    let agreed = findings.iter().position(|finding| holds(&finding));
+    let agreed = agreeing(findings, rules, measured);
     let primary = agreed.unwrap_or(0);
     let decides = rule(&findings[primary]);
     let by_class = cause_of(decides);
@@ -155,6 +154,25 @@ pub(crate) fn explain<'e>(
         },
         conflicts,
     })
+}
+
+/// The most important finding whose evidence holds the measured call: the first one about the
+/// capacity that was measured, else, where time was lost, the first one about more than the end of
+/// the stretch, else the first.
+fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Option<usize> {
+    let rule = |finding: &Evidence| &rules[usize::from(finding.0)];
+    let holding = || {
+        let all = findings.iter().enumerate();
+        all.filter(|(_, finding)| rule(finding).secondary && agrees(finding, measured))
+    };
+    let same_cause = |finding: &Evidence| cause_of(rule(finding)) == Some(&measured.cause);
+    let is_stretch =
+        |(_, first, last): &Evidence| measured.harm == "time" && (first < last || *first <= measured.step);
+    let found = holding()
+        .find(|(_, finding)| same_cause(finding))
+        .or_else(|| holding().find(|(_, finding)| is_stretch(finding)))
+        .or_else(|| holding().next());
+    found.map(|(index, _)| index)
 }
 
 /// Whether the evidence of a finding holds the measured call. Harm to the world and endings are one

@@ -160,7 +160,7 @@ fn last_departure(losses: &[u32], moments: &[DecisionPoint]) -> Option<(usize, u
         };
         lost = lost.saturating_add(*loss);
         let begins = *loss > 0 && cost(step + 1).saturating_add(1) > cost(step) && !repaid(step);
-        if begins && sum > best.map_or(0, |(sum, ..)| sum) {
+        if begins && sum > 0 && sum >= best.map_or(0, |(sum, ..)| sum) {
             best = Some((sum, step, lost));
         }
     }

@@ -10,8 +10,10 @@
 //! - The *strict* decisive call is, for `world`, the first successful pick, place, open or close of
 //!   the cause after which the oracle never again needs as few calls as before it; for `ending`, the
 //!   finish; for `time`, the cause's onset. *Fair* are besides: the onset, where the harm is
-//!   `world` or `ending`, and, where it is `time`, the last call from which the oracle still
-//!   succeeded.
+//!   `world` or `ending`; the first call from the onset on that brought the oracle no nearer (an
+//!   operator may begin with what was due anyway); where the harm is `world` and the decisive call
+//!   picks the target itself, the call that places it; and, where the harm is `time`, the last call
+//!   from which the oracle still succeeded.
 //!
 //! Never blame or a rule of the taxonomy: this judges them.
 
@@ -201,11 +203,16 @@ fn failure(
         .rposition(Option::is_some)
         .map(|call| call as u32);
     let last = trace.steps.len().saturating_sub(1) as u32;
-    let (decisive, others) = match harm {
-        HarmKind::World => (damage(trace, &costs, onset), vec![onset]),
+    let (decisive, mut others) = match harm {
+        HarmKind::World => {
+            let damage = damage(trace, &costs, onset);
+            let placing = damage.and_then(|damage| placing_of_target(trace, damage));
+            (damage, [Some(onset), placing].into_iter().flatten().collect())
+        }
         HarmKind::Ending => (Some(last), vec![onset]),
         HarmKind::Time => (Some(onset), last_chance.into_iter().collect()),
     };
+    others.extend(first_loss(&costs, onset));
     Ok(Failure {
         label,
         fair: fair.into_iter().collect(),
@@ -297,6 +304,26 @@ fn takeovers(trace: &Trace) -> Result<Vec<Option<u32>>, BranchError> {
             .then(|| report.length.saturating_sub(fork.call() as u32)))
     };
     forks.iter().map(play).collect()
+}
+
+/// The first call from the onset on after which the oracle needs no fewer calls than before it.
+fn first_loss(costs: &[Option<u32>], onset: u32) -> Option<u32> {
+    let needs = |call: usize| costs.get(call).copied().flatten().unwrap_or(u32::MAX);
+    (onset as usize..costs.len())
+        .find(|call| needs(call + 1) >= needs(*call))
+        .map(|call| call as u32)
+}
+
+/// Where a call picks the target, the next one that places it.
+fn placing_of_target(trace: &Trace, call: u32) -> Option<u32> {
+    let is_target = |step: &&StepRecord| step.object.as_ref() == Some(&trace.task.target);
+    let from = |call: u32| trace.steps.iter().skip(call as usize);
+    from(call)
+        .next()
+        .filter(|step| is_change(step, "pick"))
+        .filter(is_target)?;
+    let placing = from(call).find(|step| is_change(step, "place"))?;
+    Some(placing.step)
 }
 
 /// The first change of the world from the onset on that was never made good.
