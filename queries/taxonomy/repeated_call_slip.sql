@@ -6,6 +6,6 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_call
 -- Priority: 37
-SELECT sequence_find(steps, '_[repeated and ok] !(pick[ok] | place[ok] | open[ok] | close[ok])* $') AS found
+SELECT sequence_find(steps, '_[repeated and ok and tool <> ''nav_to''] !(pick[ok] | place[ok] | open[ok] | close[ok])* $') AS found
 FROM episodes
-WHERE sequence_count(steps, '_[repeated and ok]') >= 2
+WHERE sequence_count(steps, '_[repeated and ok and tool <> ''nav_to'']') >= 2

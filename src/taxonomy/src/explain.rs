@@ -166,8 +166,9 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
         all.filter(|(_, finding)| rule(finding).secondary && agrees(finding, measured))
     };
     let same_cause = |finding: &Evidence| cause_of(rule(finding)) == Some(&measured.cause);
-    let is_stretch =
-        |(_, first, last): &Evidence| measured.harm == "time" && (first < last || *first <= measured.step);
+    let is_stretch = |(_, first, last): &Evidence| {
+        measured.harm == "time" && (first < last || *first <= measured.step)
+    };
     let found = holding()
         .find(|(_, finding)| same_cause(finding))
         .or_else(|| holding().find(|(_, finding)| is_stretch(finding)))

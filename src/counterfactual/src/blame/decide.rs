@@ -64,7 +64,7 @@ pub(crate) fn decisive(trace: &Trace, moments: &[DecisionPoint]) -> Option<(usiz
             })
         }
         (Some(end), None) => Some((end, Harm::Ending)),
-        (None, Some((step, _))) => Some((step, Harm::Time)),
+        (None, Some((step, _))) => Some((last_behaviour(trace, way, moments, step), Harm::Time)),
         // Every loss was made good; the largest is what the time was spent on.
         (None, None) => {
             let (step, lost) = (0..)
@@ -165,6 +165,66 @@ fn last_departure(losses: &[u32], moments: &[DecisionPoint]) -> Option<(usize, u
         }
     }
     best.map(|(_, step, lost)| (step, lost))
+}
+
+/// How a call loses decisions.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Behaviour {
+    /// What came is no call.
+    Invalid,
+    /// A skill of the robot failed.
+    Skill,
+    /// The call was refused.
+    Refused,
+    /// The same call three times or more in a row.
+    Again,
+    /// A drive or a look.
+    Moves,
+}
+
+fn behaviour(trace: &Trace, step: usize) -> Behaviour {
+    let record = &trace.steps[step];
+    let same = |from: usize| {
+        let run = trace.steps.get(from..from + 3);
+        run.is_some_and(|run| run.iter().all(|one| one.input.call == record.input.call))
+    };
+    match record.outcome.error {
+        Some(ErrorCode::UnparsableOutput | ErrorCode::UnknownTool | ErrorCode::BadArguments) => {
+            Behaviour::Invalid
+        }
+        Some(_) if is_skill_failure(record) => Behaviour::Skill,
+        Some(error) if error != ErrorCode::NothingFound => Behaviour::Refused,
+        _ if (step.saturating_sub(2)..=step).any(same) => Behaviour::Again,
+        _ => Behaviour::Moves,
+    }
+}
+
+/// Where the last behaviour of a departure began, if success could still be had then: what was lost
+/// before it could be afforded.
+fn last_behaviour(
+    trace: &Trace,
+    losses: &[u32],
+    moments: &[DecisionPoint],
+    departed: usize,
+) -> usize {
+    let lossy: Vec<usize> = (departed..losses.len())
+        .filter(|step| losses[*step] > 0)
+        .collect();
+    let Some(last) = lossy.last().map(|step| behaviour(trace, *step)) else {
+        return departed;
+    };
+    let run = lossy
+        .iter()
+        .rev()
+        .take_while(|step| behaviour(trace, **step) == last)
+        .count();
+    let start = lossy[lossy.len() - run];
+    let lost: u32 = losses[start..].iter().sum();
+    if lost >= IN_VAIN && moments[start].is_winnable() {
+        start
+    } else {
+        departed
+    }
 }
 
 /// With what more was left to do after it.

@@ -12,8 +12,9 @@
 //!   finish; for `time`, the cause's onset. *Fair* are besides: the onset, where the harm is
 //!   `world` or `ending`; the first call from the onset on that brought the oracle no nearer (an
 //!   operator may begin with what was due anyway); where the harm is `world` and the decisive call
-//!   picks the target itself, the call that places it; and, where the harm is `time`, the last call
-//!   from which the oracle still succeeded.
+//!   picks the target itself, the call that places it; where the harm is `ending`, a change of the
+//!   world by the same measure as for `world` (who took the target up again and finished); and,
+//!   where the harm is `time`, the last call from which the oracle still succeeded.
 //!
 //! Never blame or a rule of the taxonomy: this judges them.
 
@@ -203,22 +204,20 @@ fn failure(
         .rposition(Option::is_some)
         .map(|call| call as u32);
     let last = trace.steps.len().saturating_sub(1) as u32;
-    let (decisive, mut others) = match harm {
-        HarmKind::World => {
-            let damage = damage(trace, &costs, onset);
-            let placing = damage.and_then(|damage| placing_of_target(trace, damage));
-            (damage, [Some(onset), placing].into_iter().flatten().collect())
-        }
-        HarmKind::Ending => (Some(last), vec![onset]),
-        HarmKind::Time => (Some(onset), last_chance.into_iter().collect()),
+    let damage = damage(trace, &costs, onset);
+    let placing = damage.and_then(|damage| placing_of_target(trace, damage));
+    let (decisive, others) = match harm {
+        HarmKind::World => (damage, [Some(onset), placing]),
+        HarmKind::Ending => (Some(last), [Some(onset), damage]),
+        HarmKind::Time => (Some(onset), [last_chance, None]),
     };
-    others.extend(first_loss(&costs, onset));
+    let others = others.into_iter().chain([first_loss(&costs, onset)]);
     Ok(Failure {
         label,
         fair: fair.into_iter().collect(),
         harm,
         decisive,
-        fair_decisive: decisive.into_iter().chain(others).collect(),
+        fair_decisive: decisive.into_iter().chain(others.flatten()).collect(),
         contributing: acted
             .iter()
             .copied()

@@ -1,48 +1,63 @@
-//! The edit distance of two sequences of symbols, bit-parallel. Knows nothing of calls.
+//! The edit distance of sequences of symbols, bit-parallel. Knows nothing of calls.
 
-/// Levenshtein distance: insertions, deletions and substitutions. Sequences of up to 64 symbols
-/// take one machine word a column (Myers 1999, in Hyyrö's form); longer ones the plain table.
-pub fn edit_distance(one: &[u16], other: &[u16]) -> u32 {
-    let (short, long) = if one.len() <= other.len() {
-        (one, other)
-    } else {
-        (other, one)
-    };
-    match short.len() {
-        0 => long.len() as u32,
-        1..=64 => bit_parallel(short, long),
-        _ => table(short, long),
-    }
+/// A sequence that others are compared with: what each symbol's positions are is worked out once.
+pub struct EditDistance<'s> {
+    symbols: &'s [u16],
+    /// By symbol, the positions at which it stands, as bits; empty for sequences that are longer
+    /// than a machine word.
+    positions: Vec<u64>,
 }
 
-fn bit_parallel(pattern: &[u16], text: &[u16]) -> u32 {
-    let mut positions: Vec<(u16, u64)> = Vec::with_capacity(pattern.len());
-    for (index, symbol) in pattern.iter().enumerate() {
-        let bit = 1_u64 << index;
-        match positions.iter_mut().find(|(known, _)| known == symbol) {
-            Some((_, mask)) => *mask |= bit,
-            None => positions.push((*symbol, bit)),
+impl<'s> EditDistance<'s> {
+    /// Prepares a sequence of symbols.
+    pub fn from(symbols: &'s [u16]) -> Self {
+        let mut positions = Vec::new();
+        if symbols.len() <= 64 {
+            let kinds = symbols
+                .iter()
+                .max()
+                .map_or(0, |most| usize::from(*most) + 1);
+            positions = vec![0; kinds];
+            for (index, symbol) in symbols.iter().enumerate() {
+                positions[usize::from(*symbol)] |= 1 << index;
+            }
+        }
+        Self { symbols, positions }
+    }
+
+    /// Levenshtein distance to another sequence: insertions, deletions and substitutions. Where the
+    /// prepared one has up to 64 symbols it takes one machine word a symbol of the other (Myers
+    /// 1999, in Hyyrö's form), otherwise the plain table.
+    pub fn to(&self, other: &[u16]) -> u32 {
+        match self.symbols.len() {
+            0 => other.len() as u32,
+            1..=64 => self.bit_parallel(other),
+            _ => table(self.symbols, other),
         }
     }
-    let last = 1_u64 << (pattern.len() - 1);
-    let (mut plus, mut minus) = (u64::MAX, 0_u64);
-    let mut distance = pattern.len() as u32;
-    for symbol in text {
-        let equal = positions
-            .iter()
-            .find(|(known, _)| known == symbol)
-            .map_or(0, |(_, mask)| *mask);
-        let diagonal = ((equal & plus).wrapping_add(plus) ^ plus) | equal | minus;
-        let mut up = minus | !(diagonal | plus);
-        let mut down = plus & diagonal;
-        distance += u32::from(up & last != 0);
-        distance -= u32::from(down & last != 0);
-        up = (up << 1) | 1;
-        down <<= 1;
-        plus = down | !(diagonal | up);
-        minus = up & diagonal;
+
+    fn bit_parallel(&self, text: &[u16]) -> u32 {
+        let last = 1_u64 << (self.symbols.len() - 1);
+        let (mut plus, mut minus) = (u64::MAX, 0_u64);
+        let mut distance = self.symbols.len() as u32;
+        for symbol in text {
+            let equal = self
+                .positions
+                .get(usize::from(*symbol))
+                .copied()
+                .unwrap_or(0);
+            let diagonal = ((equal & plus).wrapping_add(plus) ^ plus) | equal | minus;
+            let mut up = minus | !(diagonal | plus);
+            let mut down = plus & diagonal;
+            distance += u32::from(up & last != 0);
+            distance -= u32::from(down & last != 0);
+            up = (up << 1) | 1;
+            down <<= 1;
+            plus = down | !(diagonal | up);
+            minus = up & diagonal;
+        }
+        distance
     }
-    distance
 }
 
 fn table(one: &[u16], other: &[u16]) -> u32 {
@@ -76,13 +91,14 @@ mod tests {
             let [one, other] =
                 lengths.map(|length| (0..length).map(|_| next(5) as u16).collect::<Vec<_>>());
             assert_eq!(
-                edit_distance(&one, &other),
+                EditDistance::from(&one).to(&other),
                 table(&one, &other),
                 "{one:?} {other:?}"
             );
         }
         let symbols = |text: &str| text.bytes().map(u16::from).collect::<Vec<_>>();
-        assert_eq!(edit_distance(&symbols("kitten"), &symbols("sitting")), 3);
-        assert_eq!(edit_distance(&symbols(""), &symbols("abc")), 3);
+        for (one, other) in [("kitten", "sitting"), ("", "abc"), ("abc", "")] {
+            assert_eq!(EditDistance::from(&symbols(one)).to(&symbols(other)), 3);
+        }
     }
 }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::{CallKind, CallSequence, distance::edit_distance};
+use super::{CallKind, CallSequence, distance::EditDistance};
 
 /// Different sequences whose distances are all computed; of more a sample decides the medoids.
-pub const SAMPLE_MAX: usize = 2_000;
+pub const SAMPLE_MAX: usize = 10_000;
 
 /// The sequences of episodes, grouped around medoids.
 #[derive(Clone, PartialEq, Debug)]
@@ -67,10 +67,10 @@ pub fn group(sequences: &[CallSequence], threshold: f64) -> Grouping {
         .iter()
         .filter(|members| !members.is_empty())
         .map(|members| {
-            let medoid = &all[members[0]];
+            let medoid = Relative::from(&all[members[0]]);
             let mut indices: Vec<(usize, f64)> = Vec::new();
             for member in members {
-                let distance = relative(&medoid.symbols, &all[*member].symbols);
+                let distance = medoid.to(&all[*member]);
                 indices.extend(all[*member].members.iter().map(|index| (*index, distance)));
             }
             indices
@@ -102,41 +102,77 @@ fn different(sequences: &[CallSequence]) -> Vec<Different> {
         .collect()
 }
 
-fn relative(one: &[u16], other: &[u16]) -> f64 {
-    let longest = one.len().max(other.len()).max(1);
-    f64::from(edit_distance(one, other)) / longest as f64
+/// A sequence that others are compared with, by their distance as a share of the longer one.
+struct Relative<'s> {
+    distance: EditDistance<'s>,
+    length: usize,
+}
+
+impl<'s> Relative<'s> {
+    fn from(one: &'s Different) -> Self {
+        Self {
+            distance: EditDistance::from(&one.symbols),
+            length: one.symbols.len(),
+        }
+    }
+
+    fn to(&self, other: &Different) -> f64 {
+        f64::from(self.distance.to(&other.symbols)) / self.longest(other)
+    }
+
+    /// The same, where it is at most `threshold`. The difference of the lengths is a lower bound.
+    fn within(&self, other: &Different, threshold: f64) -> Option<f64> {
+        let shortest = self.length.abs_diff(other.symbols.len()) as f64;
+        if shortest > threshold * self.longest(other) {
+            return None;
+        }
+        Some(self.to(other)).filter(|distance| *distance <= threshold)
+    }
+
+    fn longest(&self, other: &Different) -> f64 {
+        self.length.max(other.symbols.len()).max(1) as f64
+    }
 }
 
 /// For each of the sample which others, itself included, are within the threshold.
 fn neighbours(all: &[Different], sample: &[usize], threshold: f64) -> Vec<Vec<u32>> {
-    let near = |index: &usize| {
-        let symbols = &all[*index].symbols;
-        let is_near = |other: &usize| {
-            let other = &all[*other].symbols;
-            let longest = symbols.len().max(other.len()).max(1) as f64;
-            // The difference of the lengths is a lower bound.
-            symbols.len().abs_diff(other.len()) as f64 <= threshold * longest
-                && relative(symbols, other) <= threshold
-        };
-        (0..sample.len() as u32)
-            .filter(|other| is_near(&sample[*other as usize]))
+    let later = |index: usize| {
+        let from = Relative::from(&all[sample[index]]);
+        (index as u32..sample.len() as u32)
+            .filter(|other| {
+                let other = &all[sample[*other as usize]];
+                from.within(other, threshold).is_some()
+            })
             .collect()
     };
-    sample.par_iter().map(near).collect()
+    let later: Vec<Vec<u32>> = (0..sample.len()).into_par_iter().map(later).collect();
+    // The distance is the same both ways.
+    let mut near = vec![Vec::new(); sample.len()];
+    for (index, others) in later.iter().enumerate() {
+        for other in others {
+            near[index].push(*other);
+            if *other as usize != index {
+                near[*other as usize].push(index as u32);
+            }
+        }
+    }
+    near
 }
 
 /// Each sequence beside its nearest medoid; one that is near none of them is alone.
 fn assign(all: &[Different], medoids: &[usize], threshold: f64) -> Vec<Vec<usize>> {
-    let nearest = |index: usize| {
-        let distance = |medoid: &usize| relative(&all[*medoid].symbols, &all[index].symbols);
+    let nearest = |one: &Different| {
+        let from = Relative::from(one);
         let best = medoids
             .iter()
             .enumerate()
-            .map(|(position, medoid)| (distance(medoid), position))
+            .filter_map(|(position, medoid)| {
+                Some((from.within(&all[*medoid], threshold)?, position))
+            })
             .min_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)))?;
-        (best.0 <= threshold).then_some(best.1)
+        Some(best.1)
     };
-    let found: Vec<Option<usize>> = (0..all.len()).into_par_iter().map(nearest).collect();
+    let found: Vec<Option<usize>> = all.par_iter().map(nearest).collect();
     let mut groups = vec![Vec::new(); medoids.len()];
     for (index, position) in found.into_iter().enumerate() {
         match position {
@@ -155,12 +191,10 @@ fn recentre(all: &[Different], members: &mut [usize]) {
     let stride = members.len().div_ceil(CANDIDATES_MAX).max(1);
     let candidates: Vec<usize> = members.iter().copied().step_by(stride).collect();
     let total = |candidate: &usize| -> f64 {
+        let from = Relative::from(&all[*candidate]);
         candidates
             .iter()
-            .map(|other| {
-                let weight = all[*other].members.len() as f64;
-                weight * relative(&all[*candidate].symbols, &all[*other].symbols)
-            })
+            .map(|other| all[*other].members.len() as f64 * from.to(&all[*other]))
             .sum()
     };
     let Some(medoid) = candidates
@@ -172,10 +206,13 @@ fn recentre(all: &[Different], members: &mut [usize]) {
     else {
         return;
     };
-    let distance = |member: usize| relative(&all[medoid].symbols, &all[member].symbols);
-    members.sort_by(|one, other| {
-        let key = |member: usize| (member != medoid, distance(member), member);
-        let ((a, b, c), (x, y, z)) = (key(*one), key(*other));
-        a.cmp(&x).then(b.total_cmp(&y)).then(c.cmp(&z))
-    });
+    let from = Relative::from(&all[medoid]);
+    let mut keyed: Vec<(bool, f64, usize)> = members
+        .iter()
+        .map(|member| (*member != medoid, from.to(&all[*member]), *member))
+        .collect();
+    keyed.sort_by(|(a, b, c), (x, y, z)| a.cmp(x).then(b.total_cmp(y)).then(c.cmp(z)));
+    for (member, (.., sorted)) in members.iter_mut().zip(keyed) {
+        *member = sorted;
+    }
 }

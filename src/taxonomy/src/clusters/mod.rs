@@ -14,7 +14,6 @@ use arrow::array::{Array, AsArray, RecordBatch};
 use reel_query::{QueryError, QuerySession};
 use serde::Serialize;
 
-pub use distance::edit_distance;
 pub use group::{Grouping, SAMPLE_MAX, group};
 pub use pattern::common_pattern;
 

@@ -1,5 +1,6 @@
 //! The rules on hand-made episodes, a case each, and the judge before a scripted endpoint.
 
+mod clusters;
 mod judge;
 mod paper;
 mod rules;

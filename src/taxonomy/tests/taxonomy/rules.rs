@@ -61,12 +61,19 @@ FDP | finish | premature_finish 2
 FDP | nav desk_1 / fails place nothing_held / finish | missing_pick 2
 FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_looked 2
 FDP | fails pick unknown_marker / fails gaze_at marker_not_in_view / finish | stale_marker 2
-FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0
+FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0 | oscillation 10
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
 FDP | pick TARGET / nav desk_1 / drops / finish | physical_failure 3
 FDP | fails pick backend_error / finish | primitive_failure 2 | premature_finish 3
 FDP | pick TARGET / find alarm clock / again 5 / horizon | repeated_call 4
 FDP | pick TARGET / fault | unexplained 2
+# told beside what explains it, and decisive only where blame measured lost time
+FDP | nav desk_1 / nav desk_2 / nav table_2 / finish | premature_finish 5 | exploration 0
+FDP | nav table_1 / nav desk_1 / find mug / finish | missing_pick 3 | premature_finish 5 | oscillation 2 | exploration 0
+FDP | nav desk_1 / fails place nothing_held / again 3 / finish | missing_pick 2 | repeated_failure 4
+FDP | fails place nothing_held / again 2 / pick TARGET / fails say bad_arguments / again 2 / horizon | invalid_output 6 | repeated_failure 7
+FDP | fails say bad_arguments / again 2 / pick TARGET / nav desk_1 / horizon | invalid_output 2
+FDO | pick TARGET / nav cabinet_1 / fails place door_closed / nav table_1 / place table_1 / horizon | missing_open 4 | wrong_receptacle 6
 ";
 
 /// A finding: sub-class and step.
