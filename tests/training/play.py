@@ -32,6 +32,7 @@ from tokenizer import ANSWER, BEGIN, END, Tokenizer
 CONTEXT = 4096
 PIECE = 64
 LONGEST_ANSWER = 64
+ATTEMPTS = 8
 
 
 def empty(config):
@@ -77,13 +78,16 @@ def extend(parameters, memory, tokens, start, count, given, config):
 class Writer:
     """A trained model that goes on with conversations. Equal conversations get equal answers, in whatever order they come."""
 
-    def __init__(self, parameters, config, tokenizer):
-        self.parameters, self.config, self.tokenizer = parameters, config, tokenizer
+    def __init__(self, parameters, config, tokenizer, forms):
+        self.parameters, self.config, self.tokenizer, self.forms = parameters, config, tokenizer, forms
         self.lock = threading.Lock()
         self.kept = {}  # by the opening: the tokens of the conversation so far, and their memory
 
     def answer(self, turns, temperature):
-        """The text after `turns`, which are (given, answer) with an empty last answer; also how many tokens were read and written."""
+        """The text after `turns`, which are (given, answer) with an empty last answer; also how many tokens were read and written.
+
+        What is no call of a known form is drawn again, up to `ATTEMPTS` times, as endpoints with guided decoding do.
+        """
         ids = [BEGIN]
         for given, answer in turns:
             ids += [*self.tokenizer.ids(given), ANSWER, *self.tokenizer.ids(answer), END]
@@ -91,9 +95,15 @@ class Writer:
         if len(ids) + LONGEST_ANSWER + train.STEP > CONTEXT:
             return "", len(ids), 0
         draw = numpy.random.default_rng(zlib.crc32(numpy.array(ids, numpy.int32).tobytes()))
-        with self.lock:
-            written = self.write(ids, temperature, draw)
-        return self.tokenizer.text(written), len(ids), len(written)
+        count = 0
+        for _ in range(ATTEMPTS if temperature else 1):
+            with self.lock:
+                written = self.write(ids, temperature, draw)
+            text, count = self.tokenizer.text(written), count + len(written)
+            action = data.parse(text)
+            if action and form(action) in self.forms:
+                break
+        return text, len(ids), count
 
     def write(self, ids, temperature, draw):
         given = ids.index(ANSWER)
@@ -116,6 +126,11 @@ class Writer:
             new = [token]
         self.kept[tuple(ids[:given])] = ([*ids, *written][:start], memory)
         return written
+
+
+def form(action):
+    """A call's tool with the names and types of its arguments."""
+    return action["tool_name"], tuple(sorted((name, type(value).__name__) for name, value in action["args"].items()))
 
 
 def sample(chances, temperature, draw):
@@ -187,7 +202,7 @@ def main():
     say = lambda line: print(line, flush=True)
     parameters, _ = train.train(config, told, options.updates, options.seed, checkpoint=options.checkpoint, say=say)
 
-    writer = Writer(jax.tree.map(jnp.asarray, parameters), config, tokenizer)
+    writer = Writer(jax.tree.map(jnp.asarray, parameters), config, tokenizer, {form(example.action) for example in examples})
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler(writer)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         endpoint = f"http://127.0.0.1:{server.server_port}/v1"

@@ -209,6 +209,14 @@ class Model(unittest.TestCase):
         self.assertEqual([play.sample(chances, heat, draw) for heat in (0, 0.01)], [1, 1])
         self.assertEqual({play.sample(chances, 1, draw) for _ in range(100)}, {0, 1, 2})
 
+    def test_what_is_no_call_is_drawn_again(self):
+        pick = {"tool_name": "pick", "args": {"marker_id": 1}}
+        writer = play.Writer(None, None, Tokenizer([data.written(pick), "pick"] * 2), {play.form(pick)})
+        for said, drawn in ((["pick", data.written(pick)], 2), (["pick"] * 20, play.ATTEMPTS)):
+            with unittest.mock.patch.object(writer, "write", side_effect=map(writer.tokenizer.ids, said)) as write:
+                self.assertEqual(writer.answer([("pick", "")], 0.7)[0], said[drawn - 1])
+                self.assertEqual(write.call_count, drawn)
+
     def test_it_learns(self):
         some = examples()
         tokenizer, sequences, config = trained_on(some, 32)
