@@ -27,7 +27,7 @@ def kappa(pairs):
 
 def rate(hits):
     low, high = wilson(sum(hits), len(hits))
-    return f"{sum(hits):3} of {len(hits)}  {100 * sum(hits) / len(hits):5.1f}% ({100 * low:.0f} to {100 * high:.0f})"
+    return f"{sum(hits):3} of {len(hits)}  {100 * sum(hits) / len(hits):5.1f}% ({100 * abs(low):.0f} to {100 * high:.0f})"
 
 
 def compare(title, ones, others):
