@@ -5,7 +5,7 @@ TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -92,6 +92,9 @@ load: ## a thousand sessions in one server, 200 acting, beside a server that doe
 
 prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)
 	tests/training/prove-sft.sh
+
+eval-learned: ## play the small learned policy in homes it never saw and write its failures down for blind labels (needs Python)
+	tests/training/learned.sh
 
 conformance: ## the published MCP conformance suite against our stack (needs npm)
 	tests/conformance.sh

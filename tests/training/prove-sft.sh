@@ -27,31 +27,13 @@ fi
 PYTHON="${REEL_PYTHON:-$(tests/python.sh)}"
 
 data="$TRAINING_DIR/homes${SMOKE:+-smoke}"
-# play SEED TASKS: the traces of one home.
-play() {
-  local traces="$data/traces/home_$1" scene="$data/scenes/home_$1.json" tasks="$data/tasks/home_$1"
-  [[ -d $traces ]] && return
-  rm -rf "$traces.part" "$tasks"
-  "$PYTHON" $here/scenes.py src/tasks/src/data/home.json "$data/scenes" "$1"
-  "$REEL" task draw --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
-  "$REEL" run --scene "$scene" --tasks "$tasks" --policy oracle --no-images --out "$traces.part" >/dev/null
-  mv "$traces.part" "$traces"
-  rm -rf "$data/store" "$data/set" "$data/training.pickle"
-}
+. $here/homes.sh
 
 echo "playing in $(wc -w <<<"$train $report") homes: $data"
 for seed in $train; do play "$seed" "$train_tasks"; done
 for seed in $report; do play "$seed" "$report_tasks"; done
-if [[ ! -d $data/set ]]; then
-  rm -rf "$data/set.part" "$data/store"
-  homes=()
-  for seed in $train $report; do homes+=("$data/traces/home_$seed"); done
-  "$REEL" ingest "${homes[@]}" --store "$data/store" >/dev/null
-  # They were recorded a moment ago by this binary; that traces replay is proved elsewhere (`make determinism`).
-  "$REEL" export sft --store "$data/store" --format trl --style multi-turn --annotations rules --image-format none \
-    --no-replay --allow-unverified --out "$data/set.part" >/dev/null
-  mv "$data/set.part" "$data/set"
-fi
+# shellcheck disable=SC2086
+export_set $train $report
 echo "$(find "$data/set" -name '*.jsonl' -print0 | xargs -0 cat | wc -l) episodes in the set (multi-turn, TRL)"
 
 # prove.py splits by scene itself: all files of the set, whatever part the export put them into.

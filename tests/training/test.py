@@ -15,11 +15,13 @@ import unittest.mock
 import jax
 import numpy
 
+import agree
 import augment
 import classes
 import data
 import evaluate
 import model
+import play
 import prove
 import train
 from tokenizer import ANSWER, BEGIN, END, PAD, Tokenizer
@@ -141,6 +143,19 @@ class Pieces(unittest.TestCase):
         low, high = evaluate.wilson(90, 100)
         self.assertTrue(0.82 < low < 0.9 < high < 0.95)
 
+    def test_kappa(self):
+        self.assertAlmostEqual(agree.kappa([("a", "a")] * 20 + [("a", "b")] * 5 + [("b", "a")] * 10 + [("b", "b")] * 15), 0.4)
+        self.assertIsNone(agree.kappa([("a", "a")] * 3))
+
+    def test_a_conversation_is_read_as_an_exported_one(self):
+        calls = [("nav_to", {"receptacle_name": "bed_2"}, "Arrived at bed_2."), ("walk_around", {}, "Found 1 object(s): marker 1."), ("finish", {}, "")]
+        one = row("a", "a0", calls)
+        steps = list(data.steps(one))
+        expected = [(step.given, step.answer) for step in steps[:-1]] + [(steps[-1].given, "")]
+        self.assertEqual(play.turns(one["messages"][:-1]), expected)
+        gibberish = [*one["messages"][:2], {"role": "assistant", "content": "bed!"}, {"role": "user", "content": "No tool selected."}]
+        self.assertEqual(play.turns(gibberish), [(steps[0].given, "bed!"), ("No tool selected.", "")])
+
     def test_a_baseline_backs_off(self):
         table = evaluate.BackOff(2)
         for history in (["x", "y"], ["z", "y"]):
@@ -173,6 +188,34 @@ class Model(unittest.TestCase):
         seen = numpy.asarray(model.seen(numpy.array([[BEGIN, 9, ANSWER, 7, END, 8, PAD]])))[0]
         self.assertTrue(seen[0, 1] and seen[3, 0] and seen[5, 4])
         self.assertFalse(seen[0, 2] or seen[2, 3] or seen[3, 5] or seen[0, 6])
+
+    def test_writing_token_by_token_gives_the_same_chances(self):
+        config = model.Config(40, width=16, layers=2, heads=2)
+        parameters = model.initialise(config, 1)
+        tokens = numpy.random.default_rng(0).integers(4, 40, (1, train.STEP))
+        tokens[0, [20, 50]], tokens[0, 30] = ANSWER, END
+        whole = numpy.asarray(model.probabilities(parameters, tokens, config))[0]
+        with unittest.mock.patch.object(play, "CONTEXT", 256):
+            memory, start = play.empty(config), 0
+            # The opening, padded; then two pieces, one of them padded; then, as after another answer, the last again.
+            for start, end, width in ((0, 25, 64), (25, 26, 1), (26, 60, 64), (40, 70, 64)):
+                piece = numpy.zeros((1, width), numpy.int32)
+                piece[0, : end - start] = tokens[0, start:end]
+                chances, memory = play.extend(parameters, memory, piece, start, end - start, 20, config)
+                self.assertTrue(numpy.allclose(chances, whole[end - 1], rtol=1e-3, atol=1e-6), (start, end))
+
+    def test_the_coldest_sample_is_the_likeliest(self):
+        draw, chances = numpy.random.default_rng(0), numpy.array([0.2, 0.5, 0.3])
+        self.assertEqual([play.sample(chances, heat, draw) for heat in (0, 0.01)], [1, 1])
+        self.assertEqual({play.sample(chances, 1, draw) for _ in range(100)}, {0, 1, 2})
+
+    def test_what_is_no_call_is_drawn_again(self):
+        pick = {"tool_name": "pick", "args": {"marker_id": 1}}
+        writer = play.Writer(None, None, Tokenizer([data.written(pick), "pick"] * 2), {play.form(pick)})
+        for said, drawn in ((["pick", data.written(pick)], 2), (["pick"] * 20, play.ATTEMPTS)):
+            with unittest.mock.patch.object(writer, "write", side_effect=map(writer.tokenizer.ids, said)) as write:
+                self.assertEqual(writer.answer([("pick", "")], 0.7)[0], said[drawn - 1])
+                self.assertEqual(write.call_count, drawn)
 
     def test_it_learns(self):
         some = examples()
