@@ -11,7 +11,8 @@
 //!   the cause after which the oracle never again needs as few calls as before it; for `ending`, the
 //!   finish; for `time`, the cause's onset. *Fair* are besides: the onset, where the harm is
 //!   `world` or `ending`; the first call from the onset on that brought the oracle no nearer (an
-//!   operator may begin with what was due anyway); where the harm is `world` and the decisive call
+//!   operator may begin with what was due anyway), and the first with which one that repeats calls
+//!   or places repeats itself; where the harm is `world` and the decisive call
 //!   picks the target itself, the call that places it; where the harm is `ending`, a change of the
 //!   world by the same measure as for `world` (who took the target up again and finished); and,
 //!   where the harm is `time`, the last call from which the oracle still succeeded.
@@ -22,7 +23,7 @@ use std::collections::BTreeSet;
 
 use reel_agents::{
     AgentError, EpisodeReport, Policy, RecordTo, RunningEpisode,
-    perturb::{OperatorEvent, OperatorKind, Perturbation, Perturbed, Reading},
+    perturb::{OperatorEvent, OperatorFamily, OperatorKind, Perturbation, Perturbed, Reading},
 };
 use reel_episode::EpisodeConfig;
 use reel_replay::Fork;
@@ -211,7 +212,10 @@ fn failure(
         HarmKind::Ending => (Some(last), [Some(onset), damage]),
         HarmKind::Time => (Some(onset), [last_chance, None]),
     };
-    let others = others.into_iter().chain([first_loss(&costs, onset)]);
+    let others = others.into_iter().chain([
+        first_loss(&costs, onset),
+        first_repetition(trace, policy, primary),
+    ]);
     Ok(Failure {
         label,
         fair: fair.into_iter().collect(),
@@ -311,6 +315,19 @@ fn first_loss(costs: &[Option<u32>], onset: u32) -> Option<u32> {
     (onset as usize..costs.len())
         .find(|call| needs(call + 1) >= needs(*call))
         .map(|call| call as u32)
+}
+
+/// The first call with which an operator that repeats calls or places repeated itself.
+fn first_repetition(trace: &Trace, policy: &Perturbed, operator: usize) -> Option<u32> {
+    let repeats = [OperatorFamily::Repetition, OperatorFamily::Wandering];
+    if !repeats.contains(&policy_kind(policy, operator).family()) {
+        return None;
+    }
+    let mut made = BTreeSet::new();
+    let steps = trace.steps.iter().zip(policy.made_by());
+    let mut own = steps.filter(|(_, by)| **by == Some(operator));
+    own.find(|(step, _)| !made.insert(step.input.call.to_string()))
+        .map(|(step, _)| step.step)
 }
 
 /// Where a call picks the target, the next one that places it.

@@ -166,7 +166,7 @@ impl Summary {
         }
         let discordant = regressed + recovered;
         // Given how many pairs flip, the share that flips upwards is binomial.
-        let bounds = clustered_interval(&flipped.into_values().collect::<Vec<_>>());
+        let bounds = clustered_interval(&flipped.into_values().collect::<Vec<_>>(), 0.0);
         let interval = bounds
             .map(|bounds| [bounds.low, bounds.high].map(|up| (2.0 * up - 1.0) * share(discordant)));
         Self {
