@@ -1,14 +1,14 @@
-//! What every request passes before anything is done for it: Host and Origin, token and role, rate,
-//! size and pace of the body.
+//! What every request passes before anything is done for it: Host and Origin, then what its route
+//! demands: token and role, rate, size and pace of the body. Never which route demands what.
 
 use std::{num::NonZeroU32, sync::Arc, time::Instant};
 
 use axum::{
     body::Body,
     extract::{MatchedPath, Request, State},
-    http::{HeaderMap, HeaderValue, Method, header},
+    http::{HeaderMap, HeaderValue, header},
     middleware::Next,
-    response::Response,
+    response::{IntoResponse as _, Response},
 };
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 
@@ -35,30 +35,41 @@ impl Rates {
     }
 }
 
-/// What a route demands; none: nothing.
-fn needed(method: &Method, path: &str) -> Option<Role> {
-    let reads = method == Method::GET || method == Method::HEAD;
-    match path {
-        "/healthz" | "/readyz" | "/api/openapi.json" => None,
-        "/mcp" | "/sse" | "/messages/" => Some(Role::Act),
-        "/metrics" | "/analysis/mcp" | "/api/sql" => Some(Role::Read),
-        _ if path.starts_with("/w/") => Some(Role::Act),
-        _ if path == "/api/leases" || path.starts_with("/api/leases/") => Some(Role::Act),
-        _ if reads && path.starts_with("/api/") => Some(Role::Read),
-        // The web pages: the same for everybody, and they show nothing that they are not given.
-        _ if reads => None,
-        // Computes and keeps nothing.
-        _ if path.starts_with("/api/traces/") && path.ends_with("/replay") => Some(Role::Read),
-        _ => Some(Role::Admin),
+/// What a route demands of a request.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Demand {
+    /// The role that its token needs; none: no token at all.
+    pub role: Option<Role>,
+    /// Whether the route reads and counts the body itself: traces come as long streams.
+    streamed: bool,
+}
+
+impl Demand {
+    /// Nothing.
+    pub const OPEN: Demand = Demand {
+        role: None,
+        streamed: false,
+    };
+
+    /// A token with this role.
+    pub fn role(role: Role) -> Self {
+        Self {
+            role: Some(role),
+            ..Self::OPEN
+        }
+    }
+
+    /// The same, with a body that the route counts.
+    pub fn streamed(self) -> Self {
+        Self {
+            streamed: true,
+            ..self
+        }
     }
 }
 
 /// Lets a request through, or says why not.
-pub(crate) async fn pass(
-    State(app): State<Arc<App>>,
-    mut request: Request,
-    next: Next,
-) -> Response {
+pub(crate) async fn pass(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let page = app.guard.page(&request);
     if let Some(answer) = page.preflight() {
         return answer;
@@ -69,9 +80,9 @@ pub(crate) async fn pass(
         .extensions()
         .get::<MatchedPath>()
         .map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
-    let mut response = match admit(&app, &mut request).await {
+    let mut response = match app.guard.check(request.headers(), request.uri()) {
         Ok(()) => next.run(request).await,
-        Err(error) => axum::response::IntoResponse::into_response(error),
+        Err(why) => ApiError::forbidden("wrong_host", why).into_response(),
     };
     page.add_cors_headers(&mut response);
     let headers = response.headers_mut();
@@ -95,21 +106,23 @@ pub(crate) async fn pass(
     response
 }
 
-async fn admit(app: &App, request: &mut Request) -> Result<(), ApiError> {
-    app.guard
-        .check(request.headers(), request.uri())
-        .map_err(|why| ApiError::forbidden("wrong_host", why))?;
-    let address = request
-        .extensions()
-        .get::<Client>()
-        .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
-    let caller = authorize(
-        app,
-        request.method(),
-        request.uri().path(),
-        request.headers(),
-    )?;
-    let key = caller.as_ref().map_or(address, |caller| caller.0.clone());
+/// Lets a request to its route, or says why not: the layer of every route.
+pub(crate) async fn admit(
+    State((app, demand)): State<(Arc<App>, Demand)>,
+    mut request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    let caller = match demand.role {
+        Some(role) => authorize(&app, role, request.headers())?,
+        None => None,
+    };
+    let key = match &caller {
+        Some(caller) => caller.0.clone(),
+        None => request
+            .extensions()
+            .get::<Client>()
+            .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string()),
+    };
     if app.rates.0.check_key(&key).is_err() {
         return Err(ApiError::too_many(
             "rate limit exceeded (limits.requests_per_s); wait a moment",
@@ -118,21 +131,13 @@ async fn admit(app: &App, request: &mut Request) -> Result<(), ApiError> {
     if let Some(caller) = caller {
         request.extensions_mut().insert(caller);
     }
-    if !is_upload(request) {
-        whole_body(app, request).await?;
+    if !demand.streamed {
+        whole_body(&app, &mut request).await?;
     }
-    Ok(())
+    Ok(next.run(request).await)
 }
 
-fn authorize(
-    app: &App,
-    method: &Method,
-    path: &str,
-    headers: &HeaderMap,
-) -> Result<Option<Caller>, ApiError> {
-    let Some(role) = needed(method, path) else {
-        return Ok(None);
-    };
+fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
     if !app.demands_tokens() {
         return Ok(None);
     }
@@ -153,16 +158,10 @@ fn authorize(
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {
         return Ok(Some(Caller(entry.name)));
     }
-    let role = format!("{role:?}").to_lowercase();
     Err(ApiError::forbidden(
         "role",
-        format!("token '{}' lacks role '{role}'", entry.name),
+        format!("token '{}' lacks role '{}'", entry.name, role.name()),
     ))
-}
-
-/// Traces come as long streams, and are counted where they are written.
-fn is_upload(request: &Request) -> bool {
-    request.method() == Method::PUT && request.uri().path().starts_with("/api/traces/")
 }
 
 /// Takes the body in before anything is done for it: within a size and a time.
@@ -197,53 +196,5 @@ async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
             "broken_body",
             format!("the request body broke off: {error}"),
         )),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_policy_reaches_nothing_that_it_is_graded_by() {
-        let act = [
-            (Method::POST, "/mcp"),
-            (Method::GET, "/sse"),
-            (Method::POST, "/messages/"),
-            (Method::POST, "/w/7/mcp"),
-            (Method::GET, "/w/7/sse"),
-            (Method::POST, "/api/leases"),
-            (Method::DELETE, "/api/leases/7"),
-        ];
-        let read = [
-            (Method::GET, "/api/episodes"),
-            (Method::GET, "/api/traces/x"),
-            (Method::POST, "/api/sql"),
-            (Method::POST, "/analysis/mcp"),
-            (Method::GET, "/metrics"),
-            (Method::GET, "/api/sessions"),
-            (Method::POST, "/api/traces/x/replay"),
-        ];
-        let admin = [
-            (Method::PUT, "/api/traces/x"),
-            (Method::DELETE, "/api/traces/x"),
-            (Method::POST, "/api/jobs"),
-            (Method::DELETE, "/api/sessions/x"),
-            (Method::POST, "/api/labels"),
-            (Method::POST, "/api/traces/x/branches"),
-            (Method::POST, "/something/new"),
-        ];
-        for (role, routes) in [
-            (Role::Act, &act[..]),
-            (Role::Read, &read),
-            (Role::Admin, &admin),
-        ] {
-            for (method, path) in routes {
-                assert_eq!(needed(method, path), Some(role), "{method} {path}");
-            }
-        }
-        for path in ["/healthz", "/", "/episodes/x", "/assets/index.js"] {
-            assert_eq!(needed(&Method::GET, path), None);
-        }
     }
 }

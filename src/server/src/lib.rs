@@ -18,6 +18,7 @@ mod mock_llm;
 #[cfg(feature = "tables")]
 mod pages;
 mod rest;
+mod routes;
 mod run;
 mod service;
 mod snapshots;

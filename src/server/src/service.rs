@@ -11,6 +11,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
+use axum::handler::Handler as _;
 use axum::{Router, middleware};
 use reel_live::{SessionPool, restore};
 use reel_mcp::{Guard, Questions};
@@ -22,10 +23,10 @@ use tracing_appender::non_blocking::WorkerGuard;
 use tracing_subscriber::{EnvFilter, fmt};
 
 use crate::{
-    Config, ConfigError, LogFormat, TokenError, Tokens,
+    Config, ConfigError, LogFormat, Role, TokenError, Tokens,
     archive::Archive,
     connections,
-    gate::{self, Rates},
+    gate::{self, Demand, Rates},
     metrics::Metrics,
     rest,
     snapshots::SnapshotFolder,
@@ -260,15 +261,19 @@ fn router(app: &Arc<App>) -> Router {
         app.closing.clone(),
         max_body,
     );
-    let router = rest::router(app).merge(policies);
-    #[cfg(feature = "rerun")]
-    let router = router.merge(crate::viewer::router());
+    let router = rest::router(app, |routes| {
+        let routes = routes.other(Some(Role::Act), policies);
+        #[cfg(feature = "rerun")]
+        let routes = routes.other(None, crate::viewer::router());
+        #[cfg(feature = "tables")]
+        let routes = routes.other(Some(Role::Read), crate::analysis::router(app, max_body));
+        routes
+    });
+    let open = middleware::from_fn_with_state((app.clone(), Demand::OPEN), gate::admit);
     #[cfg(feature = "tables")]
-    let router = router
-        .merge(crate::analysis::router(app, max_body))
-        .fallback(crate::pages::page);
+    let router = router.fallback(crate::pages::page.layer(open));
     #[cfg(not(feature = "tables"))]
-    let router = router.fallback(rest::not_found);
+    let router = router.fallback(rest::not_found.layer(open));
     router
         // The gate has taken bodies in already, within the limit of the configuration.
         .layer(axum::extract::DefaultBodyLimit::disable())

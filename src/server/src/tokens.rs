@@ -38,6 +38,15 @@ impl Role {
             _ => None,
         }
     }
+
+    /// Its name, as in the file of tokens and in the OpenAPI document.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Role::Read => "read",
+            Role::Act => "act",
+            Role::Admin => "admin",
+        }
+    }
 }
 
 /// A token, without what proves it.

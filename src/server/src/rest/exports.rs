@@ -46,7 +46,7 @@ pub(super) struct Export {
 }
 
 /// The finished training sets, the newest first.
-#[utoipa::path(get, path = "/api/exports", operation_id = "list_exports", tag = "tables", security(("token" = [])),
+#[utoipa::path(get, path = "/api/exports", operation_id = "list_exports", tag = "tables",
     responses((status = 200, body = Vec<Export>), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Export>>, ApiError> {
     let found = analyse(&app, |app| {
@@ -62,7 +62,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Export>
 }
 
 /// A training set, with its card.
-#[utoipa::path(get, path = "/api/exports/{export}", operation_id = "show_export", tag = "tables", security(("token" = [])),
+#[utoipa::path(get, path = "/api/exports/{export}", operation_id = "show_export", tag = "tables",
     params(("export" = String, Path)),
     responses((status = 200, body = Export), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
@@ -101,7 +101,7 @@ fn few() -> usize {
 }
 
 /// Examples as the model sees them: turns of texts, calls and images (as `data:` URIs).
-#[utoipa::path(get, path = "/api/exports/{export}/examples", tag = "tables", security(("token" = [])),
+#[utoipa::path(get, path = "/api/exports/{export}/examples", tag = "tables",
     params(("export" = String, Path), Rows),
     responses((status = 200, body = ref("#/components/schemas/Examples")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -137,7 +137,7 @@ pub(super) async fn examples(
 
 /// What is wrong with a training set: leaks, contradictions, duplicates,
 /// bad labels, missing images.
-#[utoipa::path(get, path = "/api/exports/{export}/lint", tag = "tables", security(("token" = [])),
+#[utoipa::path(get, path = "/api/exports/{export}/lint", tag = "tables",
     params(("export" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/Lint")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]

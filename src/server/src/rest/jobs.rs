@@ -25,14 +25,14 @@ use crate::{
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
 /// Every job, the newest first.
-#[utoipa::path(get, path = "/api/jobs", operation_id = "list_jobs", tag = "jobs", security(("token" = [])),
+#[utoipa::path(get, path = "/api/jobs", operation_id = "list_jobs", tag = "jobs",
     responses((status = 200, body = Vec<Job>)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Job>> {
     Json(app.jobs.list())
 }
 
 /// Starts a job; one is at work at a time, the others wait.
-#[utoipa::path(post, path = "/api/jobs", tag = "jobs", security(("token" = [])), request_body = Work,
+#[utoipa::path(post, path = "/api/jobs", tag = "jobs", request_body = Work,
     responses((status = 202, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn start(
@@ -43,7 +43,7 @@ pub(super) async fn start(
 }
 
 /// One job with its state, its progress and its report.
-#[utoipa::path(get, path = "/api/jobs/{id}", operation_id = "show_job", tag = "jobs", security(("token" = [])),
+#[utoipa::path(get, path = "/api/jobs/{id}", operation_id = "show_job", tag = "jobs",
     params(("id" = u64, Path)),
     responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(
@@ -54,7 +54,7 @@ pub(super) async fn show(
 }
 
 /// Stops a job. What it had done stays, and the same job goes on from there.
-#[utoipa::path(delete, path = "/api/jobs/{id}", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
+#[utoipa::path(delete, path = "/api/jobs/{id}", tag = "jobs", params(("id" = u64, Path)),
     responses((status = 202), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody)))]
 pub(super) async fn cancel(
@@ -65,7 +65,7 @@ pub(super) async fn cancel(
 }
 
 /// A job while it goes on, as server-sent events of type `job`; ends with the job.
-#[utoipa::path(get, path = "/api/jobs/{id}/events", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
+#[utoipa::path(get, path = "/api/jobs/{id}/events", tag = "jobs", params(("id" = u64, Path)),
     responses((status = 200, description = "Events whose data is a job, as JSON", content_type = "text/event-stream"),
         (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn events(

@@ -29,7 +29,7 @@ pub(super) struct LabelFilter {
 }
 
 /// Labels of all episodes, or only those of one episode.
-#[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(LabelFilter),
+#[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", params(LabelFilter),
     responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(
@@ -80,7 +80,7 @@ pub(super) struct LabelBody {
 }
 
 /// Stores the label of an episode in the tables.
-#[utoipa::path(post, path = "/api/labels", tag = "tables", security(("token" = [])), request_body = LabelBody,
+#[utoipa::path(post, path = "/api/labels", tag = "tables", request_body = LabelBody,
     responses((status = 201, body = LabelBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn set(
     State(app): State<Arc<App>>,

@@ -23,8 +23,8 @@ use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use axum::{
     Json, Router,
-    extract::State,
     http::Method,
+    middleware,
     response::{IntoResponse, Response},
     routing::get,
 };
@@ -36,13 +36,18 @@ use utoipa::{
         security::{Http, HttpAuthScheme, SecurityScheme},
     },
 };
-use utoipa_axum::{router::OpenApiRouter, routes};
+use utoipa_axum::routes;
 
 pub(crate) use error::ApiError;
 #[cfg(feature = "tables")]
 pub(crate) use tables::rows;
 
-use crate::service::App;
+use crate::{
+    Role,
+    gate::{self, Demand},
+    routes::{Routes, TOKEN, operations},
+    service::App,
+};
 
 /// Schemas of what other crates serialise: records of traces, blame, sessions, examples.
 const RECORDS: &str = include_str!("records.json");
@@ -70,7 +75,7 @@ impl Modify for Security {
         openapi
             .components
             .get_or_insert_default()
-            .add_security_scheme("token", scheme);
+            .add_security_scheme(TOKEN, scheme);
     }
 }
 
@@ -89,18 +94,7 @@ const NAMES: [(&str, &str); 5] = [
 
 impl Modify for Everywhere {
     fn modify(&self, openapi: &mut utoipa::openapi::OpenApi) {
-        let paths = openapi.paths.paths.values_mut();
-        let operations = paths
-            .flat_map(|path| {
-                [
-                    &mut path.get,
-                    &mut path.put,
-                    &mut path.post,
-                    &mut path.delete,
-                ]
-            })
-            .flatten();
-        for operation in operations {
+        for operation in openapi.paths.paths.values_mut().flat_map(operations) {
             for parameter in operation
                 .parameters
                 .iter_mut()
@@ -143,49 +137,61 @@ impl Modify for Everywhere {
     }
 }
 
-/// Every route of the service, and the document of all of them.
-fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
-    let routes = OpenApiRouter::with_openapi(Document::openapi())
-        .routes(routes!(health::healthz))
-        .routes(routes!(health::readyz))
-        .routes(routes!(health::metrics))
-        .routes(routes!(traces::list))
-        .routes(routes!(traces::upload, traces::download, traces::delete))
-        .routes(routes!(traces::episode))
-        .routes(routes!(traces::scene))
-        .routes(routes!(traces::steps))
-        .routes(routes!(traces::frame))
-        .routes(routes!(traces::replay))
-        .routes(routes!(traces::branch))
-        .routes(routes!(traces::blame))
-        .routes(routes!(traces::reward))
-        .routes(routes!(sessions::list))
-        .routes(routes!(sessions::show, sessions::close))
-        .routes(routes!(sessions::frame))
-        .routes(routes!(sessions::questions))
-        .routes(routes!(sessions::answer))
-        .routes(routes!(sessions::lease))
-        .routes(routes!(sessions::release));
+/// Every documented route, with what it demands.
+fn documented(app: Option<&Arc<App>>) -> Routes {
+    use Role::{Act, Admin, Read};
+    let routes = Routes::new(app, Document::openapi())
+        .open(routes!(health::healthz))
+        .open(routes!(health::readyz))
+        .for_role(Read, routes!(health::metrics))
+        .for_role(Read, routes!(traces::list))
+        .for_role(Read, routes!(traces::download))
+        .streamed(Admin, routes!(traces::upload))
+        .for_role(Admin, routes!(traces::delete))
+        .for_role(Read, routes!(traces::episode))
+        .for_role(Read, routes!(traces::scene))
+        .for_role(Read, routes!(traces::steps))
+        .for_role(Read, routes!(traces::frame))
+        // Computes and keeps nothing.
+        .for_role(Read, routes!(traces::replay))
+        .for_role(Admin, routes!(traces::branch))
+        .for_role(Read, routes!(traces::blame))
+        .for_role(Read, routes!(traces::reward))
+        .for_role(Read, routes!(sessions::list))
+        .for_role(Read, routes!(sessions::show))
+        .for_role(Admin, routes!(sessions::close))
+        .for_role(Read, routes!(sessions::frame))
+        .for_role(Read, routes!(sessions::questions))
+        .for_role(Admin, routes!(sessions::answer))
+        .for_role(Act, routes!(sessions::lease))
+        .for_role(Act, routes!(sessions::release));
     #[cfg(feature = "rerun")]
-    let routes = routes.routes(routes!(traces::recording));
+    let routes = routes.for_role(Read, routes!(traces::recording));
     #[cfg(feature = "tables")]
     let routes = routes
-        .routes(routes!(tables::episodes))
-        .routes(routes!(tables::episode))
-        .routes(routes!(sql::ask))
-        .routes(routes!(sql::named))
-        .routes(routes!(sql::ask_named))
-        .routes(routes!(labels::list, labels::set))
-        .routes(routes!(definitions::list))
-        .routes(routes!(definitions::keep, definitions::drop))
-        .routes(routes!(exports::list))
-        .routes(routes!(exports::show))
-        .routes(routes!(exports::examples))
-        .routes(routes!(exports::findings))
-        .routes(routes!(jobs::list, jobs::start))
-        .routes(routes!(jobs::show, jobs::cancel))
-        .routes(routes!(jobs::events));
-    let (router, mut document) = routes.split_for_parts();
+        .for_role(Read, routes!(tables::episodes))
+        .for_role(Read, routes!(tables::episode))
+        .for_role(Read, routes!(sql::ask))
+        .for_role(Read, routes!(sql::named))
+        .for_role(Read, routes!(sql::ask_named))
+        .for_role(Read, routes!(labels::list))
+        .for_role(Admin, routes!(labels::set))
+        .for_role(Read, routes!(definitions::list))
+        .for_role(Admin, routes!(definitions::keep, definitions::drop))
+        .for_role(Read, routes!(exports::list))
+        .for_role(Read, routes!(exports::show))
+        .for_role(Read, routes!(exports::examples))
+        .for_role(Read, routes!(exports::findings))
+        .for_role(Read, routes!(jobs::list))
+        .for_role(Admin, routes!(jobs::start))
+        .for_role(Read, routes!(jobs::show))
+        .for_role(Admin, routes!(jobs::cancel))
+        .for_role(Read, routes!(jobs::events));
+    routes
+}
+
+/// The document with what holds for every operation, and the records of other crates.
+fn completed(mut document: utoipa::openapi::OpenApi) -> utoipa::openapi::OpenApi {
     Everywhere.modify(&mut document);
     let records: BTreeMap<String, RefOr<Schema>> =
         serde_json::from_str(RECORDS).expect("records.json holds schemas");
@@ -194,24 +200,25 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .get_or_insert_default()
         .schemas
         .extend(records);
-    (router, document)
+    document
 }
 
 /// The complete OpenAPI document of the REST service.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    documented().1
+    completed(documented(None).split().1)
 }
 
-/// Every route of the service.
-pub(crate) fn router(app: &Arc<App>) -> Router {
-    let (router, document) = documented();
-    let document = Arc::new(document);
-    let document =
-        get(move |State(_): State<Arc<App>>| async move { Json(document.as_ref().clone()) });
+/// Every route of the service: the documented ones, and those that `others` adds.
+pub(crate) fn router(app: &Arc<App>, others: impl FnOnce(Routes) -> Routes) -> Router {
+    let (router, document, others) = others(documented(Some(app))).split();
+    let document = Arc::new(completed(document));
+    let document = get(|| async move { Json(document.as_ref().clone()) });
+    let open = middleware::from_fn_with_state((app.clone(), Demand::OPEN), gate::admit);
     router
-        .route("/api/openapi.json", document)
+        .route("/api/openapi.json", document.route_layer(open))
         .with_state(app.clone())
         .method_not_allowed_fallback(other_method)
+        .merge(others)
 }
 
 /// What is there is asked for in another way; the header `Allow` says in which.

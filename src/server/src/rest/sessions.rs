@@ -24,7 +24,7 @@ use super::{
 use crate::service::App;
 
 /// Live sessions, by name.
-#[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions",
     responses((status = 200, body = ref("#/components/schemas/Sessions"))))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     Json(
@@ -37,7 +37,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
 }
 
 /// State of one live session, by the session's name.
-#[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions",
     params(("session" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/Session")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(
@@ -48,7 +48,7 @@ pub(super) async fn show(
 }
 
 /// What the head of a session's robot sees now, as PNG. Looking counts as no use of the session.
-#[utoipa::path(get, path = "/api/sessions/{session}/frame", operation_id = "session_frame", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/sessions/{session}/frame", operation_id = "session_frame", tag = "sessions",
     params(("session" = String, Path)),
     responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -69,7 +69,7 @@ pub(super) async fn frame(
 }
 
 /// Closes a session: its episode ends as aborted, and its trace is whole.
-#[utoipa::path(delete, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
+#[utoipa::path(delete, path = "/api/sessions/{session}", tag = "sessions",
     params(("session" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn close(
@@ -81,7 +81,7 @@ pub(super) async fn close(
 }
 
 /// Questions of policies that wait for a person (`play.ask = "rest"`).
-#[utoipa::path(get, path = "/api/questions", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/questions", tag = "sessions",
     responses((status = 200, body = ref("#/components/schemas/Questions"))))]
 pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
     Json(json!(app.questions.pending()))
@@ -96,7 +96,7 @@ pub(super) struct Answer {
 }
 
 /// Answers the question of a session.
-#[utoipa::path(post, path = "/api/sessions/{session}/answer", tag = "sessions", security(("token" = [])),
+#[utoipa::path(post, path = "/api/sessions/{session}/answer", tag = "sessions",
     params(("session" = String, Path)), request_body = Answer,
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody)))]
@@ -147,7 +147,7 @@ pub(super) struct Leased {
 
 /// Leases a simulator to a prompt group: every `finish` begins the next rollout, with
 /// equal task and seed.
-#[utoipa::path(post, path = "/api/leases", tag = "sessions", security(("token" = [])), request_body = LeaseBody,
+#[utoipa::path(post, path = "/api/leases", tag = "sessions", request_body = LeaseBody,
     responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn lease(
@@ -195,7 +195,7 @@ pub(super) async fn lease(
 }
 
 /// Gives a simulator back: what runs in it ends as aborted.
-#[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions", security(("token" = [])),
+#[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions",
     params(("worker" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn release(

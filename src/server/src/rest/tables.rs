@@ -55,7 +55,7 @@ const COLUMNS: &str = "episode_id, run_id, group_id, rollout_index, task_id, fam
                        total_reward, length, asks, end_reason, trace";
 
 /// Episodes of the tables, by id.
-#[utoipa::path(get, path = "/api/episodes", tag = "tables", security(("token" = [])), params(Filter),
+#[utoipa::path(get, path = "/api/episodes", tag = "tables", params(Filter),
     responses((status = 200, body = Episodes), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episodes(
@@ -93,7 +93,7 @@ pub(super) async fn episodes(
 }
 
 /// One episode of the tables, with its class, blame and labels.
-#[utoipa::path(get, path = "/api/episodes/{episode}", tag = "tables", security(("token" = [])),
+#[utoipa::path(get, path = "/api/episodes/{episode}", tag = "tables",
     params(("episode" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]

@@ -57,7 +57,7 @@ pub(super) struct Traces {
 }
 
 /// Traces of the archive in the order of their names, one page at a time.
-#[utoipa::path(get, path = "/api/traces", operation_id = "list_traces", tag = "traces", security(("token" = [])), params(Page),
+#[utoipa::path(get, path = "/api/traces", operation_id = "list_traces", tag = "traces", params(Page),
     responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn list(
     State(app): State<Arc<App>>,
@@ -87,7 +87,7 @@ pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
 }
 
 /// Takes a trace in. It is there when the answer comes, and only if it is sound.
-#[utoipa::path(put, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+#[utoipa::path(put, path = "/api/traces/{trace}", tag = "traces",
     params(("trace" = String, Path, description = "Name without .mcap")),
     request_body(description = "The file", content_type = "application/octet-stream"),
     responses((status = 201, body = TraceFile), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
@@ -111,7 +111,7 @@ pub(super) async fn upload(
 }
 
 /// The file, or a range of it.
-#[utoipa::path(get, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}", tag = "traces",
     params(("trace" = String, Path), ("range" = Option<String>, Header, description = "e.g. bytes=0-1023")),
     responses((status = 200, content_type = "application/octet-stream"),
         (status = 206, content_type = "application/octet-stream", headers(("content-range" = String))),
@@ -207,7 +207,7 @@ fn range_of(range: &str, size: u64) -> RangeRequest {
 }
 
 /// Deletes a trace. What the tables know of it stays.
-#[utoipa::path(delete, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+#[utoipa::path(delete, path = "/api/traces/{trace}", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 409, body = ErrorBody)))]
 pub(super) async fn delete(
@@ -227,7 +227,7 @@ pub(super) async fn delete(
 }
 
 /// What a trace says of its episode: header, task, the state before the first call, end.
-#[utoipa::path(get, path = "/api/traces/{trace}/episode", operation_id = "trace_episode", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/episode", operation_id = "trace_episode", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/TraceEpisode")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -252,7 +252,7 @@ pub(super) async fn episode(
 }
 
 /// The scene that a trace plays in: rooms, walls, receptacles.
-#[utoipa::path(get, path = "/api/traces/{trace}/scene", operation_id = "trace_scene", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/scene", operation_id = "trace_scene", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/Scene")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -266,7 +266,7 @@ pub(super) async fn scene(
 
 /// The episode as a Rerun recording; `/rerun/?trace=NAME&step=N` opens it in the web viewer.
 #[cfg(feature = "rerun")]
-#[utoipa::path(get, path = "/api/traces/{trace}/rrd", operation_id = "trace_recording", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/rrd", operation_id = "trace_recording", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 200, content_type = "application/octet-stream"), (status = 400, body = ErrorBody),
         (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody),
@@ -296,7 +296,7 @@ pub(super) struct Steps {
 }
 
 /// The steps of an episode, as they were recorded.
-#[utoipa::path(get, path = "/api/traces/{trace}/steps", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/steps", tag = "traces",
     params(("trace" = String, Path), Steps),
     responses((status = 200, body = ref("#/components/schemas/Steps")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -339,7 +339,7 @@ fn head() -> String {
 }
 
 /// An image of the episode as PNG, drawn by going there: `start`, or the number of a step.
-#[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}", tag = "traces",
     params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step"), Camera),
     responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -393,7 +393,7 @@ fn not_executed(verdict: &Verdict) -> ApiError {
 }
 
 /// Executes an episode again and compares every digest.
-#[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces", security(("token" = [])),
+#[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/ReplayVerdict")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -434,7 +434,7 @@ pub(super) struct BranchBody {
 }
 
 /// Plays another future of an episode, from any call, into a trace of its own.
-#[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces", security(("token" = [])),
+#[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces",
     params(("trace" = String, Path)), request_body = BranchBody,
     responses((status = 201, body = ref("#/components/schemas/Branch")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -523,7 +523,7 @@ pub(super) struct BlameQuery {
 
 /// Why an episode failed, measured: what every step cost, the decisive one, and what
 /// would have been better.
-#[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces",
     params(("trace" = String, Path), BlameQuery),
     responses((status = 200, body = ref("#/components/schemas/Blame")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -563,7 +563,7 @@ pub(super) struct RewardQuery {
 }
 
 /// The rewards of an episode under a preset, term by term.
-#[utoipa::path(get, path = "/api/traces/{trace}/reward", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/reward", tag = "traces",
     params(("trace" = String, Path), RewardQuery),
     responses((status = 200, body = ref("#/components/schemas/RewardReport")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
