@@ -17,7 +17,7 @@ use reel_world::Digest;
 use crate::functions::simulator::ReplayRow;
 
 /// Why a query was stopped before its end.
-#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+#[derive(Clone, PartialEq, Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum StopReason {
     /// Somebody asked for it.
@@ -44,6 +44,24 @@ pub enum StopReason {
         "stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows"
     )]
     Rows { rows: usize },
+    /// It would pair more rows than anyone waits for.
+    #[error(
+        "not started: a join without a key would make about {rows:.0e} rows; say by which columns the tables belong together (JOIN ... USING)"
+    )]
+    Estimate {
+        /// Rows that the join would make, as an estimate.
+        rows: f64,
+    },
+    /// Its subqueries repeat each other without end.
+    #[error(
+        "not started: written out, the query reads tables {reads} times; the limit is {limit}"
+    )]
+    Expansion {
+        /// How often tables are read once every name stands for its query.
+        reads: u64,
+        /// Most such reads.
+        limit: u64,
+    },
     /// A value that no question needs.
     #[error("'{function}' would make {bytes} bytes for one row; the limit is {limit}")]
     Value {

@@ -5,6 +5,7 @@
 //! the store's or, by the functions that take one, a trace that the store names.
 
 mod control;
+mod estimate;
 pub mod format;
 mod functions;
 mod fusion;
@@ -15,6 +16,7 @@ pub mod pattern;
 mod session;
 pub mod statistics;
 mod tables;
+mod watched;
 
 use arrow::array::RecordBatch;
 use reel_tables::Store;

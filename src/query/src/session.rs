@@ -30,6 +30,7 @@ use datafusion::{
         runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
     },
     logical_expr::{Expr, LogicalPlan, Volatility, expr::ScalarFunction},
+    physical_plan::execute_stream,
     prelude::{DataFrame, SessionConfig, SessionContext},
     scalar::ScalarValue,
     sql::{
@@ -44,12 +45,13 @@ use tokio::runtime::Runtime;
 
 use crate::{
     control::{Control, StopReason, TraceAccess},
-    functions,
+    estimate, functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
     partition::{TRACE, partition_by_trace},
     tables::{StepFields, plain, provider, step_fields},
 };
+use crate::watched::watched;
 use statement::{bind, plan_of};
 
 /// How often a running query is looked at.
@@ -549,8 +551,17 @@ impl Inner {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
+        let tasks = Arc::new(frame.task_ctx());
+        let physical = frame.create_physical_plan().await?;
+        let physical = match &self.elsewhere {
+            Some(_) => physical,
+            None => {
+                estimate::check(&physical)?;
+                watched(physical, &self.control)?
+            }
+        };
         let mut answer = tokio::spawn(async move {
-            let mut stream = frame.execute_stream().await?;
+            let mut stream = execute_stream(physical, tasks)?;
             let (mut rows, mut empty) = (0, true);
             while let Some(batch) = stream.next().await {
                 let batch = in_plain_types(&batch?)?;

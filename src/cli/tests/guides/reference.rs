@@ -99,6 +99,9 @@ fn write_operation(page: &mut String, method: &str, path: &str, operation: &Valu
             write!(page, "{said}\n\n").unwrap();
         }
     }
+    if let Some(role) = operation.pointer("/security/0/token/0") {
+        write!(page, "Role of the token: `{}`.\n\n", text(role)).unwrap();
+    }
     let parameters = array(&operation["parameters"]);
     if !parameters.is_empty() {
         page.push_str("| parameter | in | type | |\n|---|---|---|---|\n");
