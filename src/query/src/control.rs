@@ -52,14 +52,25 @@ pub enum StopReason {
         /// Rows that the join would make, as an estimate.
         rows: f64,
     },
+    /// Two texts would be compared character by character for too long.
+    #[error(
+        "'{function}' would compare {characters} pairs of characters at once; the limit is {limit}: take parts of the texts with left(text, n)"
+    )]
+    Comparisons {
+        function: String,
+        /// Pairs of characters of one batch of rows.
+        characters: u128,
+        /// Most of them.
+        limit: u128,
+    },
     /// Its subqueries repeat each other without end.
     #[error(
-        "not started: written out, the query reads tables {reads} times; the limit is {limit}"
+        "not started: written out, the query has {reads} subqueries and tables; the limit is {limit}"
     )]
     Expansion {
-        /// How often tables are read once every name stands for its query.
+        /// Subqueries and tables once every name stands for its query.
         reads: u64,
-        /// Most such reads.
+        /// Most of them.
         limit: u64,
     },
     /// A value that no question needs.

@@ -34,6 +34,9 @@ pub const OPERATORS_MAX: usize = 2_000;
 /// hold it 8,192 times.
 const VALUE_BYTES_MAX: u128 = 128 << 10;
 
+/// Most pairs of characters that a function may compare in one batch: some seconds.
+const COMPARISONS_MAX: u128 = 2_000_000_000;
+
 /// What a question may cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
@@ -77,6 +80,8 @@ enum Size {
     Pad,
     /// From, to and step, of eight bytes each.
     Range,
+    /// Both arguments are texts, each character of which is compared with each of the other.
+    Compare,
 }
 
 const GUARDED: &[(&str, Size)] = &[
@@ -87,6 +92,7 @@ const GUARDED: &[(&str, Size)] = &[
     ("array_resize", Size::Pad),
     ("range", Size::Range),
     ("generate_series", Size::Range),
+    ("levenshtein", Size::Compare),
 ];
 
 #[derive(PartialEq, Eq, Hash, Debug)]
@@ -160,6 +166,7 @@ impl Guarded {
         };
         let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
         let bytes = match self.size {
+            Size::Compare => return self.check_comparisons(arguments),
             Size::Pad => largest(column(1)),
             Size::Repeat => {
                 let (text, count) = if self.name() == "repeat" {
@@ -197,6 +204,26 @@ impl Guarded {
                 function: self.name().to_owned(),
                 bytes,
                 limit: VALUE_BYTES_MAX,
+            };
+            return Err(DataFusionError::External(Box::new(stopped)));
+        }
+        Ok(())
+    }
+}
+
+impl Guarded {
+    /// Nothing stops the comparison of two texts on its way.
+    fn check_comparisons(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
+        let [one, other] = [0, 1].map(|index| {
+            let value = arguments.args.get(index);
+            value.map_or(0.0, |value| longest(value, arguments.number_rows))
+        });
+        let characters = (one * other * arguments.number_rows as f64) as u128;
+        if characters > COMPARISONS_MAX {
+            let stopped = StopReason::Comparisons {
+                function: self.name().to_owned(),
+                characters,
+                limit: COMPARISONS_MAX,
             };
             return Err(DataFusionError::External(Box::new(stopped)));
         }

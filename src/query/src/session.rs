@@ -43,6 +43,7 @@ use reel_tables::{Store, Table, View, views};
 use reel_trace::TraceFiles;
 use tokio::runtime::Runtime;
 
+use crate::watched::watched;
 use crate::{
     control::{Control, StopReason, TraceAccess},
     estimate, functions,
@@ -51,7 +52,6 @@ use crate::{
     partition::{TRACE, partition_by_trace},
     tables::{StepFields, plain, provider, step_fields},
 };
-use crate::watched::watched;
 use statement::{bind, plan_of};
 
 /// How often a running query is looked at.
@@ -386,6 +386,7 @@ impl Inner {
                 reason: format!("found {} statements", statements.len()),
             });
         }
+        estimate::check_text(&statements[0])?;
         let (context, plan) = self.planned(sql, parameters, &StepFields::All).await?;
         // the columns of the tables are those of the store, not those that are read
         if matches!(plan, LogicalPlan::DescribeTable(_))
@@ -556,7 +557,7 @@ impl Inner {
         let physical = match &self.elsewhere {
             Some(_) => physical,
             None => {
-                estimate::check(&physical)?;
+                estimate::check_plan(&physical)?;
                 watched(physical, &self.control)?
             }
         };

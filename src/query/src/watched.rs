@@ -11,7 +11,7 @@ use std::{
 
 use arrow::{array::RecordBatch, datatypes::SchemaRef};
 use datafusion::{
-    common::{Statistics, tree_node::TreeNodeRecursion},
+    common::tree_node::TreeNodeRecursion,
     error::Result,
     execution::{RecordBatchStream, SendableRecordBatchStream, TaskContext},
     physical_expr::PhysicalExpr,
@@ -141,10 +141,6 @@ impl ExecutionPlan for Watched {
 
     fn metrics(&self) -> Option<MetricsSet> {
         self.inner.metrics()
-    }
-
-    fn partition_statistics(&self, partition: Option<usize>) -> Result<Arc<Statistics>> {
-        self.inner.partition_statistics(partition)
     }
 }
 

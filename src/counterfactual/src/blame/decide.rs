@@ -193,7 +193,14 @@ fn behaviour(trace: &Trace, step: usize) -> Behaviour {
             Behaviour::Invalid
         }
         Some(_) if is_skill_failure(record) => Behaviour::Skill,
-        Some(error) if error != ErrorCode::NothingFound => Behaviour::Refused,
+        // These tell of what was left out before: they begin nothing.
+        Some(
+            ErrorCode::NothingFound
+            | ErrorCode::NothingHeld
+            | ErrorCode::HandNotFree
+            | ErrorCode::DoorClosed,
+        ) => Behaviour::Moves,
+        Some(_) => Behaviour::Refused,
         _ if (step.saturating_sub(2)..=step).any(same) => Behaviour::Again,
         _ => Behaviour::Moves,
     }

@@ -1,0 +1,120 @@
+//! SQL that means harm, made at random from what it is made of: joins, subqueries, recursion, windows,
+//! texts, arrays, regular expressions, functions of ours. Whatever comes, the answer comes within the
+//! limits, and two seconds later the processor is idle and the memory is back.
+//!
+//! `REEL_SEEDS` says how many (`make hostile-sql`: 2,000); a line names the worst of them. Alone in its
+//! process: others would be measured, too.
+
+mod questions;
+
+use std::{
+    fs,
+    time::{Duration, Instant},
+};
+
+use reel_query::{Limits, QuerySession};
+use reel_tables::Store;
+use reel_vectors::play::{self, success};
+use reel_world::Family;
+use tempfile::TempDir;
+
+/// What a question may cost here.
+const LIMITS: Limits = Limits {
+    memory_bytes: 64 << 20,
+    time: Duration::from_secs(2),
+    rows: 100_000,
+};
+/// How long after its limit on time a question may answer: what plans it cannot be stopped.
+const LATE: Duration = Duration::from_secs(8);
+/// How soon after an answer nothing may run any more.
+const QUIET: Duration = Duration::from_secs(2);
+/// How much larger the process may stay: four times the memory of a question, and what the
+/// allocator keeps.
+const GROWTH: u64 = 512 << 20;
+/// Seeds of a daily run.
+const DAILY: u64 = 60;
+
+#[test]
+fn every_question_has_an_end() {
+    let dir = TempDir::new().unwrap();
+    let plays: Vec<_> = (1..=20)
+        .map(|seed| success("oracle", Family::FDP, seed))
+        .collect();
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    let paths = play::record_all(dir.path(), &plays);
+    store.ingest(&paths, &|_, _| ()).unwrap();
+    let session = QuerySession::with_limits(store, LIMITS).unwrap();
+    session.run("SELECT count(*) FROM steps").unwrap();
+    let seeds = std::env::var("REEL_SEEDS").map_or(DAILY, |seeds| seeds.parse().unwrap());
+    let resident = resident_bytes();
+    let (mut slowest, mut largest) = ((Duration::ZERO, 0), (0, 0));
+    let (mut answered, mut wrong) = (0, Vec::new());
+    for seed in 0..seeds {
+        let sql = questions::question(seed);
+        let begun = Instant::now();
+        let answer = session.run(&sql);
+        let took = begun.elapsed();
+        answered += u64::from(answer.is_ok());
+        let quiet = becomes_quiet();
+        let grown = resident_bytes().saturating_sub(resident);
+        slowest = slowest.max((took, seed));
+        largest = largest.max((grown, seed));
+        if took > LIMITS.time + LATE || !quiet || grown > GROWTH {
+            let said = answer.map_or_else(|error| error.to_string(), |_| "answered".to_owned());
+            wrong.push(format!(
+                "seed {seed}: {took:.1?}, quiet {quiet}, {} MiB larger, {said:.200}: {sql:.300}",
+                grown >> 20
+            ));
+        }
+    }
+    println!(
+        "{seeds} questions, {answered} answered; slowest {:.1?} (seed {}), largest {} MiB more (seed {})",
+        slowest.0,
+        slowest.1,
+        largest.0 >> 20,
+        largest.1
+    );
+    assert!(
+        wrong.is_empty(),
+        "{} questions:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}
+
+/// Whether this process stops computing soon.
+fn becomes_quiet() -> bool {
+    let until = Instant::now() + QUIET;
+    loop {
+        let before = processor_ticks();
+        std::thread::sleep(Duration::from_millis(100));
+        // A tick is 10 ms.
+        if processor_ticks() - before <= 2 {
+            return true;
+        }
+        if Instant::now() > until {
+            return false;
+        }
+    }
+}
+
+/// Ticks of the processor that this process took so far.
+fn processor_ticks() -> u64 {
+    let text = fs::read_to_string("/proc/self/stat").unwrap();
+    let fields = text.rsplit(')').next().unwrap().split_whitespace();
+    fields
+        .skip(11)
+        .take(2)
+        .map(|ticks| ticks.parse::<u64>().unwrap())
+        .sum()
+}
+
+fn resident_bytes() -> u64 {
+    let text = fs::read_to_string("/proc/self/statm").unwrap();
+    text.split_whitespace()
+        .nth(1)
+        .unwrap()
+        .parse::<u64>()
+        .unwrap()
+        * 4096
+}
