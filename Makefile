@@ -5,7 +5,7 @@ TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -96,6 +96,9 @@ prove-sft: ## train a small language model on an exported set and measure it in 
 eval-learned: ## play the small learned policy in homes it never saw and write its failures down for blind labels (needs Python)
 	tests/training/learned.sh
 
+hostile-sql: ## 2,000 hostile questions in SQL by seeds: each ends within its limits, and leaves nothing running
+	REEL_SEEDS=2000 cargo test --locked --workspace --test hostile -- --nocapture
+
 conformance: ## the published MCP conformance suite against our stack (needs npm)
 	tests/conformance.sh
 
@@ -125,6 +128,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/eval-insight.sh
 	tests/eval-attribution.sh
 	$(MAKE) eval-skills
+	$(MAKE) hostile-sql
 	tests/conformance.sh
 	tests/service.sh
 	tests/real-contract.sh

@@ -2,7 +2,7 @@
 # `make eval-insight`: how often taxonomy and blame are right on competent play that random operators perturb. The truth comes from
 # counterfactual play (src/counterfactual/src/truth) and is fixed before Reel answers. SPLIT=development may be looked at
 # (SHOW wrong answers are listed); the report half shares no operator, task or seed with it and shows figures only.
-# Beside it stand 60 failures of a learned policy (tests/training/labelled, played by `make eval-learned`) that two people labelled
+# Beside it stand 60 failures of a learned policy (tests/training/labelled, played by `make eval-learned`) that two labellers labelled
 # without Reel's answer: how far they agree with each other, and Reel with each of them.
 #
 # EPISODES (default 1000), SEED (default 1). REEL: a binary that is built already.

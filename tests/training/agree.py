@@ -1,4 +1,4 @@
-"""How far two people who labelled failures blindly, and Reel, agree: class, sub-class and decisive step.
+"""How far two labellers who labelled failures blindly, and Reel, agree: class, sub-class and decisive step.
 
     python3 agree.py --reel reel --store store --index blind/index.json first.json second.json
 

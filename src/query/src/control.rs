@@ -63,6 +63,15 @@ pub enum StopReason {
         /// Most of them.
         limit: u128,
     },
+    /// An aggregate would be computed anew for every row.
+    #[error(
+        "not started: '{function}' over a moving window looks at all its rows again for each row, which is allowed for tables of up to {limit} rows; aggregate by groups instead"
+    )]
+    Window {
+        function: String,
+        /// Most rows of what the window moves over.
+        limit: u64,
+    },
     /// Its subqueries repeat each other without end.
     #[error(
         "not started: written out, the query has {reads} subqueries and tables; the limit is {limit}"

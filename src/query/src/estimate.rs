@@ -10,6 +10,7 @@ use datafusion::{
         joins::{CrossJoinExec, NestedLoopJoinExec},
         statistics::{StatisticsArgs, StatisticsContext},
         union::UnionExec,
+        windows::{BoundedWindowAggExec, WindowAggExec},
     },
     sql::{
         parser::Statement,
@@ -22,9 +23,9 @@ use crate::control::StopReason;
 /// Most rows that a join without a key may make: at a hundred million a second, hours of work.
 const ROWS_MAX: f64 = 1e12;
 
-/// Most times that a question may read tables once every name stands for its query: planning writes
-/// all of them out, and cannot be stopped while it does.
-const READS_MAX: u64 = 1_000;
+/// Most subqueries and tables of a question once every name stands for its query: planning writes all
+/// of them out.
+const READS_MAX: u64 = 300;
 
 /// Refuses a question whose subqueries repeat each other too often.
 pub(crate) fn check_text(statement: &Statement) -> Result<()> {
@@ -86,7 +87,7 @@ impl Subqueries {
             return *known;
         }
         known.insert(name.to_owned(), 1);
-        let sum = reads.iter().fold(0_u64, |sum, read| {
+        let sum = reads.iter().fold(1_u64, |sum, read| {
             sum.saturating_add(self.reads(read, known))
         });
         known.insert(name.to_owned(), sum);
@@ -104,32 +105,98 @@ fn relations(part: &impl ast::Visit) -> Vec<String> {
     names
 }
 
-/// Rows that an operator makes, as an estimate from above for joins without a key.
-fn rows(plan: &Arc<dyn ExecutionPlan>, statistics: &StatisticsContext) -> Result<f64> {
-    let children: Vec<f64> = plan
+/// Rows that an operator makes.
+#[derive(Clone, Copy)]
+struct Rows {
+    /// As an estimate, from above for joins without a key.
+    made: f64,
+    /// Whether every table below tells how many rows it has.
+    known: bool,
+}
+
+fn rows(plan: &Arc<dyn ExecutionPlan>, statistics: &StatisticsContext) -> Result<Rows> {
+    let children: Vec<Rows> = plan
         .children()
         .into_iter()
         .map(|child| rows(child, statistics))
         .collect::<Result<_>>()?;
+    check_windows(plan, &children)?;
+    let known = children.iter().all(|child| child.known);
+    let made = |made: f64| Rows { made, known };
     let without_key = plan.is::<CrossJoinExec>() || plan.is::<NestedLoopJoinExec>();
     if without_key {
-        let made: f64 = children.iter().map(|rows| rows.max(1.0)).product();
-        return if made > ROWS_MAX {
-            Err(refused(StopReason::Estimate { rows: made }))
+        let rows: f64 = children.iter().map(|child| child.made.max(1.0)).product();
+        return if rows > ROWS_MAX {
+            Err(refused(StopReason::Estimate { rows }))
         } else {
-            Ok(made)
+            Ok(made(rows))
         };
     }
     if plan.is::<UnionExec>() {
-        return Ok(children.iter().sum());
+        return Ok(made(children.iter().map(|child| child.made).sum()));
     }
-    let known = statistics.compute(plan.as_ref(), &StatisticsArgs::new());
-    let known = known
+    let told = statistics.compute(plan.as_ref(), &StatisticsArgs::new());
+    let told = told
         .ok()
-        .and_then(|known| known.num_rows.get_value().copied());
-    let most = children.into_iter().reduce(f64::max);
-    Ok(match (most, known.map(|rows| rows as f64)) {
-        (Some(most), Some(known)) => most.min(known),
-        (most, known) => known.or(most).unwrap_or(1.0),
+        .and_then(|told| told.num_rows.get_value().copied());
+    let told = told.map(|rows| rows as f64);
+    let most = children.iter().map(|child| child.made).reduce(f64::max);
+    Ok(match (most, told) {
+        (Some(most), Some(told)) => made(most.min(told)),
+        (Some(most), None) => made(most),
+        (None, told) => Rows {
+            made: told.unwrap_or(1.0),
+            known: told.is_some(),
+        },
     })
 }
+
+/// Refuses windows that compute an aggregate anew for every row from all rows before it: nothing
+/// stops that within a batch.
+fn check_windows(plan: &Arc<dyn ExecutionPlan>, input: &[Rows]) -> Result<()> {
+    let expressions = match (
+        plan.downcast_ref::<WindowAggExec>(),
+        plan.downcast_ref::<BoundedWindowAggExec>(),
+    ) {
+        (Some(plan), _) => plan.window_expr(),
+        (_, Some(plan)) => plan.window_expr(),
+        _ => return Ok(()),
+    };
+    if input
+        .iter()
+        .all(|rows| rows.known && rows.made <= WINDOW_ROWS_MAX)
+    {
+        return Ok(());
+    }
+    for expression in expressions {
+        let frame = expression.get_window_frame();
+        let whole = frame.start_bound.is_unbounded() && frame.end_bound.is_unbounded();
+        let called = |function: &&&str| {
+            let rest = expression.name().strip_prefix(**function);
+            rest.is_some_and(|rest| rest.starts_with('('))
+        };
+        if let Some(function) = HOLISTIC.iter().find(called).filter(|_| !whole) {
+            return Err(refused(StopReason::Window {
+                function: (*function).to_owned(),
+                limit: WINDOW_ROWS_MAX as u64,
+            }));
+        }
+    }
+    Ok(())
+}
+
+/// Rows up to which any aggregate may move over them.
+const WINDOW_ROWS_MAX: f64 = 20_000.0;
+
+/// Aggregates that have to look at all their values again for every row.
+const HOLISTIC: [&str; 9] = [
+    "median",
+    "percentile_cont",
+    "approx_median",
+    "approx_percentile_cont",
+    "approx_percentile_cont_with_weight",
+    "array_agg",
+    "string_agg",
+    "quantile_cont",
+    "mode",
+];

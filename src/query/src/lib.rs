@@ -13,6 +13,7 @@ mod limits;
 pub mod named;
 mod partition;
 pub mod pattern;
+mod planning;
 mod session;
 pub mod statistics;
 mod tables;

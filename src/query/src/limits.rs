@@ -30,12 +30,15 @@ pub const SQL_BYTES_MAX: usize = 1 << 20;
 /// Most operators of a SQL text: a chain of them is a tree as deep as it is long.
 pub const OPERATORS_MAX: usize = 2_000;
 
-/// Largest value that a function may make of a small one, in bytes: a batch may
-/// hold it 8,192 times.
+/// Largest value that a function may make of a small one, in bytes.
 const VALUE_BYTES_MAX: u128 = 128 << 10;
 
-/// Most pairs of characters that a function may compare in one batch: some seconds.
-const COMPARISONS_MAX: u128 = 2_000_000_000;
+/// Most bytes that a function may make of small values in one batch: it cannot be stopped on its
+/// way.
+const BATCH_BYTES_MAX: u128 = 128 << 20;
+
+/// Most pairs of characters that a function may compare in one batch: a second.
+const COMPARISONS_MAX: u128 = 200_000_000;
 
 /// What a question may cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -80,6 +83,10 @@ enum Size {
     Pad,
     /// From, to and step, of eight bytes each.
     Range,
+    /// All arguments, one after the other.
+    Sum,
+    /// The third argument in the place of every character of the first.
+    Replace,
     /// Both arguments are texts, each character of which is compared with each of the other.
     Compare,
 }
@@ -93,6 +100,26 @@ const GUARDED: &[(&str, Size)] = &[
     ("range", Size::Range),
     ("generate_series", Size::Range),
     ("levenshtein", Size::Compare),
+    ("concat", Size::Sum),
+    ("concat_ws", Size::Sum),
+    ("array_concat", Size::Sum),
+    // A list beside a column of rows is written out for each of them.
+    ("array_append", Size::Sum),
+    ("array_distinct", Size::Sum),
+    ("array_except", Size::Sum),
+    ("array_has", Size::Sum),
+    ("array_has_all", Size::Sum),
+    ("array_has_any", Size::Sum),
+    ("array_intersect", Size::Sum),
+    ("array_position", Size::Sum),
+    ("array_positions", Size::Sum),
+    ("array_prepend", Size::Sum),
+    ("array_remove", Size::Sum),
+    ("array_remove_all", Size::Sum),
+    ("array_replace", Size::Sum),
+    ("array_replace_all", Size::Sum),
+    ("array_union", Size::Sum),
+    ("replace", Size::Replace),
 ];
 
 #[derive(PartialEq, Eq, Hash, Debug)]
@@ -169,16 +196,19 @@ impl Guarded {
             Size::Compare => return self.check_comparisons(arguments),
             Size::Pad => largest(column(1)),
             Size::Repeat => {
-                let (text, count) = if self.name() == "repeat" {
-                    (0, 1)
-                } else {
-                    (usize::MAX, 1)
-                };
-                let width = arguments
-                    .args
-                    .get(text)
-                    .map_or(8.0, |value| longest(value, arguments.number_rows));
-                width * largest(column(count))
+                let (one, rows) = (arguments.args.first(), arguments.number_rows);
+                one.map_or(8.0, |value| width(value, rows)) * largest(column(1))
+            }
+            Size::Sum => {
+                let each = arguments.args.iter();
+                each.map(|value| width(value, arguments.number_rows)).sum()
+            }
+            Size::Replace => {
+                let [text, with] = [0, 2].map(|index| {
+                    let value = arguments.args.get(index);
+                    value.map_or(0.0, |value| width(value, arguments.number_rows))
+                });
+                text * with.max(1.0)
             }
             Size::Range => {
                 let one = arguments.args.len() == 1;
@@ -199,11 +229,21 @@ impl Guarded {
             }
         };
         let bytes = bytes.clamp(0.0, 1e30) as u128;
-        if bytes > VALUE_BYTES_MAX {
+        let rows = if arguments
+            .args
+            .iter()
+            .any(|value| matches!(value, ColumnarValue::Array(_)))
+        {
+            arguments.number_rows.max(1) as u128
+        } else {
+            1
+        };
+        let limit = VALUE_BYTES_MAX.min(BATCH_BYTES_MAX / rows);
+        if bytes > limit {
             let stopped = StopReason::Value {
                 function: self.name().to_owned(),
                 bytes,
-                limit: VALUE_BYTES_MAX,
+                limit,
             };
             return Err(DataFusionError::External(Box::new(stopped)));
         }
@@ -228,6 +268,25 @@ impl Guarded {
             return Err(DataFusionError::External(Box::new(stopped)));
         }
         Ok(())
+    }
+}
+
+/// Bytes of one value of an argument: of the longest text, of a list on average.
+fn width(value: &ColumnarValue, rows: usize) -> f64 {
+    match value.data_type() {
+        DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => longest(value, rows),
+        DataType::List(_) | DataType::LargeList(_) | DataType::ListView(_) => {
+            let rows = if matches!(value, ColumnarValue::Array(_)) {
+                rows.max(1)
+            } else {
+                1
+            };
+            let array = value.to_array(rows);
+            array.map_or(8.0, |array| {
+                array.get_array_memory_size() as f64 / rows as f64
+            })
+        }
+        _ => 8.0,
     }
 }
 

@@ -43,7 +43,6 @@ use reel_tables::{Store, Table, View, views};
 use reel_trace::TraceFiles;
 use tokio::runtime::Runtime;
 
-use crate::watched::watched;
 use crate::{
     control::{Control, StopReason, TraceAccess},
     estimate, functions,
@@ -52,6 +51,7 @@ use crate::{
     partition::{TRACE, partition_by_trace},
     tables::{StepFields, plain, provider, step_fields},
 };
+use crate::{planning::stoppable, watched::watched};
 use statement::{bind, plan_of};
 
 /// How often a running query is looked at.
@@ -435,7 +435,7 @@ impl Inner {
         let context = SessionContext::new_with_config_rt(config, self.environment.clone());
         let context = match &self.elsewhere {
             Some(engine) => SessionContext::new_with_state(engine(context.state())?),
-            None => context,
+            None => SessionContext::new_with_state(stoppable(context.state(), &self.control)),
         };
         equip(&context, &self.control);
         let named = self.named(&context, sql)?;

@@ -220,6 +220,10 @@ fn last_behaviour(
     let Some(last) = lossy.last().map(|step| behaviour(trace, *step)) else {
         return departed;
     };
+    // What the departure began with goes on, or is taken up again.
+    if behaviour(trace, departed) == last {
+        return departed;
+    }
     let run = lossy
         .iter()
         .rev()

@@ -29,7 +29,7 @@ fn what_never_ends_is_stopped_in_time() {
     let dir = TempDir::new().unwrap();
     let session = session(&dir, limits());
     for sql in [
-        "SELECT count(*) FROM steps a, steps b, steps c, steps d, steps e WHERE a.step + b.step + c.step > d.step + e.step",
+        "SELECT count(*) FROM steps a, steps b, steps c, steps d WHERE a.step + b.step > c.step + d.step",
         "WITH RECURSIVE r AS (SELECT 1 AS n UNION ALL SELECT n + 1 FROM r) SELECT max(n) FROM r",
     ] {
         let begun = std::time::Instant::now();
