@@ -1,5 +1,13 @@
 # Sourced by prove-sft.sh and learned.sh: homes, what the oracle does in them, and the training set of it, below the folder $data. Needs
-# $REEL, $PYTHON and $here. What was made once is used again.
+# $here and $TRAINING_DIR; sets $REEL and $PYTHON where they are not given. What was made once is used again.
+
+mkdir -p "$TRAINING_DIR"
+if [[ -z ${REEL:-} ]]; then
+  export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
+  cargo build --quiet --locked --profile fast -p reel-cli --no-default-features --features analytics
+  REEL="$CARGO_TARGET_DIR/fast/reel"
+fi
+PYTHON="${REEL_PYTHON:-$(tests/python.sh)}"
 
 # play SEED TASKS: the traces of one home.
 play() {

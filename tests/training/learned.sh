@@ -18,17 +18,10 @@ if [[ -n ${SMOKE:-} ]]; then
   train="1 2 3 4" train_tasks=8 updates=200 held_out=221 held_out_tasks=8
 fi
 
-mkdir -p "$TRAINING_DIR"
-if [[ -z ${REEL:-} ]]; then
-  export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
-  cargo build --quiet --locked --profile fast -p reel-cli --no-default-features --features analytics
-  REEL="$CARGO_TARGET_DIR/fast/reel"
-fi
-PYTHON="${REEL_PYTHON:-$(tests/python.sh)}"
+. $here/homes.sh
 export JAX_COMPILATION_CACHE_DIR="$TRAINING_DIR/compiled"
 
 data="$TRAINING_DIR/learned${SMOKE:+-smoke}"
-. $here/homes.sh
 echo "playing in $(wc -w <<<"$train") homes: $data"
 for seed in $train; do play "$seed" "$train_tasks"; done
 # shellcheck disable=SC2086

@@ -18,16 +18,9 @@ if [[ -n ${SMOKE:-} ]]; then
   train="1 2 3 4" train_tasks=8 report=210 report_tasks=8 updates=200
 fi
 
-mkdir -p "$TRAINING_DIR"
-if [[ -z ${REEL:-} ]]; then
-  export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
-  cargo build --quiet --locked --profile fast -p reel-cli --no-default-features --features analytics
-  REEL="$CARGO_TARGET_DIR/fast/reel"
-fi
-PYTHON="${REEL_PYTHON:-$(tests/python.sh)}"
+. $here/homes.sh
 
 data="$TRAINING_DIR/homes${SMOKE:+-smoke}"
-. $here/homes.sh
 
 echo "playing in $(wc -w <<<"$train $report") homes: $data"
 for seed in $train; do play "$seed" "$train_tasks"; done

@@ -45,7 +45,7 @@ pub(crate) struct Demand {
 }
 
 impl Demand {
-    /// Nothing.
+    /// Demands nothing of a request.
     pub const OPEN: Demand = Demand {
         role: None,
         streamed: false,

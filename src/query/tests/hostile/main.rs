@@ -28,9 +28,12 @@ const LIMITS: Limits = Limits {
 const LATE: Duration = Duration::from_secs(8);
 /// How soon after an answer nothing may run any more.
 const QUIET: Duration = Duration::from_secs(2);
-/// How much larger the process may stay: four times the memory of a question, and what the
-/// allocator keeps.
-const GROWTH: u64 = 512 << 20;
+/// How much larger the process may stay: four times the memory of a question, what the allocator
+/// keeps, and a batch of each thread.
+fn growth_max() -> u64 {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    (512 + 128 * threads as u64) << 20
+}
 /// Seeds of a daily run.
 const DAILY: u64 = 60;
 
@@ -60,14 +63,14 @@ fn every_question_has_an_end() {
         let grown = resident_bytes().saturating_sub(resident);
         slowest = slowest.max((took, seed));
         largest = largest.max((grown, seed));
-        if took > LIMITS.time + LATE || !quiet || grown > GROWTH {
+        if took > LIMITS.time + LATE || !quiet || grown > growth_max() {
             let said = answer.map_or_else(|error| error.to_string(), |_| "answered".to_owned());
             wrong.push(format!(
                 "seed {seed}: {took:.1?}, quiet {quiet}, {} MiB larger, {said:.200}: {sql:.300}",
                 grown >> 20
             ));
             // What goes on would be blamed on the next one.
-            if !quiet || grown > GROWTH {
+            if !quiet || grown > growth_max() {
                 break;
             }
         }
