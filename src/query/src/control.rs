@@ -60,7 +60,7 @@ pub enum StopReason {
         function: String,
         /// Pairs of characters of one batch of rows.
         characters: u128,
-        /// Most of them.
+        /// Most pairs of characters that one batch may compare.
         limit: u128,
     },
     /// An aggregate would be computed anew for every row.
@@ -79,7 +79,7 @@ pub enum StopReason {
     Expansion {
         /// Subqueries and tables once every name stands for its query.
         reads: u64,
-        /// Most of them.
+        /// Most subqueries and tables that a question may come to.
         limit: u64,
     },
     /// A value that no question needs.

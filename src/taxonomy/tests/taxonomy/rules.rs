@@ -25,7 +25,7 @@ SUL | ask The white one. / pick DISTRACTOR / finish | ignored_answer 3 | wrong_a
 SUL | ask An alarm clock. / pick DISTRACTOR / finish | uninformative_ask 3 | wrong_attribute 3
 FDP | pick TARGET / nav desk_1 / place desk_1 / pick TARGET / finish | undone_success 5 | premature_finish 6
 FDP | wants MUG desk_1 / pick TARGET / nav desk_1 / place desk_1 / finish | incomplete 5
-FDO | nav cabinet_1 / open cabinet_1 / close cabinet_1 / nav table_1 / find alarm clock / pick TARGET / nav cabinet_1 / fails place door_closed / finish | door_closed_again 4
+FDO | nav cabinet_1 / open cabinet_1 / close cabinet_1 / nav table_1 / find alarm clock / pick TARGET / nav cabinet_1 / fails place door_closed / finish | door_closed_again 4 | missing_place 10
 FDP | pick TARGET / nav desk_1 / ask Put it down. / again 4 / horizon | repeated_question 5 | repeated_call 5
 # paper, Wrong Object Selection, with its stale marker
 FDP | fails gaze_at unknown_marker / pick DISTRACTOR / nav desk_1 / place desk_1 / finish | wrong_attribute 3 | stale_marker 2
@@ -43,7 +43,7 @@ FDP | pick DISTRACTOR / place table_1 / find alarm clock / horizon | timeout 4
 FDP | pick DISTRACTOR / place table_2 / find alarm clock / horizon | wrong_attribute 2
 # mended: the wrong object was put back, the wrong place is what is left
 FDP | pick DISTRACTOR / place table_1 / pick TARGET / place desk_2 / finish | similar_furniture 5
-FDO | pick TARGET / nav cabinet_1 / fails place door_closed / finish | missing_open 4
+FDO | pick TARGET / nav cabinet_1 / fails place door_closed / finish | missing_open 4 | missing_place 5
 FDO | pick TARGET / nav cabinet_1 / horizon | missing_open 3
 # paper, Lost Action Memory: eight calls, of which the third is the first that could bring nothing new
 FDP | nav table_1 / pick TARGET / swing 8 desk_1 desk_2 / horizon | oscillation 6
@@ -58,8 +58,8 @@ FDP | fails pick out_of_reach / finish / says picked 2 (failed: out_of_reach) | 
 FDP | pick TARGET / nav desk_1 / finish | missing_place 4
 FDP | pick TARGET / finish | premature_finish 3
 FDP | finish | premature_finish 2
-FDP | nav desk_1 / fails place nothing_held / finish | missing_pick 2
-FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_looked 2
+FDP | nav desk_1 / fails place nothing_held / finish | missing_pick 2 | premature_finish 4
+FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_looked 2 | premature_finish 3
 FDP | fails pick unknown_marker / fails gaze_at marker_not_in_view / finish | stale_marker 2
 FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0 | oscillation 10
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
@@ -70,7 +70,7 @@ FDP | pick TARGET / fault | unexplained 2
 # told beside what explains it, and decisive only where blame measured lost time
 FDP | nav desk_1 / nav desk_2 / nav table_2 / finish | premature_finish 5 | exploration 0
 FDP | nav table_1 / nav desk_1 / find mug / finish | missing_pick 3 | premature_finish 5 | oscillation 2 | exploration 0
-FDP | nav desk_1 / fails place nothing_held / again 3 / finish | missing_pick 2 | repeated_failure 4
+FDP | nav desk_1 / fails place nothing_held / again 3 / finish | missing_pick 2 | premature_finish 7 | repeated_failure 4
 FDP | fails place nothing_held / again 2 / pick TARGET / fails say bad_arguments / again 2 / horizon | invalid_output 6 | repeated_failure 7
 FDP | fails say bad_arguments / again 2 / pick TARGET / nav desk_1 / horizon | invalid_output 2
 FDO | pick TARGET / nav cabinet_1 / fails place door_closed / nav table_1 / place table_1 / horizon | missing_open 4 | wrong_receptacle 6
