@@ -63,6 +63,15 @@ pub enum StopReason {
         /// Most pairs of characters that one batch may compare.
         limit: u128,
     },
+    /// A function would make too much of one batch.
+    #[error("'{function}' would make {bytes} bytes of one batch of rows; the limit is {limit}")]
+    Batch {
+        function: String,
+        /// Size of what it would make, in bytes.
+        bytes: u128,
+        /// Most bytes of one batch.
+        limit: u128,
+    },
     /// An aggregate would be computed anew for every row.
     #[error(
         "not started: '{function}' over a moving window looks at all its rows again for each row, which is allowed for tables of up to {limit} rows; aggregate by groups instead"
@@ -132,6 +141,8 @@ impl TraceAccess {
 #[derive(Debug, Default)]
 pub struct Control {
     cancelled: AtomicBool,
+    /// Queries that were begun: what is left of an earlier one does not go on with the next.
+    begun: AtomicU64,
     simulated: AtomicU64,
     /// Traces that functions may open.
     traces: OnceLock<TraceAccess>,
@@ -156,6 +167,7 @@ impl Control {
 
     /// Another query begins: what stopped the last one does not stop this.
     pub(crate) fn begin(&self) {
+        self.begun.fetch_add(1, Ordering::Relaxed);
         self.cancelled.store(false, Ordering::Relaxed);
         self.simulated.store(0, Ordering::Relaxed);
     }
@@ -175,6 +187,19 @@ impl Control {
         } else {
             Ok(())
         }
+    }
+
+    /// Number of the query that runs.
+    pub(crate) fn query(&self) -> u64 {
+        self.begun.load(Ordering::Relaxed)
+    }
+
+    /// Whether a query goes on: nobody stopped it, and no other one was begun since.
+    pub(crate) fn check_query(&self, query: u64) -> Result<(), DataFusionError> {
+        if self.query() != query {
+            return Err(DataFusionError::External(Box::new(StopReason::Cancelled)));
+        }
+        self.check()
     }
 
     pub(crate) fn count_simulated(&self) {

@@ -3,8 +3,11 @@
 
 use std::{collections::BTreeMap, ops::ControlFlow, sync::Arc};
 
+use arrow::datatypes::DataType;
 use datafusion::{
+    common::JoinType,
     error::{DataFusionError, Result},
+    logical_expr::{WindowFrameBound, WindowFrameUnits},
     physical_plan::{
         ExecutionPlan,
         joins::{CrossJoinExec, NestedLoopJoinExec},
@@ -12,6 +15,7 @@ use datafusion::{
         union::UnionExec,
         windows::{BoundedWindowAggExec, WindowAggExec},
     },
+    scalar::ScalarValue,
     sql::{
         parser::Statement,
         sqlparser::ast::{self, Visit as _},
@@ -20,8 +24,8 @@ use datafusion::{
 
 use crate::control::StopReason;
 
-/// Most rows that a join without a key may make: at a hundred million a second, hours of work.
-const ROWS_MAX: f64 = 1e12;
+/// Most rows that a join without a key may make: at a hundred million a second, months of work.
+const ROWS_MAX: f64 = 1e15;
 
 /// Most subqueries and tables of a question once every name stands for its query: planning writes all
 /// of them out.
@@ -37,11 +41,13 @@ pub(crate) fn check_text(statement: &Statement) -> Result<()> {
     let mut subqueries = Subqueries::default();
     let _ = statement.visit(&mut subqueries);
     let mut known = BTreeMap::new();
-    let reads = relations(statement.as_ref())
-        .iter()
-        .fold(0, |sum: u64, name| {
-            sum.saturating_add(subqueries.reads(name, &mut known))
-        });
+    let read = match statement.as_ref() {
+        ast::Statement::Query(query) => body(query),
+        other => relations(other),
+    };
+    let reads = read.iter().fold(0_u64, |sum, name| {
+        sum.saturating_add(subqueries.reads(name, &mut known))
+    });
     if reads > READS_MAX {
         return Err(refused(StopReason::Expansion {
             reads,
@@ -70,8 +76,10 @@ impl ast::Visitor for Subqueries {
     fn pre_visit_query(&mut self, query: &ast::Query) -> ControlFlow<()> {
         for subquery in query.with.iter().flat_map(|with| &with.cte_tables) {
             let name = subquery.alias.name.value.to_lowercase();
-            let reads = self.0.entry(name).or_default();
-            reads.extend(relations(subquery.query.as_ref()));
+            self.0
+                .entry(name)
+                .or_default()
+                .extend(body(&subquery.query));
         }
         ControlFlow::Continue(())
     }
@@ -95,11 +103,22 @@ impl Subqueries {
     }
 }
 
+/// Names of what a query reads beside its own subqueries.
+fn body(query: &ast::Query) -> Vec<String> {
+    let mut query = query.clone();
+    query.with = None;
+    relations(&query)
+}
+
 /// Names of what a part of a statement reads, each as often as it does.
 fn relations(part: &impl ast::Visit) -> Vec<String> {
     let mut names = Vec::new();
     let _ = ast::visit_relations(part, |name| {
-        names.push(name.to_string().to_lowercase());
+        let last = name.0.last().and_then(|part| part.as_ident());
+        names.push(
+            last.map_or_else(|| name.to_string(), |name| name.value.clone())
+                .to_lowercase(),
+        );
         ControlFlow::<()>::Continue(())
     });
     names
@@ -123,7 +142,17 @@ fn rows(plan: &Arc<dyn ExecutionPlan>, statistics: &StatisticsContext) -> Result
     check_windows(plan, &children)?;
     let known = children.iter().all(|child| child.known);
     let made = |made: f64| Rows { made, known };
-    let without_key = plan.is::<CrossJoinExec>() || plan.is::<NestedLoopJoinExec>();
+    let loops = plan.downcast_ref::<NestedLoopJoinExec>();
+    let without_key = plan.is::<CrossJoinExec>()
+        || loops.is_some_and(|join| {
+            let kinds = [
+                JoinType::Inner,
+                JoinType::Left,
+                JoinType::Right,
+                JoinType::Full,
+            ];
+            kinds.contains(join.join_type())
+        });
     if without_key {
         let rows: f64 = children.iter().map(|child| child.made.max(1.0)).product();
         return if rows > ROWS_MAX {
@@ -151,8 +180,8 @@ fn rows(plan: &Arc<dyn ExecutionPlan>, statistics: &StatisticsContext) -> Result
     })
 }
 
-/// Refuses windows that compute an aggregate anew for every row from all rows before it: nothing
-/// stops that within a batch.
+/// Refuses windows that compute an aggregate anew for every row from all rows before it, of a large
+/// table as a whole: nothing stops that within a batch.
 fn check_windows(plan: &Arc<dyn ExecutionPlan>, input: &[Rows]) -> Result<()> {
     let expressions = match (
         plan.downcast_ref::<WindowAggExec>(),
@@ -171,11 +200,20 @@ fn check_windows(plan: &Arc<dyn ExecutionPlan>, input: &[Rows]) -> Result<()> {
     for expression in expressions {
         let frame = expression.get_window_frame();
         let whole = frame.start_bound.is_unbounded() && frame.end_bound.is_unbounded();
+        let narrow = frame.units == WindowFrameUnits::Rows
+            && [&frame.start_bound, &frame.end_bound]
+                .into_iter()
+                .all(is_near);
+        let parted = !expression.partition_by().is_empty() && input.iter().all(|rows| rows.known);
         let called = |function: &&&str| {
             let rest = expression.name().strip_prefix(**function);
             rest.is_some_and(|rest| rest.starts_with('('))
         };
-        if let Some(function) = HOLISTIC.iter().find(called).filter(|_| !whole) {
+        if let Some(function) = HOLISTIC
+            .iter()
+            .find(called)
+            .filter(|_| !(whole || narrow || parted))
+        {
             return Err(refused(StopReason::Window {
                 function: (*function).to_owned(),
                 limit: WINDOW_ROWS_MAX as u64,
@@ -183,6 +221,17 @@ fn check_windows(plan: &Arc<dyn ExecutionPlan>, input: &[Rows]) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Whether a bound of a frame is at most a thousand rows away.
+fn is_near(bound: &WindowFrameBound) -> bool {
+    match bound {
+        WindowFrameBound::CurrentRow => true,
+        WindowFrameBound::Preceding(rows) | WindowFrameBound::Following(rows) => {
+            let rows = rows.cast_to(&DataType::UInt64);
+            matches!(rows, Ok(ScalarValue::UInt64(Some(rows))) if rows <= 1_000)
+        }
+    }
 }
 
 /// Rows up to which any aggregate may move over them.

@@ -161,17 +161,6 @@ impl ScalarUDFImpl for Guarded {
 
 impl Guarded {
     fn check(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
-        let number = |index: usize, row: usize| -> Option<f64> {
-            let array = arguments
-                .args
-                .get(index)?
-                .to_array(arguments.number_rows)
-                .ok()?;
-            let array = cast(&array, &DataType::Float64).ok()?;
-            let array = array.as_primitive::<Float64Type>();
-            let row = row.min(array.len().checked_sub(1)?);
-            array.is_valid(row).then(|| array.value(row))
-        };
         // the arguments that are columns are looked at as a whole
         let column = |index: usize| -> Vec<f64> {
             let all = matches!(arguments.args.get(index), Some(ColumnarValue::Array(_)));
@@ -201,14 +190,17 @@ impl Guarded {
             }
             Size::Sum => {
                 let each = arguments.args.iter();
-                each.map(|value| width(value, arguments.number_rows)).sum()
+                let all = each.map(|value| total(Some(value), arguments.number_rows));
+                return self.check_batch(all.sum());
             }
             Size::Replace => {
-                let [text, with] = [0, 2].map(|index| {
-                    let value = arguments.args.get(index);
-                    value.map_or(0.0, |value| width(value, arguments.number_rows))
-                });
-                text * with.max(1.0)
+                let rows = arguments.number_rows;
+                let of = |index| {
+                    let value: Option<&ColumnarValue> = arguments.args.get(index);
+                    value.map_or(0.0, |value| longest(value, rows))
+                };
+                let grows = (of(2) / of(1).max(1.0)).max(1.0);
+                return self.check_batch(total(arguments.args.first(), rows) * grows);
             }
             Size::Range => {
                 let one = arguments.args.len() == 1;
@@ -217,7 +209,11 @@ impl Guarded {
                 } else {
                     (column(0), column(1))
                 };
-                let step = number(2, 0).map_or(1.0, f64::abs).max(f64::MIN_POSITIVE);
+                let steps = column(2)
+                    .into_iter()
+                    .map(f64::abs)
+                    .filter(|step| *step > 0.0);
+                let step = steps.reduce(f64::min).unwrap_or(1.0);
                 let (low, high) = (
                     from.iter()
                         .chain(&to)
@@ -229,14 +225,13 @@ impl Guarded {
             }
         };
         let bytes = bytes.clamp(0.0, 1e30) as u128;
-        let rows = if arguments
+        let columns = arguments
             .args
             .iter()
-            .any(|value| matches!(value, ColumnarValue::Array(_)))
-        {
-            arguments.number_rows.max(1) as u128
-        } else {
-            1
+            .any(|value| matches!(value, ColumnarValue::Array(_)));
+        let rows = match self.size {
+            Size::Repeat | Size::Pad if columns => arguments.number_rows.max(1) as u128,
+            _ => 1,
         };
         let limit = VALUE_BYTES_MAX.min(BATCH_BYTES_MAX / rows);
         if bytes > limit {
@@ -252,6 +247,19 @@ impl Guarded {
 }
 
 impl Guarded {
+    fn check_batch(&self, bytes: f64) -> Result<()> {
+        let bytes = bytes.clamp(0.0, 1e30) as u128;
+        if bytes > BATCH_BYTES_MAX {
+            let stopped = StopReason::Batch {
+                function: self.name().to_owned(),
+                bytes,
+                limit: BATCH_BYTES_MAX,
+            };
+            return Err(DataFusionError::External(Box::new(stopped)));
+        }
+        Ok(())
+    }
+
     /// Nothing stops the comparison of two texts on its way.
     fn check_comparisons(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
         let [one, other] = [0, 1].map(|index| {
@@ -275,19 +283,42 @@ impl Guarded {
 fn width(value: &ColumnarValue, rows: usize) -> f64 {
     match value.data_type() {
         DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => longest(value, rows),
-        DataType::List(_) | DataType::LargeList(_) | DataType::ListView(_) => {
-            let rows = if matches!(value, ColumnarValue::Array(_)) {
-                rows.max(1)
-            } else {
-                1
-            };
-            let array = value.to_array(rows);
-            array.map_or(8.0, |array| {
-                array.get_array_memory_size() as f64 / rows as f64
+        _ => total(Some(value), rows) / rows.max(1) as f64,
+    }
+}
+
+/// Bytes of an argument, a single value counted for every row.
+fn total(value: Option<&ColumnarValue>, rows: usize) -> f64 {
+    let Some(value) = value else {
+        return 0.0;
+    };
+    let (stored, times) = match value {
+        ColumnarValue::Array(_) => (rows, 1.0),
+        ColumnarValue::Scalar(_) => (1, rows.max(1) as f64),
+    };
+    let Ok(array) = value.to_array(stored) else {
+        return 0.0;
+    };
+    let bytes = match array.data_type() {
+        DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => {
+            let texts = cast(&array, &DataType::Utf8);
+            texts.map_or(0.0, |texts| {
+                let lengths = texts.as_string::<i32>().iter().flatten().map(str::len);
+                lengths.sum::<usize>() as f64
             })
         }
-        _ => 8.0,
-    }
+        // A slice holds all the elements of what it was cut from.
+        DataType::List(_) => {
+            let list = array.as_list::<i32>();
+            let (offsets, values) = (list.value_offsets(), list.values());
+            let ends = offsets.last().zip(offsets.first());
+            let elements = ends.map_or(0, |(to, from)| to - from);
+            let each = values.get_array_memory_size() as f64 / values.len().max(1) as f64;
+            f64::from(elements) * each
+        }
+        _ => 8.0 * stored as f64,
+    };
+    bytes * times
 }
 
 /// Length of the longest text of an argument, in bytes.

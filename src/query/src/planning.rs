@@ -1,5 +1,5 @@
-//! Planning that can be stopped: before every rule that rewrites a plan, and before every node that
-//! one visits, it is asked whether the query goes on. Never what a rule does.
+//! Planning that can be stopped: before every rule that rewrites a plan, and before every node that the
+//! optimizer takes one to, it is asked whether the query goes on. Never what a rule does.
 
 use std::sync::Arc;
 
@@ -22,12 +22,14 @@ pub(crate) fn stoppable(state: SessionState, control: &Arc<Control>) -> SessionS
         Arc::new(Stoppable {
             rule: rule.clone(),
             control: control.clone(),
+            query: control.query(),
         }) as Arc<dyn OptimizerRule + Send + Sync>
     };
     let physical = |rule: &Arc<dyn PhysicalOptimizerRule + Send + Sync>| {
         Arc::new(Stoppable {
             rule: rule.clone(),
             control: control.clone(),
+            query: control.query(),
         }) as Arc<dyn PhysicalOptimizerRule + Send + Sync>
     };
     let rules = state.optimizers().iter().map(rule).collect();
@@ -42,6 +44,7 @@ pub(crate) fn stoppable(state: SessionState, control: &Arc<Control>) -> SessionS
 #[derive(Debug)]
 struct Stoppable<R: ?Sized> {
     control: Arc<Control>,
+    query: u64,
     rule: Arc<R>,
 }
 
@@ -59,7 +62,7 @@ impl OptimizerRule for Stoppable<dyn OptimizerRule + Send + Sync> {
         plan: LogicalPlan,
         config: &dyn OptimizerConfig,
     ) -> Result<Transformed<LogicalPlan>> {
-        self.control.check()?;
+        self.control.check_query(self.query)?;
         self.rule.rewrite(plan, config)
     }
 }
@@ -70,7 +73,7 @@ impl PhysicalOptimizerRule for Stoppable<dyn PhysicalOptimizerRule + Send + Sync
         plan: Arc<dyn ExecutionPlan>,
         config: &ConfigOptions,
     ) -> Result<Arc<dyn ExecutionPlan>> {
-        self.control.check()?;
+        self.control.check_query(self.query)?;
         self.rule.optimize(plan, config)
     }
 
@@ -79,7 +82,7 @@ impl PhysicalOptimizerRule for Stoppable<dyn PhysicalOptimizerRule + Send + Sync
         plan: Arc<dyn ExecutionPlan>,
         context: &dyn PhysicalOptimizerContext,
     ) -> Result<Arc<dyn ExecutionPlan>> {
-        self.control.check()?;
+        self.control.check_query(self.query)?;
         self.rule.optimize_with_context(plan, context)
     }
 

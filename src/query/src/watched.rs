@@ -44,6 +44,7 @@ pub(crate) fn watched(
     };
     Ok(Arc::new(Watched {
         inner,
+        query: control.query(),
         control: control.clone(),
     }))
 }
@@ -56,6 +57,7 @@ const KEEP: ReplaceChildrenOptions = ReplaceChildrenOptions::new(ChildrenPropert
 struct Watched {
     inner: Arc<dyn ExecutionPlan>,
     control: Arc<Control>,
+    query: u64,
 }
 
 impl Watched {
@@ -63,6 +65,7 @@ impl Watched {
         Arc::new(Self {
             inner,
             control: self.control.clone(),
+            query: self.query,
         })
     }
 }
@@ -131,10 +134,11 @@ impl ExecutionPlan for Watched {
         partition: usize,
         context: Arc<TaskContext>,
     ) -> Result<SendableRecordBatchStream> {
-        self.control.check()?;
+        self.control.check_query(self.query)?;
         Ok(Box::pin(WatchedStream {
             inner: self.inner.execute(partition, context)?,
             control: self.control.clone(),
+            query: self.query,
             in_a_row: 0,
         }))
     }
@@ -147,6 +151,7 @@ impl ExecutionPlan for Watched {
 struct WatchedStream {
     inner: SendableRecordBatchStream,
     control: Arc<Control>,
+    query: u64,
     in_a_row: u32,
 }
 
@@ -154,7 +159,7 @@ impl Stream for WatchedStream {
     type Item = Result<RecordBatch>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        if let Err(stopped) = self.control.check() {
+        if let Err(stopped) = self.control.check_query(self.query) {
             return Poll::Ready(Some(Err(stopped)));
         }
         if self.in_a_row == BATCHES_IN_A_ROW {

@@ -23,6 +23,7 @@ use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use axum::{
     Json, Router,
+    handler::Handler as _,
     http::Method,
     middleware,
     response::{IntoResponse, Response},
@@ -215,9 +216,9 @@ pub(crate) fn router(app: &Arc<App>, others: impl FnOnce(Routes) -> Routes) -> R
     let document = get(|| async move { Json(document.as_ref().clone()) });
     let open = middleware::from_fn_with_state((app.clone(), Demand::OPEN), gate::admit);
     router
-        .route("/api/openapi.json", document.route_layer(open))
+        .route("/api/openapi.json", document.route_layer(open.clone()))
         .with_state(app.clone())
-        .method_not_allowed_fallback(other_method)
+        .method_not_allowed_fallback(other_method.layer(open.clone()))
         .merge(others)
 }
 
