@@ -127,7 +127,7 @@ fn relations(part: &impl ast::Visit) -> Vec<String> {
 /// Rows that an operator makes.
 #[derive(Clone, Copy)]
 struct Rows {
-    /// As an estimate, from above for joins without a key.
+    /// As an estimate, by the product of the inputs for joins without a key.
     made: f64,
     /// Whether every table below tells how many rows it has.
     known: bool,

@@ -45,7 +45,7 @@ pub(crate) struct Demand {
 }
 
 impl Demand {
-    /// Demands nothing of a request.
+    /// No token; rate and size of the body are limited all the same.
     pub const OPEN: Demand = Demand {
         role: None,
         streamed: false,

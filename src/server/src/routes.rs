@@ -1,5 +1,6 @@
-//! Routes with what each demands: a role, or nothing. A route is added in no other way, so one
-//! without a role does not compile. Never what a route answers.
+//! Routes with what each demands: a role, or nothing. One that is added here without saying which
+//! does not compile. Beside these stand only the OpenAPI document, the answer to a method that a path
+//! does not have, and the page or error for unknown paths: open to everyone. Never what a route answers.
 
 use std::sync::Arc;
 
