@@ -10,6 +10,7 @@ use axum::body::Bytes;
 use futures_util::{Stream, StreamExt as _};
 use reel_trace::Trace;
 use serde::Serialize;
+use tempfile::NamedTempFile;
 use tokio::io::AsyncWriteExt as _;
 use utoipa::ToSchema;
 
@@ -174,14 +175,17 @@ impl Archive {
         if path.exists() {
             return Err(taken());
         }
-        let beside = self
-            .folder
-            .join(format!(".{name}.{:016x}.upload", random()));
-        // Whatever happens, nothing half taken stays.
-        let _remove = RemoveFile(&beside);
-        let mut file = tokio::fs::File::create_new(&beside)
-            .await
+        let beside = {
+            let (folder, prefix) = (self.folder.clone(), format!(".{name}."));
+            tokio::task::spawn_blocking(move || half_taken(&folder, &prefix)).await
+        };
+        // Removes itself whatever happens, even where the client is gone before it was made.
+        let beside = beside
+            .map_err(io::Error::other)
+            .flatten()
             .map_err(ApiError::disk)?;
+        let file = beside.as_file().try_clone().map_err(ApiError::disk)?;
+        let mut file = tokio::fs::File::from_std(file);
         let (mut bytes, begun) = (0_u64, Instant::now());
         loop {
             let part = tokio::time::timeout(patience, body.next()).await;
@@ -208,7 +212,7 @@ impl Archive {
         file.sync_all().await.map_err(ApiError::disk)?;
         drop(file);
         let checked = {
-            let beside = beside.clone();
+            let beside = beside.path().to_owned();
             tokio::task::spawn_blocking(move || Trace::read(&beside).map(drop)).await
         };
         let checked = checked.map_err(|_| {
@@ -218,13 +222,16 @@ impl Archive {
             )
         })?;
         if let Err(error) = checked {
-            let shown = error.to_string().replace(&*beside.to_string_lossy(), name);
+            let shown = error
+                .to_string()
+                .replace(&*beside.path().to_string_lossy(), name);
             return Err(ApiError::unprocessable("bad_trace", shown));
         }
         // Fails where somebody else was faster, which a rename would not.
-        fs::hard_link(&beside, &path).map_err(|error| match error.kind() {
+        let kept = beside.persist_noclobber(&path);
+        kept.map_err(|lost| match lost.error.kind() {
             io::ErrorKind::AlreadyExists => taken(),
-            _ => ApiError::disk(error),
+            _ => ApiError::disk(lost.error),
         })?;
         let written = std::time::SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -238,16 +245,40 @@ impl Archive {
     }
 }
 
-struct RemoveFile<'a>(&'a Path);
-
-impl Drop for RemoveFile<'_> {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(self.0);
-    }
+/// A new file for an upload that has not ended, readable by whom finished traces are readable by.
+fn half_taken(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(prefix).suffix(".upload");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
 }
 
-fn random() -> u64 {
-    let mut bytes = [0; 8];
-    getrandom::fill(&mut bytes).expect("the system has randomness");
-    u64::from_le_bytes(bytes)
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use futures_util::{FutureExt as _, stream};
+
+    use super::*;
+
+    /// The server drops the handling of a request when its client goes: at its first wait, the file
+    /// is just being made on another thread.
+    #[test]
+    fn an_upload_dropped_while_its_file_is_made_leaves_nothing() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let archive = Archive::open(folder.path().to_owned()).expect("an archive");
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.block_on(async {
+            for _ in 0..100 {
+                let body = stream::pending::<Result<Bytes, Infallible>>();
+                let received = archive.receive("a", 1, Duration::from_mins(1), body);
+                assert!(received.now_or_never().is_none(), "it waits for its body");
+            }
+        });
+        // Waits for the threads that make files.
+        drop(runtime);
+        let left = fs::read_dir(folder.path()).expect("the folder").count();
+        assert_eq!(left, 0, "files of uploads are left");
+    }
 }
