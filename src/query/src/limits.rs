@@ -6,7 +6,9 @@ use std::{sync::Arc, time::Duration};
 use arrow::{
     array::{Array, AsArray},
     compute::cast,
-    datatypes::{DataType, FieldRef, Float64Type},
+    datatypes::{
+        DataType, FieldRef, Float64Type, IntervalMonthDayNanoType, IntervalUnit, TimeUnit,
+    },
 };
 use datafusion::{
     error::{DataFusionError, Result},
@@ -37,8 +39,8 @@ const VALUE_BYTES_MAX: u128 = 128 << 10;
 /// way.
 const BATCH_BYTES_MAX: u128 = 128 << 20;
 
-/// Most pairs of characters that a function may compare in one batch: a second.
-const COMPARISONS_MAX: u128 = 200_000_000;
+/// Most pairs of characters that a function may compare in one batch: a few seconds.
+const COMPARISONS_MAX: u128 = 1_000_000_000;
 
 /// What a question may cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -161,128 +163,162 @@ impl ScalarUDFImpl for Guarded {
 
 impl Guarded {
     fn check(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
-        // the arguments that are columns are looked at as a whole
-        let column = |index: usize| -> Vec<f64> {
-            let all = matches!(arguments.args.get(index), Some(ColumnarValue::Array(_)));
-            let rows = if all { arguments.number_rows } else { 1 };
-            let Some(value) = arguments.args.get(index) else {
-                return Vec::new();
-            };
-            let Ok(array) = value.to_array(rows) else {
-                return Vec::new();
-            };
-            let Ok(array) = cast(&array, &DataType::Float64) else {
-                return Vec::new();
-            };
-            array
-                .as_primitive::<Float64Type>()
-                .iter()
-                .map(|value| value.unwrap_or(0.0))
-                .collect()
-        };
-        let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
-        let bytes = match self.size {
-            Size::Compare => return self.check_comparisons(arguments),
-            Size::Pad => largest(column(1)),
-            Size::Repeat => {
-                let (one, rows) = (arguments.args.first(), arguments.number_rows);
-                one.map_or(8.0, |value| width(value, rows)) * largest(column(1))
+        // of arguments that are the same for every row a function makes one value
+        let column = |value: &ColumnarValue| matches!(value, ColumnarValue::Array(_));
+        let once = !arguments.args.iter().any(column);
+        let rows = if once { 1 } else { arguments.number_rows };
+        let first = arguments.args.first();
+        let of = |index| arguments.args.get(index);
+        match self.size {
+            Size::Compare => {
+                let pairs = lengths(first, rows).zip(lengths(of(1), rows));
+                self.check_comparisons(pairs.map(|(one, other)| one * other).sum())
             }
             Size::Sum => {
-                let each = arguments.args.iter();
-                let all = each.map(|value| total(Some(value), arguments.number_rows));
-                return self.check_batch(all.sum());
+                let all = arguments.args.iter().map(|value| total(Some(value), rows));
+                self.check_batch(all.sum())
             }
             Size::Replace => {
-                let rows = arguments.number_rows;
-                let of = |index| {
-                    let value: Option<&ColumnarValue> = arguments.args.get(index);
-                    value.map_or(0.0, |value| longest(value, rows))
-                };
-                let grows = (of(2) / of(1).max(1.0)).max(1.0);
-                return self.check_batch(total(arguments.args.first(), rows) * grows);
+                let longest = |index| lengths(of(index), rows).fold(0.0, f64::max);
+                let grows = (longest(2) / longest(1).max(1.0)).max(1.0);
+                self.check_batch(total(first, rows) * grows)
+            }
+            Size::Pad => self.check_values(numbers(of(1), rows)),
+            Size::Repeat => {
+                let one = first.map_or(8.0, |value| width(value, rows));
+                self.check_values(numbers(of(1), rows).map(|times| one * times))
             }
             Size::Range => {
-                let one = arguments.args.len() == 1;
-                let (from, to) = if one {
-                    (vec![0.0], column(0))
-                } else {
-                    (column(0), column(1))
+                let (from, to) = match of(1) {
+                    None => (None, first),
+                    to => (first, to),
                 };
-                let steps = column(2)
-                    .into_iter()
-                    .map(f64::abs)
-                    .filter(|step| *step > 0.0);
-                let step = steps.reduce(f64::min).unwrap_or(1.0);
-                let (low, high) = (
-                    from.iter()
-                        .chain(&to)
-                        .copied()
-                        .fold(f64::INFINITY, f64::min),
-                    largest(from.into_iter().chain(to).collect()),
-                );
-                (high - low).max(0.0) / step * 8.0
+                let bounds = numbers(from, rows).zip(numbers(to, rows));
+                let steps = bounds.zip(numbers_or(of(2), rows, 1.0));
+                // a step of nothing is refused by the function itself, a step away from the end makes none
+                self.check_values(steps.map(|((from, to), step)| (to - from) / step * 8.0))
             }
-        };
-        let bytes = bytes.clamp(0.0, 1e30) as u128;
-        let columns = arguments
-            .args
-            .iter()
-            .any(|value| matches!(value, ColumnarValue::Array(_)));
-        let rows = match self.size {
-            Size::Repeat | Size::Pad if columns => arguments.number_rows.max(1) as u128,
-            _ => 1,
-        };
-        let limit = VALUE_BYTES_MAX.min(BATCH_BYTES_MAX / rows);
-        if bytes > limit {
-            let stopped = StopReason::Value {
+        }
+    }
+
+    /// Bytes of what is made for each row, one by one and together. A single value is counted for
+    /// every row, though it may be made once.
+    fn check_values(&self, bytes: impl Iterator<Item = f64>) -> Result<()> {
+        let made = bytes.filter(|bytes| bytes.is_finite() && *bytes > 0.0);
+        let (largest, sum) = made.fold((0.0, 0.0), |(largest, sum), bytes| {
+            (f64::max(largest, bytes), sum + bytes)
+        });
+        let bytes = (largest as f64).clamp(0.0, 1e30) as u128;
+        if bytes > VALUE_BYTES_MAX {
+            return Err(refused(StopReason::Value {
                 function: self.name().to_owned(),
                 bytes,
-                limit,
-            };
-            return Err(DataFusionError::External(Box::new(stopped)));
+                limit: VALUE_BYTES_MAX,
+            }));
         }
-        Ok(())
+        self.check_batch(sum)
     }
-}
 
-impl Guarded {
     fn check_batch(&self, bytes: f64) -> Result<()> {
         let bytes = bytes.clamp(0.0, 1e30) as u128;
         if bytes > BATCH_BYTES_MAX {
-            let stopped = StopReason::Batch {
+            return Err(refused(StopReason::Batch {
                 function: self.name().to_owned(),
                 bytes,
                 limit: BATCH_BYTES_MAX,
-            };
-            return Err(DataFusionError::External(Box::new(stopped)));
+            }));
         }
         Ok(())
     }
 
     /// Nothing stops the comparison of two texts on its way.
-    fn check_comparisons(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
-        let [one, other] = [0, 1].map(|index| {
-            let value = arguments.args.get(index);
-            value.map_or(0.0, |value| longest(value, arguments.number_rows))
-        });
-        let characters = (one * other * arguments.number_rows as f64) as u128;
+    fn check_comparisons(&self, pairs: f64) -> Result<()> {
+        let characters = pairs.clamp(0.0, 1e30) as u128;
         if characters > COMPARISONS_MAX {
-            let stopped = StopReason::Comparisons {
+            return Err(refused(StopReason::Comparisons {
                 function: self.name().to_owned(),
                 characters,
                 limit: COMPARISONS_MAX,
-            };
-            return Err(DataFusionError::External(Box::new(stopped)));
+            }));
         }
         Ok(())
+    }
+}
+
+fn refused(reason: StopReason) -> DataFusionError {
+    DataFusionError::External(Box::new(reason))
+}
+
+/// Values of an argument as numbers, row by row: times in nanoseconds, spans of time as such, months
+/// of 28 days. 0 where there is none.
+fn numbers(value: Option<&ColumnarValue>, rows: usize) -> impl Iterator<Item = f64> {
+    numbers_or(value, rows, 0.0)
+}
+
+fn numbers_or(
+    value: Option<&ColumnarValue>,
+    rows: usize,
+    missing: f64,
+) -> impl Iterator<Item = f64> {
+    let values = value.and_then(|value| {
+        let array = value.to_array(stored(value, rows)).ok()?;
+        let unit = match array.data_type() {
+            DataType::Timestamp(TimeUnit::Second, _) => 1e9,
+            DataType::Timestamp(TimeUnit::Millisecond, _) => 1e6,
+            DataType::Timestamp(TimeUnit::Microsecond, _) => 1e3,
+            DataType::Date32 => DAY_NS,
+            DataType::Interval(IntervalUnit::MonthDayNano) => {
+                let spans = array.as_primitive::<IntervalMonthDayNanoType>();
+                let spans = spans.iter().map(|span| {
+                    let span = span.unwrap_or_default();
+                    let days = f64::from(span.months) * 28.0 + f64::from(span.days);
+                    days * DAY_NS + span.nanoseconds as f64
+                });
+                return Some(spans.collect());
+            }
+            _ => 1.0,
+        };
+        // times become whole numbers first
+        let whole = match array.data_type() {
+            DataType::Timestamp(..) => cast(&array, &DataType::Int64).ok()?,
+            DataType::Date32 => cast(&array, &DataType::Int32).ok()?,
+            _ => array,
+        };
+        let array = cast(&whole, &DataType::Float64).ok()?;
+        let numbers = array.as_primitive::<Float64Type>().iter();
+        Some(
+            numbers
+                .map(|value| value.unwrap_or(missing) * unit)
+                .collect::<Vec<_>>(),
+        )
+    });
+    each_row(values.unwrap_or_else(|| vec![missing]), rows)
+}
+
+const DAY_NS: f64 = 86_400e9;
+
+/// A value for each row: what there is one of stands for all.
+fn each_row(mut values: Vec<f64>, rows: usize) -> impl Iterator<Item = f64> {
+    if let [one] = values[..] {
+        values = vec![one; rows.max(1)];
+    }
+    values.into_iter()
+}
+
+/// How many values of an argument are stored.
+fn stored(value: &ColumnarValue, rows: usize) -> usize {
+    match value {
+        ColumnarValue::Array(_) => rows,
+        ColumnarValue::Scalar(_) => 1,
     }
 }
 
 /// Bytes of one value of an argument: of the longest text, of a list on average.
 fn width(value: &ColumnarValue, rows: usize) -> f64 {
     match value.data_type() {
-        DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => longest(value, rows),
+        DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => {
+            lengths(Some(value), rows).fold(0.0, f64::max)
+        }
         _ => total(Some(value), rows) / rows.max(1) as f64,
     }
 }
@@ -292,9 +328,10 @@ fn total(value: Option<&ColumnarValue>, rows: usize) -> f64 {
     let Some(value) = value else {
         return 0.0;
     };
-    let (stored, times) = match value {
-        ColumnarValue::Array(_) => (rows, 1.0),
-        ColumnarValue::Scalar(_) => (1, rows.max(1) as f64),
+    let stored = stored(value, rows);
+    let times = match value {
+        ColumnarValue::Array(_) => 1.0,
+        ColumnarValue::Scalar(_) => rows.max(1) as f64,
     };
     let Ok(array) = value.to_array(stored) else {
         return 0.0;
@@ -321,25 +358,19 @@ fn total(value: Option<&ColumnarValue>, rows: usize) -> f64 {
     bytes * times
 }
 
-/// Length of the longest text of an argument, in bytes.
-fn longest(value: &ColumnarValue, rows: usize) -> f64 {
-    let rows = if matches!(value, ColumnarValue::Array(_)) {
-        rows
-    } else {
-        1
-    };
-    let texts = value
-        .to_array(rows)
-        .and_then(|array| Ok(cast(&array, &DataType::Utf8)?));
-    texts.map_or(8.0, |texts| {
+/// Lengths of the texts of an argument in bytes, row by row.
+fn lengths(value: Option<&ColumnarValue>, rows: usize) -> impl Iterator<Item = f64> {
+    let texts = value.and_then(|value| {
+        let array = value.to_array(stored(value, rows)).ok()?;
+        cast(&array, &DataType::Utf8).ok()
+    });
+    let lengths = texts.map(|texts| {
+        let texts = texts.as_string::<i32>().iter();
         texts
-            .as_string::<i32>()
-            .iter()
-            .flatten()
-            .map(str::len)
-            .max()
-            .unwrap_or(0) as f64
-    })
+            .map(|text| text.map_or(0.0, |text| text.len() as f64))
+            .collect()
+    });
+    each_row(lengths.unwrap_or_default(), rows)
 }
 
 /// Operators of a text, set operations and joins included; 0 where it is no SQL.

@@ -7,7 +7,7 @@ mod statement;
 use std::{
     collections::{BTreeMap, BTreeSet},
     ops::ControlFlow,
-    sync::{Arc, mpsc},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -41,7 +41,7 @@ use datafusion::{
 use futures_util::StreamExt as _;
 use reel_tables::{Store, Table, View, views};
 use reel_trace::TraceFiles;
-use tokio::runtime::Runtime;
+use tokio::{runtime::Runtime, sync::mpsc};
 
 use crate::{
     control::{Control, StopReason, TraceAccess},
@@ -263,7 +263,7 @@ impl QuerySession {
             return Err(QueryError::TooDeep { operators });
         }
         self.0.control.begin();
-        let (sender, answer) = mpsc::sync_channel(AHEAD);
+        let (sender, answer) = mpsc::channel(AHEAD);
         let (inner, sql, parameters) = (self.0.clone(), sql.to_owned(), parameters.clone());
         // a long chain of operators is a deep tree, and planning walks down it
         let thread = std::thread::Builder::new()
@@ -272,10 +272,10 @@ impl QuerySession {
                 let end = inner
                     .runtime
                     .block_on(inner.answer(&sql, &parameters, sender.clone()));
-                let _ = sender.send(Part::End(end));
+                let _ = sender.blocking_send(Part::End(end));
             });
         thread.map_err(|error| QueryError::Engine(error.into()))?;
-        self.0.watch(&answer, take)
+        self.0.watch(answer, take)
     }
 
     /// Fields of `episodes.steps` that a query reads from disk; none: all of them.
@@ -307,15 +307,15 @@ impl Inner {
     /// listen is left alone.
     fn watch(
         &self,
-        answer: &mpsc::Receiver<Part>,
+        mut answer: mpsc::Receiver<Part>,
         mut take: impl FnMut(RecordBatch) -> bool,
     ) -> Result<CacheScope, QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
         let mut looked = begun;
         let stopped = loop {
-            match answer.recv_timeout(LOOK_EVERY) {
-                Ok(Part::Batch(batch)) => {
+            match self.next_part(&mut answer, LOOK_EVERY) {
+                Ok(Some(Part::Batch(batch))) => {
                     if !take(batch) {
                         self.control.cancel();
                         return Ok(CacheScope::Uncacheable);
@@ -324,13 +324,13 @@ impl Inner {
                         continue;
                     }
                 }
-                Ok(Part::End(end)) => return end,
-                Err(mpsc::RecvTimeoutError::Disconnected) => {
+                Ok(Some(Part::End(end))) => return end,
+                Ok(None) => {
                     return Err(QueryError::Engine(DataFusionError::Execution(
                         "the query engine panicked".into(),
                     )));
                 }
-                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(_) => {}
             }
             looked = Instant::now();
             if self.control.is_cancelled() {
@@ -352,17 +352,28 @@ impl Inner {
         };
         self.control.cancel();
         let patience = Instant::now() + GRACE;
-        while let Ok(Part::Batch(_)) =
-            answer.recv_timeout(patience.saturating_duration_since(Instant::now()))
-        {}
+        while let Ok(Some(Part::Batch(_))) = self.next_part(
+            &mut answer,
+            patience.saturating_duration_since(Instant::now()),
+        ) {}
         Err(QueryError::Stopped(stopped))
+    }
+
+    /// The next part of an answer, if it comes in time; none where the query's thread is gone.
+    fn next_part(
+        &self,
+        answer: &mut mpsc::Receiver<Part>,
+        patience: Duration,
+    ) -> Result<Option<Part>, tokio::time::error::Elapsed> {
+        self.runtime
+            .block_on(async { tokio::time::timeout(patience, answer.recv()).await })
     }
 
     async fn answer(
         &self,
         sql: &str,
         parameters: &Parameters,
-        to: mpsc::SyncSender<Part>,
+        to: mpsc::Sender<Part>,
     ) -> Result<CacheScope, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
         let lasting = lasting(&plan)?;
@@ -547,7 +558,7 @@ impl Inner {
         &self,
         context: &SessionContext,
         plan: LogicalPlan,
-        to: mpsc::SyncSender<Part>,
+        to: mpsc::Sender<Part>,
     ) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
@@ -573,14 +584,13 @@ impl Inner {
                     })));
                 }
                 empty = false;
-                if to.send(Part::Batch(batch)).is_err() {
+                if to.send(Part::Batch(batch)).await.is_err() {
                     return Ok(());
                 }
             }
             if empty {
-                let _ = to.send(Part::Batch(in_plain_types(&RecordBatch::new_empty(
-                    columns,
-                ))?));
+                let empty = in_plain_types(&RecordBatch::new_empty(columns))?;
+                let _ = to.send(Part::Batch(empty)).await;
             }
             Ok::<_, DataFusionError>(())
         });

@@ -107,6 +107,10 @@ fn what_no_limit_on_time_would_let_end_is_not_started() {
         "SELECT episode_id, array_distinct(array_agg(tool)) FROM steps GROUP BY 1",
         "SELECT concat('x', text, repeat('y', 100)), replace(text, chr(10), ' ') FROM steps",
         "SELECT count(*) FROM (SELECT concat('a', repeat('x', 20000 * CAST(step = 0 AS INT))) FROM steps)",
+        "SELECT count(*) FROM steps WHERE levenshtein(repeat('a', 150), concat(tool, repeat('b', 140))) > 0",
+        "SELECT array_length(range(100, 0, -1)), array_length(range(TIMESTAMP '2026-01-01', TIMESTAMP '2026-02-01', INTERVAL '1' DAY))",
+        "SELECT array_length(range(step * 1000000, step * 1000000 + 10)) FROM steps",
+        "SELECT array_length(range(DATE '2026-01-01', DATE '2026-02-01', INTERVAL '1' MONTH)), length(repeat('x', 100000))",
         "SELECT a.step FROM steps a WHERE EXISTS (SELECT 1 FROM steps b WHERE b.step > a.step) LIMIT 5",
     ] {
         session.run(sql).expect(sql);
@@ -135,6 +139,7 @@ fn long_answers_and_large_values_are_refused() {
         "SELECT array_length(range(0, 100000000000))",
         "SELECT array_length(generate_series(0, 100000000000, 2))",
         "SELECT array_length(array_repeat(1, 2000000000))",
+        "SELECT array_length(range(TIMESTAMP '1970-01-01', TIMESTAMP '2100-01-01', INTERVAL '1' SECOND))",
         "SELECT array_sort(range(0, 2000000)) FROM steps",
         "SELECT sum(length(repeat('x', step + 1000000000))) FROM steps",
     ] {
@@ -144,6 +149,13 @@ fn long_answers_and_large_values_are_refused() {
             "{sql}: {refused}"
         );
     }
+    let many =
+        "SELECT sum(array_length(range(0, value % 7 + 15000))) FROM generate_series(1, 100000)";
+    let refused = session.run(many).expect_err(many);
+    assert!(
+        matches!(refused, QueryError::Stopped(StopReason::Batch { .. })),
+        "{refused}"
+    );
     let text = format!("SELECT '{}'", "x".repeat(2 << 20));
     assert!(matches!(
         session.run(&text),
