@@ -8,9 +8,10 @@ import faults_access
 import faults_clocks
 import faults_hostile
 import faults_kills
+import faults_owners
 import faults_slow
 from harness import main
 
 if __name__ == "__main__":
-    parts = [faults_kills, faults_slow, faults_hostile, faults_access, faults_clocks]
+    parts = [faults_kills, faults_slow, faults_hostile, faults_access, faults_owners, faults_clocks]
     main("fault_", {name: test for part in parts for name, test in vars(part).items()})

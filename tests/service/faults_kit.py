@@ -296,9 +296,9 @@ class Stream:
     """A client of legacy HTTP+SSE that reads no more than it is told to."""
 
     def __init__(self, server, worker=None, receive=None, headers=None):
-        self.server = server
+        self.server, self.headers = server, headers or {}
         path = f"/w/{worker}/sse" if worker else "/sse"
-        self.wire = Wire(server, request("GET", path, {"accept": "text/event-stream", **(headers or {})}), receive)
+        self.wire = Wire(server, request("GET", path, {"accept": "text/event-stream", **self.headers}), receive)
         found = self.read(rb"session_id=([0-9a-f]+)")
         self.session, self.number = found[1].decode(), 0
 
@@ -314,7 +314,7 @@ class Stream:
         return found
 
     def post(self, message, timeout=60):
-        return self.server.request("POST", f"/messages/?session_id={self.session}", message, timeout=timeout)[0]
+        return self.server.request("POST", f"/messages/?session_id={self.session}", message, self.headers, timeout)[0]
 
     def hello(self):
         hello = {"protocolVersion": "2024-11-05", "capabilities": {}, "clientInfo": {"name": "stream", "version": "1"}}

@@ -35,6 +35,14 @@ pub enum LiveError {
     /// The name belongs to another prompt group.
     #[error("session '{0}' is in use; release it, or take another name")]
     Taken(String),
+    /// Another token opened the session.
+    #[error("session '{0}' belongs to another token; take another name")]
+    SomebodyElses(String),
+    /// A token has as many sessions as it may have.
+    #[error(
+        "token '{owner}' has {limit} sessions, as many as it may (limits.sessions_per_token); close one"
+    )]
+    Quota { owner: String, limit: usize },
     /// The server is full.
     #[error("the limit of {0} open sessions is reached; close one, or raise limits.sessions")]
     Full(usize),

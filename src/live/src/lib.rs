@@ -10,6 +10,7 @@ mod pool;
 mod restore;
 mod session;
 mod setup;
+mod turns;
 
 pub use error::LiveError;
 pub use pool::{Limits, SessionEntry, SessionPool};
@@ -18,3 +19,4 @@ pub use session::{
     CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
 };
 pub use setup::{Lease, PreparedTaskCache, Setup, check_name};
+pub use turns::{Owner, Turn, Turns};

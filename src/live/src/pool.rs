@@ -13,15 +13,20 @@ use std::{
 
 use reel_world::Frame;
 use serde::Serialize;
-use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard, Semaphore};
+use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard};
 
-use crate::{Lease, LiveError, Session, SessionStatus, Setup, check_name};
+use crate::{
+    Lease, LiveError, Owner, Session, SessionStatus, Setup, check_name,
+    turns::{Turn, Turns},
+};
 
 /// How much a pool may take.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Limits {
     /// Sessions open at once.
     pub sessions: usize,
+    /// Sessions of one owner at once, leases among them.
+    pub sessions_each: usize,
     /// Simulators in memory at once; the others are snapshots.
     pub in_memory: usize,
     /// Calls at work at once: as many threads are busy.
@@ -39,12 +44,13 @@ pub struct SessionPool {
     setup: Arc<Setup>,
     limits: Limits,
     sessions: Mutex<BTreeMap<String, Arc<Slot>>>,
-    work: Arc<Semaphore>,
+    work: Arc<Turns>,
     closing: AtomicBool,
 }
 
 struct Slot {
     name: String,
+    owner: Owner,
     lease: Option<Lease>,
     session: Arc<AsyncMutex<Session>>,
     seen: Mutex<SessionInfo>,
@@ -64,6 +70,8 @@ pub struct SessionEntry {
     /// Status of the session: its state, task, step count and last trace.
     #[serde(flatten)]
     pub state: SessionStatus,
+    /// Name of the token that opened it, if tokens are demanded.
+    pub owner: Option<String>,
     /// Seconds since its last call.
     pub idle_s: u64,
     /// The prompt group it is let for, if any.
@@ -75,7 +83,7 @@ impl SessionPool {
     pub fn new(setup: Setup, limits: Limits) -> Self {
         Self {
             setup: Arc::new(setup),
-            work: Arc::new(Semaphore::new(limits.workers.max(1))),
+            work: Turns::new(limits.workers, limits.workers),
             limits,
             sessions: Mutex::default(),
             closing: AtomicBool::new(false),
@@ -92,19 +100,24 @@ impl SessionPool {
         &self.limits
     }
 
-    /// Opens a session, or finds the one of that name.
+    /// Opens a session, or finds the one of that name. Who opened it is the only one to use it.
     ///
     /// # Errors
-    /// When the name is none, the pool is full or closing.
-    pub fn open(&self, name: &str) -> Result<(), LiveError> {
-        self.open_for(name, None)
+    /// When the name is none, the pool is full or closing, or the session is somebody else's.
+    pub fn open(&self, name: &str, owner: &Owner) -> Result<(), LiveError> {
+        self.open_for(name, owner, None)
     }
 
     /// [`SessionPool::open`] for a prompt group.
     ///
     /// # Errors
     /// As [`SessionPool::open`], and when the task is unknown or the name is taken.
-    pub fn open_for(&self, name: &str, lease: Option<Lease>) -> Result<(), LiveError> {
+    pub fn open_for(
+        &self,
+        name: &str,
+        owner: &Owner,
+        lease: Option<Lease>,
+    ) -> Result<(), LiveError> {
         check_name(name)?;
         if let Some(lease) = &lease
             && self.setup.task(&lease.task_id).is_none()
@@ -116,7 +129,9 @@ impl SessionPool {
             return Err(LiveError::Closing);
         }
         if let Some(slot) = sessions.get(name) {
-            return if lease.is_some() && slot.lease != lease {
+            return if !slot.owner.lets(owner) {
+                Err(LiveError::SomebodyElses(name.to_owned()))
+            } else if lease.is_some() && slot.lease != lease {
                 Err(LiveError::Taken(name.to_owned()))
             } else {
                 Ok(())
@@ -125,6 +140,13 @@ impl SessionPool {
         if sessions.len() >= self.limits.sessions {
             return Err(LiveError::Full(self.limits.sessions));
         }
+        let own = sessions.values().filter(|slot| slot.owner == *owner);
+        if owner.name().is_some() && own.count() >= self.limits.sessions_each {
+            return Err(LiveError::Quota {
+                owner: owner.to_string(),
+                limit: self.limits.sessions_each,
+            });
+        }
         let session = Session::new(name, self.setup.clone(), lease.clone());
         let seen = Mutex::new(SessionInfo {
             state: session.state(),
@@ -132,6 +154,7 @@ impl SessionPool {
         });
         let slot = Slot {
             name: name.to_owned(),
+            owner: owner.clone(),
             lease,
             session: Arc::new(AsyncMutex::new(session)),
             seen,
@@ -158,20 +181,7 @@ impl SessionPool {
             .get(name)
             .cloned()
             .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
-        let patience = self.limits.worker_timeout;
-        let waited = async {
-            let session = slot.session.clone().lock_owned().await;
-            let worker = self
-                .work
-                .clone()
-                .acquire_owned()
-                .await
-                .expect("the pool never closes its workers");
-            (session, worker)
-        };
-        let (session, worker) = tokio::time::timeout(patience, waited)
-            .await
-            .map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let (session, worker) = self.wait(&slot).await?;
         let pool = self.clone();
         let done = tokio::task::spawn_blocking(move || {
             let _worker = worker;
@@ -206,26 +216,39 @@ impl SessionPool {
             .get(name)
             .cloned()
             .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
-        let waited = async {
-            let session = slot.session.clone().lock_owned().await;
-            (
-                session,
-                self.work
-                    .clone()
-                    .acquire_owned()
-                    .await
-                    .expect("the pool never closes its workers"),
-            )
-        };
-        let patience = self.limits.worker_timeout;
-        let (session, worker) = tokio::time::timeout(patience, waited)
-            .await
-            .map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let (session, worker) = self.wait(&slot).await?;
         let looked = tokio::task::spawn_blocking(move || {
             let _worker = worker;
             session.render_frame()
         });
         looked.await.unwrap_or(Err(LiveError::Closing))
+    }
+
+    /// Waits until nobody else uses a session and a worker has time.
+    async fn wait(&self, slot: &Slot) -> Result<(OwnedMutexGuard<Session>, Turn), LiveError> {
+        let patience = self.limits.worker_timeout;
+        let waited = async {
+            let session = slot.session.clone().lock_owned().await;
+            (session, self.work.take(&slot.owner).await)
+        };
+        tokio::time::timeout(patience, waited)
+            .await
+            .map_err(|_| LiveError::Busy(patience.as_secs()))
+    }
+
+    /// Closes all sessions of an owner, whose episodes end as aborted; how many there were.
+    pub async fn close_of(self: &Arc<Self>, owner: &Owner) -> usize {
+        let names: Vec<String> = {
+            let slots = self.lock();
+            let own = slots.values().filter(|slot| slot.owner == *owner);
+            own.map(|slot| slot.name.clone()).collect()
+        };
+        for name in &names {
+            if let Err(error) = self.close(name).await {
+                tracing::warn!(session = name, %error, "could not be closed");
+            }
+        }
+        names.len()
     }
 
     /// Closes a session; what runs in it ends as aborted.
@@ -347,6 +370,7 @@ impl Slot {
         SessionEntry {
             session: self.name.clone(),
             state: seen.state.clone(),
+            owner: self.owner.name().map(str::to_owned),
             idle_s: seen.used.elapsed().as_secs(),
             group_id: self.lease.as_ref().map(|lease| lease.group_id.clone()),
         }

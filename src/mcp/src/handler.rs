@@ -6,7 +6,7 @@ use std::{
 };
 
 use axum::http::request::Parts;
-use reel_live::{LiveError, Session, SessionPool, StartedEpisode};
+use reel_live::{LiveError, Owner, Session, SessionPool, StartedEpisode};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
     record::{StepInput, UserReply, UserSource},
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::{runtime::Handle, sync::oneshot};
 
-use crate::{Questions, Worker, catalogue, response};
+use crate::{Caller, Questions, Worker, catalogue, response};
 use response::Response;
 
 /// Who answers the questions that a policy asks with `ask`.
@@ -78,6 +78,7 @@ pub struct ToolServer {
     questions: Arc<Questions>,
     options: Arc<ToolServerOptions>,
     home: SessionOwner,
+    owner: Owner,
 }
 
 /// Whose session it is.
@@ -144,6 +145,7 @@ impl ToolServer {
             questions,
             options,
             home,
+            owner: Owner::default(),
         }
     }
 
@@ -159,7 +161,18 @@ impl ToolServer {
             questions,
             options,
             home: SessionOwner::Worker(worker),
+            owner: Owner::default(),
         }
+    }
+
+    /// The same for a connection of this owner; requests that name another caller are that one's.
+    pub fn of_owner(self, owner: Owner) -> Self {
+        Self { owner, ..self }
+    }
+
+    /// Whose the session is that a request opens.
+    fn owner(&self, context: &RequestContext<RoleServer>) -> Owner {
+        Caller::of(context).map_or_else(|| self.owner.clone(), |caller| caller.owner.clone())
     }
 
     fn profile(&self) -> Profile {
@@ -244,7 +257,7 @@ impl ToolServer {
             }
             _ => {}
         }
-        self.pool.open(session)?;
+        self.pool.open(session, &self.owner(context))?;
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
         let work = move |session: &mut Session| {

@@ -32,6 +32,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
+use crate::Caller;
+
 /// Messages that may wait in each direction of one connection.
 const QUEUE: usize = 64;
 /// Requests of one connection whose answers the client has not read yet. Who wants more waits, and
@@ -51,6 +53,7 @@ pub(crate) struct Connections(Arc<Mutex<HashMap<String, Client>>>);
 /// A client that listens.
 #[derive(Clone)]
 struct Client {
+    caller: Caller,
     to_server: mpsc::Sender<In>,
     places: Arc<Semaphore>,
     /// The places of requests whose answers were not read yet.
@@ -58,8 +61,9 @@ struct Client {
 }
 
 impl Client {
-    fn new(to_server: mpsc::Sender<In>) -> Self {
+    fn new(caller: Caller, to_server: mpsc::Sender<In>) -> Self {
         Self {
+            caller,
             to_server,
             places: Arc::new(Semaphore::new(UNREAD)),
             unread: Arc::default(),
@@ -98,25 +102,32 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Connections {
-    /// Opens a connection, one of at most `limit`, that `handler` serves as long as the client
-    /// reads; messages go to `post`.
+    /// Opens a connection, one of at most so many in all and of one token, that `handler` serves as
+    /// long as the client reads and its token holds; messages go to `post`.
     pub(crate) fn open(
         &self,
         handler: impl ServerHandler,
         id: String,
         post: &str,
-        limit: usize,
-        closing: &CancellationToken,
+        (limit, limit_each): (usize, usize),
+        (caller, closing): (Caller, &CancellationToken),
     ) -> Response {
         let (to_server, from_client) = mpsc::channel(QUEUE);
         let (to_client, from_server) = mpsc::channel::<Out>(QUEUE);
         let gone = closing.child_token();
-        let client = Client::new(to_server);
+        let revoked = caller.revoked.clone();
+        let client = Client::new(caller, to_server);
         {
             let mut open = lock(&self.0);
             if open.len() >= limit {
                 let text = format!("{limit} streams are open, which is the limit");
                 return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
+            }
+            let owner = &client.caller.owner;
+            let own = open.values().filter(|other| other.caller.owner == *owner);
+            if owner.name().is_some() && own.count() >= limit_each {
+                let text = format!("your token has {limit_each} streams, as many as it may");
+                return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
             }
             open.insert(id.clone(), client.clone());
         }
@@ -151,7 +162,12 @@ impl Connections {
         });
         let events = stream::once(async { hello })
             .chain(messages)
-            .take_until(gone.cancelled_owned());
+            .take_until(async move {
+                tokio::select! {
+                    () = gone.cancelled() => {}
+                    () = revoked.cancelled() => {}
+                }
+            });
         Sse::new(events.map(Ok::<_, Infallible>))
             .keep_alive(KeepAlive::new().interval(KEEP_ALIVE).text("ping"))
             .into_response()
@@ -166,7 +182,8 @@ impl Connections {
             )
                 .into_response();
         };
-        let Some(client) = lock(&self.0).get(id).cloned() else {
+        let client = lock(&self.0).get(id).cloned();
+        let Some(client) = client.filter(|client| client.caller.lets_current()) else {
             return (StatusCode::NOT_FOUND, "no such session: open a new stream").into_response();
         };
         match serde_json::from_slice::<ClientJsonRpcMessage>(body) {

@@ -4,6 +4,7 @@
 //! Carries calls to the pool and says what came of them; never decides, never simulates. What a
 //! profile shows is in `response`, and nothing else reaches a policy.
 
+mod caller;
 mod catalogue;
 mod event_store;
 mod guard;
@@ -14,6 +15,7 @@ mod response;
 mod router;
 mod sessions;
 
+pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
 pub use handler::{AskResponder, CallObserver, ToolServer, ToolServerOptions};

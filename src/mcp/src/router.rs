@@ -20,7 +20,7 @@ use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
 use crate::{
-    Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, sessions::Sessions,
+    Caller, Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, sessions::Sessions,
 };
 
 /// A worker: whoever connects under its name acts in the same session.
@@ -80,7 +80,7 @@ pub fn router(
     let limits = shared.pool.limits();
     let service = streamable_http(
         factory,
-        limits.sessions,
+        (limits.sessions, limits.sessions_each),
         limits.close_after,
         max_body,
         closing,
@@ -97,19 +97,19 @@ pub fn router(
         .merge(workers)
 }
 
-/// The service of Streamable HTTP, with a handler from `factory` for each of at most `sessions`
-/// sessions; who wants one more is told so with 503. A session ends when nothing came or went for
+/// The service of Streamable HTTP, with a handler from `factory` for each of so many sessions in all
+/// and of one token; who wants one more is told so with 503 or 429. A session ends when nothing came or went for
 /// `keep_alive`, or sooner while it calls no tool; every stream with `closing`.
 /// [`Guard`](crate::Guard) is what keeps pages of the web from it.
 pub fn streamable_http<S: ServerHandler>(
     factory: impl Fn() -> S + Send + Sync + 'static,
-    sessions: usize,
+    (sessions, each): (usize, usize),
     keep_alive: Duration,
     max_body: usize,
     closing: CancellationToken,
 ) -> MethodRouter {
     serve(
-        Sessions::new(sessions, keep_alive),
+        Sessions::new(sessions, each, keep_alive),
         factory,
         max_body,
         closing,
@@ -163,12 +163,15 @@ impl Shared {
     }
 
     fn stream(&self, server: ToolServer) -> Response {
+        let caller = Caller::current().unwrap_or_default();
+        let limits = self.pool.limits();
+        let limits = (limits.sessions, limits.sessions_each);
         self.connections.open(
-            server,
+            server.of_owner(caller.owner.clone()),
             random(),
             MESSAGES,
-            self.pool.limits().sessions,
-            &self.closing,
+            limits,
+            (caller, &self.closing),
         )
     }
 }

@@ -36,7 +36,10 @@ use rmcp::{
 };
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::event_store::{Events, SessionEvents};
+use crate::{
+    Caller,
+    event_store::{Events, SessionEvents},
+};
 
 /// How long a session lives that called no tool yet, without a request and without a stream that
 /// its client listens to.
@@ -44,17 +47,43 @@ const SILENT_FOR: Duration = Duration::from_secs(120);
 const TEND_EVERY: Duration = Duration::from_secs(10);
 
 tokio::task_local! {
-    /// Whether the request that is being answered wanted one session too many.
-    static REFUSED: Cell<bool>;
+    /// Why the request that is being answered got no session, if it wanted one.
+    static REFUSED: Cell<Option<Refusal>>;
 }
 
 type Error = LocalSessionManagerError;
+
+/// Why there is no further session.
+#[derive(Clone, Copy)]
+enum Refusal {
+    /// As many are open as may be.
+    Full,
+    /// The token has as many as it may have.
+    Quota(usize),
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        let advice = "end one with DELETE, or come back later";
+        match self {
+            Refusal::Full => {
+                let text = format!("as many sessions are open as may be: {advice}");
+                (StatusCode::SERVICE_UNAVAILABLE, text).into_response()
+            }
+            Refusal::Quota(limit) => {
+                let text = format!("your token has {limit} sessions, as many as it may: {advice}");
+                (StatusCode::TOO_MANY_REQUESTS, text).into_response()
+            }
+        }
+    }
+}
 
 /// The open MCP sessions, and the limit on their number.
 pub(crate) struct Sessions {
     this: Weak<Self>,
     open: Mutex<HashMap<SessionId, Arc<Session>>>,
     limit: usize,
+    limit_each: usize,
     places: Arc<Semaphore>,
     config: SessionConfig,
     events: Events,
@@ -66,6 +95,7 @@ struct Session {
     local: LocalSessionManager,
     events: SessionEvents,
     life: Arc<Mutex<Life>>,
+    caller: Caller,
     _place: OwnedSemaphorePermit,
 }
 
@@ -77,14 +107,16 @@ struct Life {
 }
 
 impl Sessions {
-    /// Room for `limit` sessions, each of which ends when nothing came or went for `keep_alive`.
-    pub fn new(limit: usize, keep_alive: Duration) -> Arc<Self> {
+    /// Room for `limit` sessions, `limit_each` of one token, each of which ends when nothing came or
+    /// went for `keep_alive`.
+    pub fn new(limit: usize, limit_each: usize, keep_alive: Duration) -> Arc<Self> {
         let mut config = SessionConfig::default();
         config.keep_alive = Some(keep_alive);
         Arc::new_cyclic(|this| Self {
             this: this.clone(),
             open: Mutex::default(),
             limit,
+            limit_each,
             places: Arc::new(Semaphore::new(limit.min(Semaphore::MAX_PERMITS))),
             config,
             events: Events::default(),
@@ -92,34 +124,36 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 to who wanted one session too many. To rmcp that is an error of the
+    /// Answers 503 or 429 to who wanted one session too many. To rmcp that is an error of the
     /// server: it answers 500.
     pub async fn limit_sessions(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;
-            let text =
-                "as many sessions are open as may be: end one with DELETE, or come back later";
-            if REFUSED.with(Cell::get) {
-                (StatusCode::SERVICE_UNAVAILABLE, text).into_response()
-            } else {
-                response
-            }
+            REFUSED
+                .with(Cell::get)
+                .map_or(response, IntoResponse::into_response)
         };
-        REFUSED.scope(Cell::new(false), answered).await
+        REFUSED.scope(Cell::new(None), answered).await
     }
 
-    /// Forgets what nobody will ask for, and ends sessions that do nothing.
+    /// Forgets what nobody will ask for, and ends sessions that do nothing or whose token is gone.
     async fn tend(&self, now: Instant) {
         self.events.expire(now);
-        let is_silent = |session: &Session| session.life().is_silent(now);
-        let silent: Vec<SessionId> = self
+        let why = |session: &Session| {
+            if session.caller.revoked.is_cancelled() {
+                Some("closed: its token was revoked")
+            } else {
+                let silent = session.life().is_silent(now);
+                silent.then_some("closed: it called no tool")
+            }
+        };
+        let over: Vec<(SessionId, &str)> = self
             .lock()
             .iter()
-            .filter(|(_, session)| is_silent(session))
-            .map(|(id, _)| id.clone())
+            .filter_map(|(id, session)| Some((id.clone(), why(session)?)))
             .collect();
-        for id in silent {
-            tracing::info!(session = &*id, "closed: it called no tool");
+        for (id, why) in over {
+            tracing::info!(session = &*id, why);
             if let Err(error) = self.close_session(&id).await {
                 tracing::warn!(session = &*id, %error, "could not be closed");
             }
@@ -129,6 +163,7 @@ impl Sessions {
     fn session(&self, id: &SessionId) -> Result<Arc<Session>, Error> {
         self.lock()
             .get(id)
+            .filter(|session| session.caller.lets_current())
             .cloned()
             .ok_or_else(|| Error::SessionNotFound(id.clone()))
     }
@@ -198,13 +233,23 @@ impl SessionManager for Sessions {
     type Transport = WorkerTransport<LocalSessionWorker>;
 
     async fn create_session(&self) -> Result<(SessionId, Self::Transport), Error> {
+        let refuse = |why: Refusal, limit: usize| {
+            let _ = REFUSED.try_with(|refused| refused.set(Some(why)));
+            let full = io::Error::other(format!("the limit of {limit} open sessions is reached"));
+            Err(SessionError::Io(full).into())
+        };
+        let caller = Caller::current().unwrap_or_default();
+        if caller.owner.name().is_some() {
+            let open = self.lock();
+            let own = open
+                .values()
+                .filter(|session| session.caller.owner == caller.owner);
+            if own.count() >= self.limit_each {
+                return refuse(Refusal::Quota(self.limit_each), self.limit_each);
+            }
+        }
         let Ok(place) = self.places.clone().try_acquire_owned() else {
-            let _ = REFUSED.try_with(|refused| refused.set(true));
-            let full = io::Error::other(format!(
-                "the limit of {} open sessions is reached; close one, or raise limits.sessions",
-                self.limit
-            ));
-            return Err(SessionError::Io(full).into());
+            return refuse(Refusal::Full, self.limit);
         };
         self.tended
             .call_once(|| drop(tokio::spawn(tend(self.this.clone()))));
@@ -222,6 +267,7 @@ impl SessionManager for Sessions {
             local,
             events,
             life: Arc::new(Mutex::new(life)),
+            caller,
             _place: place,
         };
         self.lock().insert(id.clone(), Arc::new(session));
@@ -240,10 +286,13 @@ impl SessionManager for Sessions {
     }
 
     async fn has_session(&self, id: &SessionId) -> Result<bool, Error> {
-        Ok(self.lock().contains_key(id))
+        Ok(self.session(id).is_ok())
     }
 
     async fn close_session(&self, id: &SessionId) -> Result<(), Error> {
+        if self.session(id).is_err() {
+            return Ok(());
+        }
         let Some(session) = self.lock().remove(id) else {
             return Ok(());
         };
@@ -365,7 +414,7 @@ mod tests {
     impl Server {
         async fn new(limit: usize) -> Self {
             let (sessions, gate) = (
-                Sessions::new(limit, Duration::from_secs(3_600)),
+                Sessions::new(limit, limit, Duration::from_secs(3_600)),
                 Arc::new(Semaphore::new(0)),
             );
             let factory = {

@@ -5,6 +5,7 @@ use std::{sync::Arc, time::Duration};
 
 use axum::Router;
 use reel_counterfactual::blame::BlameOptions;
+use reel_mcp::Caller;
 use reel_query::Parameters;
 use reel_trace::{Trace, TraceFiles};
 use rmcp::{
@@ -31,7 +32,7 @@ pub(crate) fn router(app: &Arc<App>, max_body: usize) -> Router {
     let server = Analysis { app: app.clone() };
     let service = reel_mcp::streamable_http(
         move || server.clone(),
-        SESSIONS,
+        (SESSIONS, SESSIONS / 2),
         KEEP_ALIVE,
         max_body,
         app.closing.clone(),
@@ -267,12 +268,10 @@ impl ServerHandler for Analysis {
     async fn call_tool(
         &self,
         request: CallToolRequestParams,
-        _: RequestContext<RoleServer>,
+        context: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let busy = |_| {
-            ErrorData::internal_error("too many requests are waiting; try again in a moment", None)
-        };
-        let _place = self.app.analyses.acquire().await.map_err(busy)?;
+        let owner = Caller::of(&context).map_or_else(Default::default, |it| it.owner.clone());
+        let _place = self.app.analyses.take(&owner).await;
         let (server, name) = (self.clone(), request.name.to_string());
         let arguments = request.arguments.unwrap_or_default();
         let answered = tokio::task::spawn_blocking(move || server.answer(&name, &arguments)).await;

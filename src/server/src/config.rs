@@ -118,6 +118,8 @@ pub enum Order {
 pub struct Limits {
     /// Sessions open at once.
     pub sessions: usize,
+    /// Sessions of one token at once, leases among them.
+    pub sessions_per_token: usize,
     /// Simulators in memory at once; the others are snapshots.
     #[serde(alias = "awake")]
     pub simulators: usize,
@@ -198,6 +200,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             sessions: 2_000,
+            sessions_per_token: 1_000,
             simulators: 256,
             workers: 0,
             suspend_after_s: 30,
@@ -316,8 +319,9 @@ impl Config {
             })
         };
         let limits = &self.limits;
-        let counts: [(&'static str, usize); 9] = [
+        let counts: [(&'static str, usize); 10] = [
             ("limits.sessions", limits.sessions),
+            ("limits.sessions_per_token", limits.sessions_per_token),
             ("limits.simulators", limits.simulators),
             ("limits.connections", limits.connections),
             ("limits.body_mib", limits.body_mib),
@@ -490,6 +494,7 @@ impl Config {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         reel_live::Limits {
             sessions: limits.sessions,
+            sessions_each: limits.sessions_per_token,
             in_memory: limits.simulators,
             workers: if limits.workers == 0 {
                 cores()

@@ -1,22 +1,35 @@
 //! What every request passes before anything is done for it: Host and Origin, then what its route
 //! demands: token and role, rate, size and pace of the body. Never which route demands what.
 
-use std::{num::NonZeroU32, sync::Arc, time::Instant};
+use std::{
+    future::Future as _,
+    io,
+    num::NonZeroU32,
+    pin::Pin,
+    sync::Arc,
+    task::{Context, Poll},
+    time::Instant,
+};
 
 use axum::{
-    body::Body,
+    body::{Body, Bytes, HttpBody},
     extract::{MatchedPath, Request, State},
     http::{HeaderMap, HeaderValue, header},
     middleware::Next,
     response::{IntoResponse as _, Response},
 };
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
+use hyper::body::{Frame, SizeHint};
+use reel_live::Owner;
+use reel_mcp::Caller;
+use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 
-use crate::{Config, Role, connections::Client, rest::ApiError, service::App};
+use crate::{Config, Role, TokenEntry, connections::Client, rest::ApiError, service::App};
 
-/// Who is calling, as far as a token says.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Caller(pub String);
+/// Whose request this task answers, as far as a token says.
+pub(crate) fn owner() -> Owner {
+    Caller::current().unwrap_or_default().owner
+}
 
 /// How many requests each client may make.
 pub(crate) struct Rates(DefaultKeyedRateLimiter<String>);
@@ -112,32 +125,85 @@ pub(crate) async fn admit(
     mut request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let caller = match demand.role {
-        Some(role) => authorize(&app, role, request.headers())?,
-        None => None,
+    let address = request
+        .extensions()
+        .get::<Client>()
+        .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
+    let entry = match demand.role {
+        Some(role) => authorize(&app, role, request.headers()),
+        None => Ok(None),
     };
-    let key = match &caller {
-        Some(caller) => caller.0.clone(),
-        None => request
-            .extensions()
-            .get::<Client>()
-            .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string()),
+    // Who guesses tokens is counted, too.
+    let key = match &entry {
+        Ok(Some(entry)) => &entry.name,
+        Ok(None) | Err(_) => &address,
     };
-    if app.rates.0.check_key(&key).is_err() {
+    if app.rates.0.check_key(key).is_err() {
         return Err(ApiError::too_many(
             "rate limit exceeded (limits.requests_per_s); wait a moment",
         ));
     }
-    if let Some(caller) = caller {
-        request.extensions_mut().insert(caller);
-    }
+    let caller = entry?.map(|entry| Caller {
+        owner: Owner::named(&entry.name),
+        revoked: app.tokens.revocation(&entry),
+    });
     if !demand.streamed {
         whole_body(&app, &mut request).await?;
     }
-    Ok(next.run(request).await)
+    let Some(caller) = caller else {
+        return Ok(next.run(request).await);
+    };
+    request.extensions_mut().insert(caller.clone());
+    let revoked = caller.revoked.clone();
+    tokio::select! {
+        response = caller.scope(next.run(request)) => {
+            Ok(response.map(|body| Body::new(Revocable::new(body, revoked))))
+        }
+        () = revoked.clone().cancelled_owned() => Err(ApiError::unauthorized(REVOKED)),
+    }
 }
 
-fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
+const REVOKED: &str = "the token was revoked";
+
+/// An answer that breaks off when the token of its request is revoked.
+struct Revocable {
+    body: Body,
+    revoked: Pin<Box<WaitForCancellationFutureOwned>>,
+}
+
+impl Revocable {
+    fn new(body: Body, revoked: CancellationToken) -> Self {
+        Self {
+            body,
+            revoked: Box::pin(revoked.cancelled_owned()),
+        }
+    }
+}
+
+impl HttpBody for Revocable {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        if self.revoked.as_mut().poll(context).is_ready() {
+            return Poll::Ready(Some(Err(axum::Error::new(io::Error::other(REVOKED)))));
+        }
+        Pin::new(&mut self.body).poll_frame(context)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<TokenEntry>, ApiError> {
     if !app.demands_tokens() {
         return Ok(None);
     }
@@ -156,7 +222,7 @@ fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<Caller
         return Err(ApiError::unauthorized("unknown or revoked token"));
     };
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {
-        return Ok(Some(Caller(entry.name)));
+        return Ok(Some(entry));
     }
     Err(ApiError::forbidden(
         "role",

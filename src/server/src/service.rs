@@ -13,10 +13,10 @@ use std::{
 
 use axum::handler::Handler as _;
 use axum::{Router, middleware};
-use reel_live::{SessionPool, restore};
+use reel_live::{Owner, SessionPool, Turns, restore};
 use reel_mcp::{Guard, Questions};
 use reel_trace::TraceFiles;
-use tokio::{net::TcpListener, sync::Semaphore};
+use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing_appender::non_blocking::WorkerGuard;
@@ -55,8 +55,8 @@ pub(crate) struct App {
     pub guard: Guard,
     pub rates: Rates,
     pub metrics: Arc<Metrics>,
-    /// Queries, replays and renderings at once.
-    pub analyses: Semaphore,
+    /// Queries, replays and renderings at once; one token leaves a place to others.
+    pub analyses: Arc<Turns>,
     pub ready: AtomicBool,
     pub closing: CancellationToken,
 }
@@ -167,7 +167,10 @@ impl Service {
                 origins: config.origins.clone(),
             },
             rates: Rates::new(&config),
-            analyses: Semaphore::new(config.limits.analyses),
+            analyses: Turns::new(
+                config.limits.analyses,
+                config.limits.analyses.saturating_sub(1),
+            ),
             metrics,
             ready: AtomicBool::new(true),
             closing,
@@ -289,8 +292,17 @@ async fn tend(app: Arc<App>) {
         ticks.tick().await;
         app.pool.reap_idle().await;
         app.rates.tidy();
-        if let Err(error) = app.tokens.refresh() {
-            tracing::warn!(%error, "cannot reload the token file; the tokens are unchanged");
+        match app.tokens.refresh() {
+            Ok(revoked) => revoked.into_iter().for_each(|name| {
+                let pool = app.pool.clone();
+                tokio::spawn(async move {
+                    let sessions = pool.close_of(&Owner::named(&name)).await;
+                    tracing::info!(token = name, sessions, "token revoked, its sessions closed");
+                });
+            }),
+            Err(error) => {
+                tracing::warn!(%error, "cannot reload the token file; the tokens are unchanged")
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Bearer tokens and what they allow. The file holds hashes: whoever reads it cannot use it.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
     sync::{
@@ -11,7 +11,9 @@ use std::{
     time::SystemTime,
 };
 
+use reel_live::Owner;
 use serde::{Deserialize, Serialize};
+use tokio_util::sync::CancellationToken;
 
 use crate::files::put;
 
@@ -97,6 +99,8 @@ pub struct Tokens {
     path: PathBuf,
     known: Mutex<(Option<SystemTime>, Arc<Vec<TokenEntry>>)>,
     were_in_use: AtomicBool,
+    /// What ends with a token that somebody showed, by its hash.
+    shown: Mutex<BTreeMap<String, CancellationToken>>,
 }
 
 impl Tokens {
@@ -112,6 +116,7 @@ impl Tokens {
             path: path.to_owned(),
             known: Mutex::new((found, Arc::new(entries))),
             were_in_use,
+            shown: Mutex::default(),
         })
     }
 
@@ -136,18 +141,37 @@ impl Tokens {
         self.were_in_use.fetch_or(is_there, Ordering::AcqRel) || is_there
     }
 
-    /// Looks whether the file changed. A file that became unreadable leaves the
-    /// tokens as they were.
+    /// Looks whether the file changed, and ends what hangs on tokens that are gone or have lost a
+    /// role; says whose they were. A file that became unreadable leaves the tokens as they were.
     ///
     /// # Errors
     /// When it changed and cannot be read.
-    pub fn refresh(&self) -> Result<(), TokenError> {
+    pub fn refresh(&self) -> Result<Vec<String>, TokenError> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let now = changed(&self.path);
-        if known.0 != now {
-            *known = (now, Arc::new(read(&self.path)?));
+        if known.0 == now {
+            return Ok(Vec::new());
         }
-        Ok(())
+        let before = std::mem::replace(&mut *known, (now, Arc::new(read(&self.path)?))).1;
+        let kept = |old: &TokenEntry| {
+            let same = known.1.iter().find(|new| new.hash == old.hash);
+            same.is_some_and(|new| new.name == old.name && new.roles.is_superset(&old.roles))
+        };
+        let gone = before.iter().filter(|entry| !kept(entry));
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        let gone = gone.map(|entry| {
+            if let Some(ends) = shown.remove(&entry.hash) {
+                ends.cancel();
+            }
+            entry.name.clone()
+        });
+        Ok(gone.collect())
+    }
+
+    /// Cancelled when this token is taken back or loses a role.
+    pub fn revocation(&self, entry: &TokenEntry) -> CancellationToken {
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        shown.entry(entry.hash.clone()).or_default().clone()
     }
 
     /// Whose token this is.
@@ -158,6 +182,13 @@ impl Tokens {
             .iter()
             .find(|entry| entry.hash == hash)
             .cloned()
+    }
+
+    /// Whether the token of this owner has a role.
+    pub(crate) fn has_role(&self, owner: &Owner, role: Role) -> bool {
+        let has =
+            |entry: &TokenEntry| owner.name() == Some(&*entry.name) && entry.roles.contains(&role);
+        self.entries().iter().any(has)
     }
 
     /// Makes a token and keeps its hash. Nobody can see the token again.
@@ -218,7 +249,7 @@ impl Tokens {
         }
         let text = toml::to_string_pretty(&File { token }).expect("tokens have a TOML form");
         put(&self.path, &text).map_err(failed("write"))?;
-        self.refresh()
+        self.refresh().map(drop)
     }
 }
 
@@ -275,14 +306,16 @@ mod tests {
         for wrong in ["", "reel_", &token[..token.len() - 1], &hash] {
             assert!(tokens.find(wrong).is_none(), "{wrong}");
         }
+        let ends = tokens.revocation(&tokens.find(&token).unwrap());
         // Another process revokes it.
         Tokens::open(&path).unwrap().revoke("trainer").unwrap();
         assert!(matches!(
             tokens.revoke("trainer"),
             Err(TokenError::Unknown(_))
         ));
-        tokens.refresh().unwrap();
-        assert!(tokens.find(&token).is_none());
+        assert!(!ends.is_cancelled());
+        assert_eq!(tokens.refresh().unwrap(), ["trainer"]);
+        assert!(tokens.find(&token).is_none() && ends.is_cancelled());
         fs::write(&path, "token = 3").unwrap();
         assert!(matches!(
             Tokens::open(&path),

@@ -4,7 +4,7 @@
 use reel_vectors::episodes;
 use std::{path::Path, sync::Arc, time::Duration};
 
-use reel_live::{Lease, Limits, LiveError, PreparedTaskCache, SessionPool, Setup};
+use reel_live::{Lease, Limits, LiveError, Owner, PreparedTaskCache, SessionPool, Setup};
 use reel_replay::verify;
 use reel_reward::Preset;
 use reel_tasks::home_scene;
@@ -35,6 +35,7 @@ fn setup(folder: &Path) -> Setup {
 fn limits() -> Limits {
     Limits {
         sessions: 8,
+        sessions_each: 2,
         in_memory: 8,
         workers: 2,
         suspend_after: Duration::from_secs(60),
@@ -92,7 +93,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
         ));
         let names = ["a", "b", "c"];
         for name in names {
-            pool.open(name).unwrap();
+            pool.open(name, &Owner::default()).unwrap();
             pool.with_session(name, |session| session.begin_next())
                 .await
                 .unwrap()
@@ -158,7 +159,7 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
 async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     let folder = TempDir::new().unwrap();
     let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
-    pool.open("a").unwrap();
+    pool.open("a", &Owner::default()).unwrap();
     let none = pool
         .with_session("a", |session| session.call(call("walk_around")))
         .await
@@ -194,7 +195,7 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     );
     assert!(matches!(pool.close("a").await, Err(LiveError::Unknown(_))));
 
-    pool.open("b").unwrap();
+    pool.open("b", &Owner::default()).unwrap();
     pool.with_session("b", |session| session.begin_next())
         .await
         .unwrap()
@@ -221,7 +222,7 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     let folder = TempDir::new().unwrap();
     let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
     for name in ["broken", "whole"] {
-        pool.open(name).unwrap();
+        pool.open(name, &Owner::default()).unwrap();
         pool.with_session(name, |session| session.begin_next())
             .await
             .unwrap()
@@ -285,10 +286,12 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
         seed: 11,
         rollouts: 3,
     };
-    pool.open_for("w-trainer", Some(lease.clone())).unwrap();
-    pool.open("w-trainer").unwrap();
+    pool.open_for("w-trainer", &Owner::default(), Some(lease.clone()))
+        .unwrap();
+    pool.open("w-trainer", &Owner::default()).unwrap();
     let other = pool.open_for(
         "w-trainer",
+        &Owner::default(),
         Some(Lease {
             rollouts: 4,
             ..lease.clone()
@@ -297,6 +300,7 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
     assert!(matches!(other, Err(LiveError::Taken(_))), "{other:?}");
     let unknown = pool.open_for(
         "w-2",
+        &Owner::default(),
         Some(Lease {
             task_id: "x".to_owned(),
             ..lease
@@ -357,8 +361,8 @@ async fn the_idle_are_put_aside_and_then_closed() {
             ..limits()
         },
     ));
-    pool.open("a").unwrap();
-    let full = pool.open("b");
+    pool.open("a", &Owner::default()).unwrap();
+    let full = pool.open("b", &Owner::default());
     assert!(matches!(full, Err(LiveError::Full(1))), "{full:?}");
     pool.with_session("a", |session| session.begin_next())
         .await
@@ -380,7 +384,10 @@ async fn the_idle_are_put_aside_and_then_closed() {
         1
     );
     for name in ["", "../up", "a/b", ".hidden", &"x".repeat(65)] {
-        assert!(matches!(pool.open(name), Err(LiveError::Name(_))), "{name}");
+        assert!(
+            matches!(pool.open(name, &Owner::default()), Err(LiveError::Name(_))),
+            "{name}"
+        );
     }
 }
 
@@ -395,8 +402,8 @@ async fn a_call_that_finds_no_worker_in_time_was_not_made() {
             ..limits()
         },
     ));
-    pool.open("a").unwrap();
-    pool.open("b").unwrap();
+    pool.open("a", &Owner::default()).unwrap();
+    pool.open("b", &Owner::default()).unwrap();
     let busy = {
         let pool = pool.clone();
         tokio::spawn(async move {
@@ -413,4 +420,33 @@ async fn a_call_that_finds_no_worker_in_time_was_not_made() {
     );
     busy.await.unwrap().unwrap();
     pool.with_session("b", |_| ()).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_is_its_owners_and_nobody_has_more_than_their_share() {
+    let folder = TempDir::new().unwrap();
+    let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
+    let (one, other) = (Owner::named("one"), Owner::named("other"));
+    pool.open("w-a", &one).unwrap();
+    pool.open("w-b", &one).unwrap();
+    pool.open("w-a", &one).unwrap();
+    let many = pool.open("w-c", &one);
+    assert!(matches!(many, Err(LiveError::Quota { limit: 2, .. })));
+    let stranger = pool.open("w-a", &other);
+    assert!(matches!(stranger, Err(LiveError::SomebodyElses(_))));
+    pool.open("w-c", &other).unwrap();
+    pool.with_session("w-a", |session| session.begin_next())
+        .await
+        .unwrap()
+        .unwrap();
+    assert_eq!(pool.entry("w-a").unwrap().owner.as_deref(), Some("one"));
+    assert_eq!(pool.close_of(&one).await, 2);
+    let left: Vec<String> = pool
+        .entries()
+        .into_iter()
+        .map(|entry| entry.session)
+        .collect();
+    assert_eq!(left, ["w-c"]);
+    let traces = std::fs::read_dir(folder.path()).unwrap().count();
+    assert_eq!(traces, 1, "the episode that ran is a whole trace");
 }

@@ -164,6 +164,8 @@ impl From<LiveError> for ApiError {
             LiveError::Unknown(_) => Self::not_found(message),
             LiveError::Name(_) => Self::bad_request("bad_name", message),
             LiveError::UnknownTask(_) => Self::unprocessable("unknown_task", message),
+            LiveError::SomebodyElses(_) => Self::forbidden("owner", message),
+            LiveError::Quota { .. } => Self::new(StatusCode::TOO_MANY_REQUESTS, "quota", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
             LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {
                 Self::conflict("no_episode", message)

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::{Extension, Json, extract::State, http::StatusCode};
+use axum::{Json, extract::State, http::StatusCode};
 use reel_query::Parameters;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -16,7 +16,7 @@ use super::{
     tables::rows,
     told,
 };
-use crate::{gate::Caller, service::App};
+use crate::{gate, service::App};
 
 /// Longest text of a label: it goes through a command line.
 const TEXT_BYTES: usize = 16 << 10;
@@ -84,11 +84,11 @@ pub(super) struct LabelBody {
     responses((status = 201, body = LabelBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn set(
     State(app): State<Arc<App>>,
-    caller: Option<Extension<Caller>>,
     Body(label): Body<LabelBody>,
 ) -> Result<(StatusCode, Json<Value>), ApiError> {
-    let author = caller
-        .map(|Extension(caller)| caller.0)
+    let author = gate::owner()
+        .name()
+        .map(str::to_owned)
         .or_else(|| label.author.clone());
     let author = author.filter(|author| !author.trim().is_empty());
     let author = author.ok_or_else(|| {

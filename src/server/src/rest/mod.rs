@@ -254,14 +254,14 @@ async fn analyse<T: Send + 'static>(
     app: &Arc<App>,
     work: impl FnOnce(&App) -> Result<T, ApiError> + Send + 'static,
 ) -> Result<T, ApiError> {
+    let owner = gate::owner();
     let waiting = tokio::time::timeout(
         std::time::Duration::from_secs(app.config.limits.worker_timeout_s),
-        app.analyses.acquire(),
+        app.analyses.take(&owner),
     );
-    let place = waiting
+    let _place = waiting
         .await
         .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
-    let _place = place.expect("the places are never closed");
     let inner = app.clone();
     match tokio::task::spawn_blocking(move || work(&inner)).await {
         Ok(answer) => answer.map_err(|error| told(app, error)),

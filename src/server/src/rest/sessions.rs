@@ -8,7 +8,7 @@ use axum::{
     http::{StatusCode, header},
     response::{IntoResponse as _, Response},
 };
-use reel_live::{Lease, SessionEntry, check_name};
+use reel_live::{Lease, LiveError, SessionEntry, check_name};
 use reel_mcp::Worker;
 use reel_trace::encode_png;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
@@ -21,7 +21,7 @@ use super::{
     error::ErrorBody,
     extract::{Body, PathParams},
 };
-use crate::service::App;
+use crate::{Role, gate, service::App};
 
 /// Live sessions, by name.
 #[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions",
@@ -185,7 +185,9 @@ pub(super) async fn lease(
         seed,
         rollouts,
     };
-    app.pool.open_for(&worker.session_name(), Some(lease))?;
+    let owner = gate::owner();
+    app.pool
+        .open_for(&worker.session_name(), &owner, Some(lease))?;
     let leased = Leased {
         group_id,
         mcp: format!("/w/{}/mcp", body.worker),
@@ -194,7 +196,8 @@ pub(super) async fn lease(
     Ok((StatusCode::CREATED, Json(leased)))
 }
 
-/// Gives a simulator back: what runs in it ends as aborted.
+/// Gives a simulator back: what runs in it ends as aborted. A lease is its token's; an admin ends
+/// any.
 #[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions",
     params(("worker" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
@@ -203,8 +206,14 @@ pub(super) async fn release(
     PathParams(worker): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
     let session = Worker::named(&worker)?.session_name();
-    if app.pool.entry(&session)?.group_id.is_none() {
+    let entry = app.pool.entry(&session)?;
+    if entry.group_id.is_none() {
         return Err(ApiError::not_found(format!("worker {worker} has no lease")));
+    }
+    let caller = gate::owner();
+    let own = entry.owner.is_none() || entry.owner.as_deref() == caller.name();
+    if !own && !app.tokens.has_role(&caller, Role::Admin) {
+        return Err(LiveError::SomebodyElses(session).into());
     }
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)

@@ -24,6 +24,7 @@ use super::{
     told,
 };
 use crate::{
+    gate,
     service::App,
     store::{ANSWER_MAX, Newest},
 };
@@ -176,17 +177,14 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
         AnswerFormat::Arrow => "application/vnd.apache.arrow.stream",
     };
     let patience = std::time::Duration::from_secs(app.config.limits.worker_timeout_s);
-    let busy = || ApiError::busy("too many requests are waiting; try again in a moment");
-    tokio::time::timeout(patience, app.analyses.acquire())
+    let place = tokio::time::timeout(patience, app.analyses.take(&gate::owner()))
         .await
-        .map_err(|_| busy())?
-        .map_err(|_| busy())?
-        .forget();
+        .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
     let (sender, mut parts) = mpsc::channel::<Result<Bytes, QueryError>>(AHEAD);
     let asked = app.clone();
     tokio::task::spawn_blocking(move || {
         // Given back also when the query panics.
-        let _place = ReturnSession(&asked);
+        let _place = place;
         if let Err(error) = run(&asked, &question, &sender) {
             let _ = sender.blocking_send(Err(error));
         }
@@ -203,14 +201,6 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
         None => Err(ApiError::internal(
             "the query panicked; the log has the details",
         )),
-    }
-}
-
-struct ReturnSession<'a>(&'a App);
-
-impl Drop for ReturnSession<'_> {
-    fn drop(&mut self) {
-        self.0.analyses.add_permits(1);
     }
 }
 
