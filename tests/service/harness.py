@@ -7,6 +7,7 @@ import os
 import pathlib
 import re
 import signal
+import ssl
 import subprocess
 import sys
 import tempfile
@@ -22,9 +23,10 @@ class Skipped(Exception):
 
 class Server:
     """`reel serve` on a free port of the loopback, in a folder of its own. `before` are words before the command, which end in its
-    execution: a shell that lowers limits, say."""
+    execution: a shell that lowers limits, say. With `cafile` it serves TLS, with a certificate that this file vouches for."""
 
-    def __init__(self, *arguments, data=None, environment=None, before=()):
+    def __init__(self, *arguments, data=None, environment=None, before=(), cafile=None):
+        self.tls = ssl.create_default_context(cafile=cafile) if cafile else None
         self.folder = None if data else tempfile.TemporaryDirectory(prefix="reel-service-")
         self.data = pathlib.Path(data or self.folder.name)
         self.log = self.data / "serve.log"
@@ -35,12 +37,12 @@ class Server:
                 command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **(environment or {})}
             )
         line = self.process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:(\d+)", line)
+        found = re.search(r"https?://127\.0\.0\.1:(\d+)", line)
         if not found:
             self.process.wait(30)
             raise RuntimeError(f"the server did not start: {line}{self.log.read_text()}")
         self.port = int(found.group(1))
-        self.url = f"http://127.0.0.1:{self.port}"
+        self.url = f"http{'s' if self.tls else ''}://127.0.0.1:{self.port}"
 
     def __enter__(self):
         return self
@@ -60,7 +62,10 @@ class Server:
 
     def request(self, method, path, body=None, headers=None, timeout=60):
         """(status, headers, bytes) of one request on a connection of its own."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout)
+        if self.tls:
+            connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=timeout, context=self.tls)
+        else:
+            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout)
         with contextlib.closing(connection):
             if isinstance(body, (dict, list)):
                 body, headers = json.dumps(body), {"content-type": "application/json", **(headers or {})}

@@ -37,7 +37,7 @@ pub enum LiveError {
     Taken(String),
     /// Another token opened the session.
     #[error("session '{0}' belongs to another token; take another name")]
-    SomebodyElses(String),
+    OtherOwner(String),
     /// A token has as many sessions as it may have.
     #[error(
         "token '{owner}' has {limit} sessions, as many as it may (limits.sessions_per_token); close one"

@@ -130,7 +130,7 @@ impl SessionPool {
         }
         if let Some(slot) = sessions.get(name) {
             return if !slot.owner.lets(owner) {
-                Err(LiveError::SomebodyElses(name.to_owned()))
+                Err(LiveError::OtherOwner(name.to_owned()))
             } else if lease.is_some() && slot.lease != lease {
                 Err(LiveError::Taken(name.to_owned()))
             } else {

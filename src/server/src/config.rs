@@ -16,6 +16,8 @@ use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
 
+use crate::tls::TlsFiles;
+
 /// How many tasks of each family are made where no tasks are given.
 const TASKS_MADE: usize = 12;
 
@@ -45,6 +47,9 @@ pub struct Config {
     pub log: LogFormat,
     /// Which logs: a level, or directives such as `info,reel_mcp=debug`.
     pub log_filter: String,
+    /// Certificate and key of TLS; without them, plain HTTP.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls: Option<TlsFiles>,
     /// What the sessions play: tasks, seed, profile, rewards and who answers.
     pub play: Play,
     /// What clients may take.
@@ -170,6 +175,7 @@ impl Default for Config {
             origins: Vec::new(),
             log: LogFormat::Text,
             log_filter: "info,rmcp=error,buoyant_kernel=warn".to_owned(),
+            tls: None,
             play: Play::default(),
             limits: Limits::default(),
         }
@@ -290,6 +296,11 @@ impl Config {
         self.store
             .clone()
             .unwrap_or_else(|| self.data.join("store").display().to_string())
+    }
+
+    /// File of the audit log, in the data folder.
+    pub fn audit(&self) -> PathBuf {
+        self.data.join("audit.jsonl")
     }
 
     /// The file of tokens.

@@ -10,12 +10,16 @@ use hyper_util::{
     server::conn::auto::Builder,
     service::TowerToHyperService,
 };
-use tokio::{net::TcpListener, sync::Semaphore};
+use tokio::{
+    io::{AsyncRead, AsyncWrite},
+    net::TcpListener,
+    sync::Semaphore,
+};
 use tokio_io_timeout::TimeoutStream;
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 use tower::ServiceExt as _;
 
-use crate::service::App;
+use crate::{service::App, tls::Certificate};
 
 /// How long open requests may take to end after the call to stop.
 const GRACE: Duration = Duration::from_secs(10);
@@ -23,6 +27,11 @@ const GRACE: Duration = Duration::from_secs(10);
 /// The address of a client.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Client(pub SocketAddr);
+
+/// What a connection is made of, encrypted or not.
+trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
 
 /// Serves until `closing`, then lets open requests end.
 pub(crate) async fn serve(
@@ -33,6 +42,7 @@ pub(crate) async fn serve(
 ) {
     let places = Arc::new(Semaphore::new(app.config.limits.connections));
     let tasks = TaskTracker::new();
+    let acceptor = app.certificate.as_ref().map(Certificate::acceptor);
     loop {
         // Who finds no place waits outside, in the system's queue.
         let place = tokio::select! {
@@ -53,6 +63,7 @@ pub(crate) async fn serve(
         };
         let _ = stream.set_nodelay(true);
         let (router, app, closing) = (router.clone(), app.clone(), closing.clone());
+        let acceptor = acceptor.clone();
         tasks.spawn(async move {
             let _place = place;
             app.metrics.connections.inc();
@@ -69,10 +80,27 @@ pub(crate) async fn serve(
             // in memory, for ever.
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(app.read_patience()));
-            let connection = builder.serve_connection(
-                TokioIo::new(Box::pin(stream)),
-                TowerToHyperService::new(service),
-            );
+            let stream = Box::pin(stream);
+            let stream: Box<dyn Stream> = match acceptor {
+                None => Box::new(stream),
+                Some(acceptor) => {
+                    let shaken = acceptor.accept(stream);
+                    match tokio::time::timeout(app.read_patience(), shaken).await {
+                        Ok(Ok(stream)) => Box::new(stream),
+                        Ok(Err(error)) => {
+                            tracing::debug!(%error, client = %address, "no TLS handshake");
+                            app.metrics.connections.dec();
+                            return;
+                        }
+                        Err(_) => {
+                            app.metrics.connections.dec();
+                            return;
+                        }
+                    }
+                }
+            };
+            let connection =
+                builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
             tokio::pin!(connection);
             let ended = tokio::select! {
                 ended = &mut connection => ended,

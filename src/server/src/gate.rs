@@ -14,7 +14,7 @@ use std::{
 use axum::{
     body::{Body, Bytes, HttpBody},
     extract::{MatchedPath, Request, State},
-    http::{HeaderMap, HeaderValue, header},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
     middleware::Next,
     response::{IntoResponse as _, Response},
 };
@@ -24,7 +24,9 @@ use reel_live::Owner;
 use reel_mcp::Caller;
 use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 
-use crate::{Config, Role, TokenEntry, connections::Client, rest::ApiError, service::App};
+use crate::{
+    AuditEntry, Config, Role, TokenEntry, audit, connections::Client, rest::ApiError, service::App,
+};
 
 /// Whose request this task answers, as far as a token says.
 pub(crate) fn owner() -> Owner {
@@ -119,18 +121,51 @@ pub(crate) async fn pass(State(app): State<Arc<App>>, request: Request, next: Ne
     response
 }
 
-/// Lets a request to its route, or says why not: the layer of every route.
+/// Lets a request to its route, or says why not: the layer of every route. What changes something is
+/// on the audit log before it is answered.
 pub(crate) async fn admit(
     State((app, demand)): State<(Arc<App>, Demand)>,
-    mut request: Request,
+    request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let address = request
+    let client = request
         .extensions()
         .get::<Client>()
         .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
+    let mut entry = AuditEntry {
+        client: Some(client),
+        ..AuditEntry::of_command(format!("{} {}", request.method(), request.uri().path()))
+    };
+    let changes = demand.role == Some(Role::Admin) && !request.method().is_safe();
+    let answer = admitted(&app, demand, request, next, &mut entry).await;
+    let status = answer
+        .as_ref()
+        .map_or_else(ApiError::status, Response::status);
+    // Strangers, and clients that are too fast, change nothing and fill no disk.
+    let heard = ![StatusCode::UNAUTHORIZED, StatusCode::TOO_MANY_REQUESTS].contains(&status);
+    if changes && heard {
+        entry.at = audit::now();
+        entry.status = Some(status.as_u16());
+        let log = app.audit.clone();
+        let kept = tokio::task::spawn_blocking(move || log.append(&entry)).await;
+        if let Err(error) = kept.map_err(io::Error::other).flatten() {
+            tracing::error!(%error, "the audit log cannot be written");
+        }
+    }
+    answer
+}
+
+/// Does for [`admit`] all but the audit log, whose entry it completes.
+async fn admitted(
+    app: &Arc<App>,
+    demand: Demand,
+    mut request: Request,
+    next: Next,
+    audited: &mut AuditEntry,
+) -> Result<Response, ApiError> {
+    let address = audited.client.clone().unwrap_or_default();
     let entry = match demand.role {
-        Some(role) => authorize(&app, role, request.headers()),
+        Some(role) => authorize(app, role, request.headers(), audited),
         None => Ok(None),
     };
     // Who guesses tokens is counted, too.
@@ -148,7 +183,10 @@ pub(crate) async fn admit(
         revoked: app.tokens.revocation(&entry),
     });
     if !demand.streamed {
-        whole_body(&app, &mut request).await?;
+        let body = whole_body(app, &mut request).await?;
+        if body.len() <= AUDITED_BODY_MAX {
+            audited.request = serde_json::from_slice(&body).ok();
+        }
     }
     let Some(caller) = caller else {
         return Ok(next.run(request).await);
@@ -203,7 +241,15 @@ impl HttpBody for Revocable {
     }
 }
 
-fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<TokenEntry>, ApiError> {
+/// Largest body of a request that an entry of the audit log holds, in bytes.
+const AUDITED_BODY_MAX: usize = 4 << 10;
+
+fn authorize(
+    app: &App,
+    role: Role,
+    headers: &HeaderMap,
+    audited: &mut AuditEntry,
+) -> Result<Option<TokenEntry>, ApiError> {
     if !app.demands_tokens() {
         return Ok(None);
     }
@@ -221,6 +267,7 @@ fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<TokenE
     let Some(entry) = app.tokens.find(token.trim()) else {
         return Err(ApiError::unauthorized("unknown or revoked token"));
     };
+    audited.token = Some(entry.name.clone());
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {
         return Ok(Some(entry));
     }
@@ -231,7 +278,7 @@ fn authorize(app: &App, role: Role, headers: &HeaderMap) -> Result<Option<TokenE
 }
 
 /// Takes the body in before anything is done for it: within a size and a time.
-async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
+async fn whole_body(app: &App, request: &mut Request) -> Result<Bytes, ApiError> {
     let limit = app.config.limits.body_mib << 20;
     let declared = request
         .headers()
@@ -249,8 +296,8 @@ async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
             "the request body timed out (limits.read_timeout_s)",
         )),
         Ok(Ok(bytes)) => {
-            *request.body_mut() = Body::from(bytes);
-            Ok(())
+            *request.body_mut() = Body::from(bytes.clone());
+            Ok(bytes)
         }
         Ok(Err(error))
             if std::error::Error::source(&error)

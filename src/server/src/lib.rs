@@ -7,6 +7,7 @@
 #[cfg(feature = "tables")]
 mod analysis;
 mod archive;
+mod audit;
 mod config;
 mod connections;
 mod files;
@@ -24,16 +25,19 @@ mod service;
 mod snapshots;
 #[cfg(feature = "tables")]
 mod store;
+mod tls;
 mod tokens;
 #[cfg(feature = "rerun")]
 mod viewer;
 
+pub use audit::{AuditEntry, AuditLog};
 pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
 pub use mock_llm::{MockOptions, mock_llm};
 pub use reel_mcp::AskResponder;
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};
+pub use tls::{TlsError, TlsFiles};
 pub use tokens::{Role, TokenEntry, TokenError, Tokens};
 #[cfg(feature = "rerun")]
 pub use viewer::view;

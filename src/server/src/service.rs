@@ -23,13 +23,14 @@ use tracing_appender::non_blocking::WorkerGuard;
 use tracing_subscriber::{EnvFilter, fmt};
 
 use crate::{
-    Config, ConfigError, LogFormat, Role, TokenError, Tokens,
+    AuditLog, Config, ConfigError, LogFormat, Role, TokenError, Tokens,
     archive::Archive,
     connections,
     gate::{self, Demand, Rates},
     metrics::Metrics,
     rest,
     snapshots::SnapshotFolder,
+    tls::{Certificate, TlsError},
 };
 #[cfg(feature = "tables")]
 use crate::{
@@ -52,6 +53,9 @@ pub(crate) struct App {
     #[cfg(feature = "tables")]
     pub tables: Tables,
     pub tokens: Tokens,
+    pub audit: AuditLog,
+    /// What clients are shown, where it serves TLS.
+    pub certificate: Option<Arc<Certificate>>,
     pub guard: Guard,
     pub rates: Rates,
     pub metrics: Arc<Metrics>,
@@ -81,6 +85,9 @@ pub enum ServeError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The certificate or its key cannot be used.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The tokens cannot be read.
     #[error(transparent)]
     Tokens(#[from] TokenError),
@@ -127,6 +134,7 @@ impl Service {
         if !config.is_local() && tokens.entries().is_empty() {
             return Err(ServeError::Open(config.listen));
         }
+        let certificate = config.tls.as_ref().map(Certificate::read).transpose()?;
         let run = config.play.run.clone().unwrap_or_else(|| run_name("serve"));
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
         let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
@@ -162,6 +170,8 @@ impl Service {
             archive,
             snapshots: moments,
             tokens,
+            audit: AuditLog::at(config.audit()),
+            certificate,
             guard: Guard {
                 hosts: config.hosts.clone(),
                 origins: config.origins.clone(),
@@ -292,6 +302,11 @@ async fn tend(app: Arc<App>) {
         ticks.tick().await;
         app.pool.reap_idle().await;
         app.rates.tidy();
+        match app.certificate.as_ref().map(|it| it.refresh()) {
+            None | Some(Ok(false)) => {}
+            Some(Ok(true)) => tracing::info!("new connections get the new certificate"),
+            Some(Err(error)) => tracing::warn!(%error, "the certificate is unchanged"),
+        }
         match app.tokens.refresh() {
             Ok(revoked) => revoked.into_iter().for_each(|name| {
                 let pool = app.pool.clone();

@@ -3,7 +3,7 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use anyhow::{Context, bail};
-use reel_server::{AskResponder, Config, Order};
+use reel_server::{AskResponder, Config, Order, TlsFiles};
 use reel_world::Profile;
 
 use crate::{ExitStatus, inputs};
@@ -38,6 +38,12 @@ pub struct Arguments {
     /// File of API tokens; without it tokens.toml in the data folder
     #[arg(long, value_name = "FILE", env = "REEL_TOKENS")]
     tokens: Option<PathBuf>,
+    /// Certificate of TLS (PEM); read again when it changes. Without one, plain HTTP
+    #[arg(long, value_name = "FILE", env = "REEL_TLS_CERT", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// Private key of the certificate (PEM)
+    #[arg(long, value_name = "FILE", env = "REEL_TLS_KEY", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
 }
 
 /// Serve one agent over standard input and output: what an MCP client starts as a command.
@@ -139,9 +145,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     config.listen = arguments.listen.unwrap_or(config.listen);
     config.store = arguments.store.clone().or(config.store);
     config.tokens = arguments.tokens.clone().or(config.tokens);
+    if let (Some(cert), Some(key)) = (&arguments.tls_cert, &arguments.tls_key) {
+        config.tls = Some(TlsFiles {
+            cert: cert.clone(),
+            key: key.clone(),
+        });
+    }
     config.check()?;
-    reel_server::run(config, inputs::trace_files(), |address, tasks| {
-        println!("listening on http://{address}: {tasks} tasks; Ctrl-C stops");
+    let scheme = config.tls.as_ref().map_or("http", |_| "https");
+    reel_server::run(config, inputs::trace_files(), move |address, tasks| {
+        println!("listening on {scheme}://{address}: {tasks} tasks; Ctrl-C stops");
     })?;
     Ok(ExitStatus::Success)
 }

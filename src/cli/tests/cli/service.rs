@@ -23,6 +23,7 @@ const FAULTS: &[&str] = &reel_world::words! {
     kill_under_load names_are_taken_once disk_full file_too_large upload_breaks_off halves
     large_bodies bodies_as_large_as_they_may_be deep_json_and_invalid_utf8 hostile_calls
     hosts_and_origins last_token what_is_anothers more_than_their_share revoked_in_the_midst
+    tls audit
 };
 
 #[test]

@@ -433,7 +433,7 @@ async fn a_session_is_its_owners_and_nobody_has_more_than_their_share() {
     let many = pool.open("w-c", &one);
     assert!(matches!(many, Err(LiveError::Quota { limit: 2, .. })));
     let stranger = pool.open("w-a", &other);
-    assert!(matches!(stranger, Err(LiveError::SomebodyElses(_))));
+    assert!(matches!(stranger, Err(LiveError::OtherOwner(_))));
     pool.open("w-c", &other).unwrap();
     pool.with_session("w-a", |session| session.begin_next())
         .await

@@ -49,6 +49,10 @@ impl ApiError {
         }
     }
 
+    pub fn status(&self) -> StatusCode {
+        self.status
+    }
+
     pub fn bad_request(code: &'static str, message: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, code, message)
     }
@@ -164,7 +168,7 @@ impl From<LiveError> for ApiError {
             LiveError::Unknown(_) => Self::not_found(message),
             LiveError::Name(_) => Self::bad_request("bad_name", message),
             LiveError::UnknownTask(_) => Self::unprocessable("unknown_task", message),
-            LiveError::SomebodyElses(_) => Self::forbidden("owner", message),
+            LiveError::OtherOwner(_) => Self::forbidden("owner", message),
             LiveError::Quota { .. } => Self::new(StatusCode::TOO_MANY_REQUESTS, "quota", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
             LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {

@@ -213,7 +213,7 @@ pub(super) async fn release(
     let caller = gate::owner();
     let own = entry.owner.is_none() || entry.owner.as_deref() == caller.name();
     if !own && !app.tokens.has_role(&caller, Role::Admin) {
-        return Err(LiveError::SomebodyElses(session).into());
+        return Err(LiveError::OtherOwner(session).into());
     }
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)

@@ -1,11 +1,12 @@
-//! `reel server`: the tokens and the configuration of `reel serve`.
+//! `reel server`: tokens, configuration and audit log of `reel serve`.
 
+mod audit;
 mod config;
 mod token;
 
 use crate::ExitStatus;
 
-/// Set up `reel serve`: its tokens and its configuration file.
+/// Set up `reel serve`, and look after it: tokens, configuration file, audit log.
 ///
 /// Examples:
 ///   reel server token create trainer --role act
@@ -21,6 +22,8 @@ pub struct Arguments {
 enum Command {
     #[command(about = "Create, list and revoke the tokens of clients")]
     Token(token::Arguments),
+    #[command(about = "Show who changed, deleted, exported, granted or revoked what")]
+    Audit(audit::Arguments),
     #[command(about = "Check a configuration file of `reel serve`, or print the default")]
     Config(config::Arguments),
 }
@@ -28,6 +31,7 @@ enum Command {
 /// Runs the command of the group.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
+        Command::Audit(arguments) => audit::run(arguments),
         Command::Token(arguments) => token::run(arguments),
         Command::Config(arguments) => config::run(arguments),
     }

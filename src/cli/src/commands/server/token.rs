@@ -2,7 +2,8 @@
 
 use std::{collections::BTreeSet, path::PathBuf};
 
-use reel_server::{Config, Role, Tokens};
+use anyhow::Context as _;
+use reel_server::{AuditEntry, AuditLog, Config, Role, Tokens};
 use serde_json::json;
 
 use crate::ExitStatus;
@@ -63,16 +64,22 @@ fn role(text: &str) -> Result<Role, String> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let defaults = Config::default();
     let data = arguments.data.clone().unwrap_or(defaults.data.clone());
-    let path = Config {
+    let config = Config {
         data,
         tokens: arguments.tokens.clone(),
         ..defaults
-    }
-    .tokens();
+    };
+    let path = config.tokens();
+    let audit = |action: String| {
+        let kept = AuditLog::at(config.audit()).append(&AuditEntry::of_command(action));
+        kept.with_context(|| format!("done, but not on {}", config.audit().display()))
+    };
     let tokens = Tokens::open(&path)?;
     match &arguments.what {
         Command::Create { name, roles } => {
             let token = tokens.create(name, roles.iter().copied().collect::<BTreeSet<_>>())?;
+            let names: Vec<_> = roles.iter().map(|role| role.name()).collect();
+            audit(format!("token create {name} ({})", names.join(", ")))?;
             if arguments.json {
                 println!(
                     "{}",
@@ -102,7 +109,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 }
             }
         }
-        Command::Revoke { name } => tokens.revoke(name)?,
+        Command::Revoke { name } => {
+            tokens.revoke(name)?;
+            audit(format!("token revoke {name}"))?;
+        }
     }
     Ok(ExitStatus::Success)
 }
