@@ -59,6 +59,10 @@ fn every_question_has_an_end() {
     let made =
         (first..first + seeds).map(|seed| (format!("seed {seed}"), questions::question(seed)));
     for (name, sql) in long.chain(made) {
+        if seeds > DAILY {
+            // What kills the process is named, too.
+            eprintln!("{name}: {sql:.200}");
+        }
         let begun = Instant::now();
         let answer = session.run(&sql);
         let took = begun.elapsed();
