@@ -5,15 +5,16 @@ use reel_world::{
     ErrorCode, Lifecycle, Outcome, Tool, ToolCall, ToolText, ask_reply, record::UserReply,
 };
 
-/// The outcome of a call of a tool (`None` if it is none of ours): `text` is none where the result
-/// was a picture alone, `marked` how many markers there are after it.
+/// The outcome of a call of a tool (`None` if it is none of ours): `text` is none, or empty, where the
+/// result was a picture alone, also one that is not there any more; `marked` is how many markers there
+/// are after it.
 pub fn outcome(
     call: &ToolCall,
     tool: Option<&Tool>,
     text: Option<&str>,
     marked: Option<usize>,
 ) -> Outcome {
-    let error = match (text, tool) {
+    let error = match (text.filter(|text| !text.is_empty()), tool) {
         (None, Some(Tool::ShowObjectByCategory { .. } | Tool::ShowReceptacles))
             if marked == Some(0) =>
         {
@@ -50,9 +51,23 @@ fn error(call: &ToolCall, tool: Option<&Tool>, text: &str) -> Option<ErrorCode> 
         });
     }
     match tool {
+        // The server of branch `gspo` has no `ask`.
+        Some(Tool::Ask { .. }) if text == ToolText::UnknownTool.text(&[&call.name]) => {
+            Some(ErrorCode::UnknownTool)
+        }
         // An answer that names an error is an answer like any other to the published server.
-        Some(Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(Lifecycle::ListReceptacles)) => None,
+        Some(
+            Tool::Ask { .. }
+            | Tool::Finish
+            | Tool::Lifecycle(Lifecycle::ListReceptacles | Lifecycle::ListTasks),
+        ) => None,
         Some(Tool::WalkAround) => ErrorCode::from_message(text),
+        // Reel's profile `paper` tells of success in words.
+        Some(tool)
+            if ToolText::success(tool.paper_name()).is_some_and(|success| success.begins(text)) =>
+        {
+            None
+        }
         // All others tell of success by a picture alone.
         _ => ErrorCode::from_message(text).or(Some(ErrorCode::BackendError)),
     }
@@ -121,6 +136,14 @@ mod tests {
                 "Room: kitchen/0\n  - Receptacle \n"
             ),
             None
+        );
+        assert_eq!(code("list_tasks", json!({}), r#"["FDP/a"]"#), None);
+        let picked_up = "Picked up the object with marker 1.";
+        assert_eq!(code("pick", marker(), picked_up), None);
+        let question = json!({"target_category": "clock", "target_description": "red"});
+        assert_eq!(
+            code("ask", question, "Action 'ask' not recognized."),
+            Some(ErrorCode::UnknownTool)
         );
         assert_eq!(
             code("finish", json!({}), "Episode finished. Success: False"),

@@ -7,7 +7,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_import::{
     CallObservation, ObservedState, StartedEpisode, TaskSetup, same_graph_for_both, unknown_task,
 };
-use reel_reward::{Rewarder, metrics};
+use reel_reward::{RewardBounds, Rewarder, metrics, reward_bounds};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
@@ -47,6 +47,7 @@ struct Playing {
     recorder: Recorder,
     path: PathBuf,
     task: Task,
+    scene: Scene,
     start: StartRecord,
     rewarder: Box<dyn Rewarder>,
     state: ObservedState,
@@ -54,6 +55,13 @@ struct Playing {
     steps: Vec<StepRecord>,
     /// The input that is written and not answered.
     under_way: Option<StepInput>,
+}
+
+/// An episode whose trace is whole.
+struct EndedEpisode {
+    path: PathBuf,
+    metrics: Metrics,
+    bounds: Option<RewardBounds>,
 }
 
 /// What a call is to the recording.
@@ -123,9 +131,11 @@ impl Episodes {
             .unwrap_or_default();
         let call = ours.unwrap_or_else(|| call.clone());
         let begins = match Tool::parse(&call) {
-            Ok(Tool::Lifecycle(
-                Lifecycle::FinishWithId { .. } | Lifecycle::ListReceptacles | Lifecycle::ListTasks,
-            )) => true,
+            Ok(Tool::Lifecycle(Lifecycle::FinishWithId { .. } | Lifecycle::ListTasks)) => true,
+            // A tool like others of the published servers, while an episode runs.
+            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) => {
+                !self.setup.profile.is_published() || matches!(self.now, Now::Nothing)
+            }
             Ok(Tool::Finish) => !matches!(self.now, Now::Playing(_)),
             _ => false,
         };
@@ -205,11 +215,12 @@ impl Episodes {
         self.setup
             .endings
             .add(move || match playing.end(&setup, reason) {
-                Ok((path, metrics)) => setup.emit(ProxyEvent::Ended {
+                Ok(ended) => setup.emit(ProxyEvent::Ended {
                     session: &session,
-                    path: &path,
+                    path: &ended.path,
                     reason,
-                    metrics: &metrics,
+                    metrics: &ended.metrics,
+                    bounds: ended.bounds.as_ref(),
                 }),
                 Err(RecordingError(why)) => setup.emit(ProxyEvent::RecordingFailed {
                     session: &session,
@@ -390,6 +401,7 @@ impl Episodes {
             recorder,
             path,
             task,
+            scene,
             start,
             rewarder,
             state,
@@ -531,14 +543,16 @@ impl Playing {
         u32::try_from(self.steps.len()).expect("an episode has few steps")
     }
 
-    fn end(self, setup: &Setup, reason: EndReason) -> Result<(PathBuf, Metrics), RecordingError> {
+    fn end(self, setup: &Setup, reason: EndReason) -> Result<EndedEpisode, RecordingError> {
         let graphs = self
             .state
             .graph
             .as_ref()
             .map(same_graph_for_both)
             .unwrap_or_default();
-        let metrics = metrics(&setup.preset, &self.task, &self.start, &self.steps, &graphs);
+        let (preset, task) = (&setup.preset, &self.task);
+        let metrics = metrics(preset, task, &self.start, &self.steps, &graphs);
+        let bounds = reward_bounds(preset, task, &self.scene, &self.start, &self.steps);
         let steps = self.next();
         self.recorder.end(&EndRecord {
             reason,
@@ -547,7 +561,11 @@ impl Playing {
             chain: self.link,
             steps,
         })?;
-        Ok((self.path, metrics))
+        Ok(EndedEpisode {
+            path: self.path,
+            metrics,
+            bounds,
+        })
     }
 }
 

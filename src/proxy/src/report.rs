@@ -33,6 +33,8 @@ pub struct Counts {
     pub opaque_connections: u64,
     /// Pictures that cannot stand in a trace.
     pub images_rejected: u64,
+    /// Episodes whose reward depends on what the camera saw, which no server tells.
+    pub open_rewards: u64,
 }
 
 /// Traces that are being made whole beside what goes by.

@@ -443,17 +443,17 @@ mod tests {
             ("FDP/a", "FDP/b")
         );
         let tools: Vec<&str> = first.steps.iter().map(|step| step.tool_name()).collect();
-        assert_eq!(tools, ["pick", "finish"]);
+        assert_eq!(tools, ["pick", "list_receptacles", "finish"]);
         assert_eq!(first.steps[0].held, Some("cup_on_table_1_at_t".into()));
         assert_eq!(first.steps[0].changes.registry.len(), 1);
         // What the last result shows is of the next episode.
-        assert_eq!(first.steps[1].held, Some("cup_on_table_1_at_t".into()));
+        assert_eq!(first.steps[2].held, Some("cup_on_table_1_at_t".into()));
         assert_eq!(first.end.as_ref().unwrap().reason, EndReason::Finished);
         assert_eq!(
             (second.steps.len(), second.end.as_ref().unwrap().reason),
             (0, EndReason::Aborted)
         );
-        assert_eq!(first.timings.len(), 2);
+        assert_eq!(first.timings.len(), 3);
     }
 
     #[test]

@@ -35,6 +35,7 @@
 
 mod advantage;
 mod ambiguity;
+mod bounds;
 mod difference;
 mod difference_reward;
 mod error;
@@ -61,6 +62,7 @@ use std::fmt;
 use reel_world::record::{RewardTerm, StartRecord, StepRecord};
 
 pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
+pub use bounds::{RewardBounds, reward_bounds};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{

@@ -33,8 +33,9 @@ enum Command {
     /// graphs, markers, the held object, answers of the user, the model's text and
     /// latency; rewards and metrics by Reel's rules. The traces can be shown, scored and queried
     /// like any other, but not executed again, and `reel replay` says so. The files
-    /// hold no sizes and captions; with --tasks the benchmark's own files give them, and the
-    /// reward for asking becomes exact.
+    /// hold no sizes and captions; with --tasks the benchmark's own files give them. What the
+    /// camera saw is in no file: where the reward for asking depends on it, a note says between
+    /// which totals the reward lies, and the trace holds the lower one.
     ///
     /// A truncated file is named and the steps before it are imported. A second import gives the
     /// same bytes.

@@ -291,6 +291,15 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
             eprintln!("reel: {session}: an image is left out: {why}");
             return;
         }
+        ProxyEvent::Ended {
+            session,
+            path,
+            bounds: Some(bounds),
+            ..
+        } if !shows => {
+            eprintln!("reel: {session}: {}: {bounds}", path.display());
+            return;
+        }
         ProxyEvent::Began {
             session,
             task,
@@ -320,6 +329,7 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
             path,
             reason,
             metrics,
+            bounds,
         } if shows => {
             let verdict = if metrics.success {
                 "SUCCESS"
@@ -330,10 +340,12 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
                 EndReason::Finished => "the policy finished",
                 _ => "it was not finished",
             };
+            let bounds = bounds.map(|bounds| format!("     note     {bounds}\n"));
             format!(
-                "\n{session}  {verdict}: {reason} after {} decisions: {}\n",
+                "\n{session}  {verdict}: {reason} after {} decisions: {}\n{}",
                 metrics.length,
-                path.display()
+                path.display(),
+                bounds.unwrap_or_default()
             )
         }
         _ => return,
@@ -358,6 +370,7 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
             (counts.strange, "messages not of the protocol"),
             (counts.opaque_connections, "connections not understood"),
             (counts.images_rejected, "images left out"),
+            (counts.open_rewards, "episodes with an open reward"),
         ];
         let odd: String = odd
             .iter()

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use reel_replay::seek;
+use reel_reward::{Preset, RewardBounds};
 use reel_trace::Trace;
+use reel_world::record::Backend;
 use serde_json::json;
 
 use crate::{ExitStatus, inputs};
@@ -50,12 +52,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         println!("{whole}");
     } else {
         print!("{}", reel_view::transcript(&trace));
+        if let Some(bounds) = reward_bounds(&trace) {
+            println!("{bounds}");
+        }
     }
     if let Some(lost) = lost {
         eprintln!("reel: {}: {lost}", arguments.trace.display());
         return Ok(ExitStatus::Partial);
     }
     Ok(ExitStatus::Success)
+}
+
+/// Between which totals the reward of an episode lies whose camera nobody followed. None also
+/// where the preset is a file, which no trace holds.
+fn reward_bounds(trace: &Trace) -> Option<RewardBounds> {
+    if trace.header.backend == Backend::Sim {
+        return None;
+    }
+    reel_reward::reward_bounds(
+        &Preset::parse(&trace.header.reward_preset)?,
+        &trace.task,
+        &trace.scene,
+        &trace.start,
+        &trace.steps,
+    )
 }
 
 fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<ExitStatus> {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use reel_trace::{Trace, TraceError, TraceFiles, encode_png};
 use reel_world::{
-    DoorState, FRAME_HEIGHT, FRAME_WIDTH, Tool, ToolSpec, WorldGraph,
+    DoorState, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Tool, ToolSpec, WorldGraph,
     record::{EndReason, MarkerTarget, StepRecord},
 };
 use serde_json::{Map, Value, json};
@@ -158,11 +158,14 @@ impl Playing {
                 (marker.id.to_string(), target)
             })
             .collect();
+        // The published server says it by an empty map alone; no map is one before any search.
+        let found_nothing =
+            record.outcome.error == Some(ErrorCode::NothingFound) && record.outcome.text.is_empty();
         let debug = json!({
             "CURRENT_LANDMARK": self.landmark,
             "CURRENT_POS": record.robot.camera,
             "CURRENT_INV": record.held,
-            "CURRENT_MARKER_MAP": (!markers.is_empty()).then_some(markers),
+            "CURRENT_MARKER_MAP": (!markers.is_empty() || found_nothing).then_some(markers),
             "world_graph": graph_json(&self.graph),
         });
         content.push(Content::Text(format!("{DEBUG_TEXT}{debug}")));

@@ -109,6 +109,11 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         };
         // `finish` shows the graph alone, so that what was held before stays known.
         assert_eq!(held(&again), held(&trace), "{}", path.display());
+        let failed = |trace: &Trace| -> Vec<bool> {
+            let steps = trace.steps.iter();
+            steps.map(|step| !step.outcome.is_ok()).collect()
+        };
+        assert_eq!(failed(&again), failed(&trace), "{}", path.display());
     }
 }
 

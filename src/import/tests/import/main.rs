@@ -493,6 +493,49 @@ fn the_task_file_is_used_where_it_is_given() {
 }
 
 #[test]
+fn a_question_among_what_only_the_camera_saw_is_open() {
+    let (_folder, root, out) = folders();
+    let (_, full) = imported(fixture::full(&root).folder(), &out);
+    let mut episode = Episode::new(&root, "SUL", "verify_task_9", "m");
+    episode.landmark = json!("table_1");
+    episode.text_step(
+        "navigate_to",
+        json!({"receptacle_name": "table_1"}),
+        Shown::Picture,
+    );
+    // The other apple is of another category and gets no marker.
+    episode.markers = json!({"1": APPLE});
+    episode.text_step(
+        "find_objects",
+        json!({"target_category": "apple"}),
+        Shown::Picture,
+    );
+    let nobody = json!({"error": "simulated_user_context_unavailable", "source": "task_metadata"});
+    episode.text_step(
+        "ask",
+        json!({"target_category": "apple", "target_description": "which one?"}),
+        Shown::Text(nobody.to_string()),
+    );
+    episode.finish(false);
+    let (tasks, scenes) = ([full.task.clone()], full.scene.clone().into());
+    let options = ImportOptions {
+        tasks: &tasks,
+        scenes: Some(&scenes),
+        ..PLAIN
+    };
+    let (report, trace) = imported_with(episode.folder(), &out, &options);
+    assert_eq!(
+        report.notes,
+        [
+            "nothing tells what the camera saw, and from step 2 on the reward for asking depends \
+             on it: the total lies between 1.870 and 2.870"
+        ]
+    );
+    let total = trace.end.as_ref().unwrap().metrics.total_reward;
+    assert!((total - 1.87).abs() < 1e-9, "{total}");
+}
+
+#[test]
 fn what_the_files_leave_open_is_said() {
     let (_folder, root, out) = folders();
     let mut episode = Episode::new(&root, "FDP", "verify_task_7", "m");

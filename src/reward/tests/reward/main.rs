@@ -2,6 +2,7 @@
 //! a flat without physics.
 
 mod advantage;
+mod bounds;
 mod columns;
 mod flat;
 mod gspo;
