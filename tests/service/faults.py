@@ -11,8 +11,9 @@ import faults_kills
 import faults_owners
 import faults_slow
 import faults_tls
+import faults_words
 from harness import main
 
 if __name__ == "__main__":
-    parts = [faults_kills, faults_slow, faults_hostile, faults_access, faults_owners, faults_tls, faults_clocks]
+    parts = [faults_kills, faults_slow, faults_hostile, faults_access, faults_owners, faults_tls, faults_words, faults_clocks]
     main("fault_", {name: test for part in parts for name, test in vars(part).items()})

@@ -191,8 +191,9 @@ def fill(folder):
 
 
 def fault_disk_full():
-    """The disk fills up under an episode: its agent is told so, nobody else notices, an upload gets 507 and leaves nothing. With
-    room again the next episode plays, and what was answered before is restored."""
+    """The disk fills up under an episode: its agent is told so and not where the traces lie, the server is not ready, nobody else
+    notices, an upload gets 507 and leaves nothing. With room again the next episode plays, and what was answered before is
+    restored."""
     with tempfile.TemporaryDirectory(prefix="reel-faults-") as folder:
         with small_disk(pathlib.Path(folder) / "data" / "traces", 3 * MIB) as disk:
             with serving("--run", "full", folder=folder) as server:
@@ -214,10 +215,17 @@ def fault_disk_full():
                 text = json.dumps(refused)
                 assert refused and "No space left" in text and "recording failed" in text, f"the agent is told {text}"
                 assert refused["structuredContent"]["error"]["code"] == "broken", text
+                assert "trace full--w-a--0000--" in text and "`reel " not in text, f"the agent is told {text}"
+                logged = until(lambda: str(disk) in server.log.read_text(), 5)
+                assert logged, "the log does not say where there is no room"
                 again = agent.call("ask", question="after")
                 assert again["isError"] and "failed and was ended" in str(again), f"the next call is told {again}"
                 begun = agent.call("finish")
                 assert begun["isError"] and "No space left" in str(begun), f"an episode that cannot begin says {begun}"
+                assert str(disk.parent.resolve()) not in f"{text}{again}{begun}", "an agent is told a path of the server"
+                status, answer = server.json("GET", "/readyz")
+                assert (status, answer["error"]["code"]) == (503, "disk_full"), (status, answer)
+                assert str(disk.parent) not in str(answer), answer
                 assert server.json("GET", "/healthz")[0] == 200 and server.json("GET", "/api/sessions")[0] == 200
                 assert "FDP" in other.say("list_tasks")
                 status, answer = server.json("PUT", "/api/traces/uploaded", sample.read_bytes())
@@ -225,6 +233,7 @@ def fault_disk_full():
                 left = [name for name in os.listdir(disk) if "upload" in name]
                 assert not left, f"the upload left {left}"
                 filler.unlink()
+                assert server.json("GET", "/readyz")[0] == 200, "with room again it is ready"
                 assert "Task:" in agent.say("finish"), "with room again the next episode plays"
                 assert not agent.call("ask", question="with room")["isError"]
                 status, answer = server.json("PUT", "/api/traces/uploaded", sample.read_bytes())
@@ -238,6 +247,29 @@ def fault_disk_full():
             code, out, err = reel("trace", "doctor", *whole)
             assert code == 0, out
             exact(*whole)
+
+
+def fault_restored_in_part():
+    """A call that was under way is lost for good, and said once: `reel trace recover` ends with 3 the first time and with 0 from
+    then on; a server that starts there lists the trace that was restored, and no recording."""
+    with tempfile.TemporaryDirectory(prefix="reel-faults-") as folder:
+        with serving("--run", "torn", folder=folder) as server:
+            agent = Agent(server, worker="a")
+            agent.call("finish"), agent.call("ask", question="whole"), agent.call("ask", question="torn")
+            server.stop(signal.SIGKILL)
+        traces = pathlib.Path(folder) / "data" / "traces"
+        (part,) = traces.glob("*.mcap.part")
+        os.truncate(part, part.stat().st_size - 1)
+        code, out, err = reel("trace", "recover", traces)
+        assert code == 3 and "  lost: call 1 " in out, f"{code} {out}{err}"
+        for _ in range(2):
+            code, out, err = reel("trace", "recover", traces)
+            assert code == 0 and "  lost before: call 1 " in out and "0 lost something" in out, f"{code} {out}{err}"
+        assert part.exists(), "the evidence is gone"
+        with serving(folder=folder) as server:
+            listed = [(trace["trace"], trace["recording"]) for trace in server.json("GET", "/api/traces")[1]["traces"]]
+            assert listed == [(part.name.removesuffix(".mcap.part"), False)], listed
+            assert "restored what broke off" not in tail(server), tail(server)
 
 
 def fault_stop_on_a_full_disk():

@@ -2,6 +2,7 @@
 //! for their end any more, on Ctrl-C, at a limit, or when enough was read.
 
 use std::{
+    net::{TcpStream, ToSocketAddrs as _},
     pin::Pin,
     sync::Arc,
     task::{Context, Poll},
@@ -42,7 +43,7 @@ use futures_util::Stream;
 
 use crate::client::MESSAGE_BYTES;
 
-/// How long the scheduler may take to hear that a job is called off.
+/// How long the scheduler may take to hear that a job is called off, or to say that it is there.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 type OnCluster = DistributedQueryExec<LogicalPlanNode>;
@@ -211,13 +212,25 @@ impl Stream for ResultStream {
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let next = self.answer.as_mut().poll_next(context);
         self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
-        next.map_err(|error| {
-            let reason = error.strip_backtrace();
-            DataFusionError::Execution(format!(
-                "the cluster returned no answer: {reason}; if a node failed, run the query again"
-            ))
-        })
+        next.map_err(|error| DataFusionError::Execution(failure(&self.url, &error)))
     }
+}
+
+/// Why a question has no answer: its scheduler is gone, or what the cluster said.
+fn failure(url: &str, error: &DataFusionError) -> String {
+    let scheduler = url.trim_start_matches("http://");
+    let answers = scheduler.to_socket_addrs().is_ok_and(|mut places| {
+        places.any(|place| TcpStream::connect_timeout(&place, PATIENCE).is_ok())
+    });
+    if !answers {
+        return format!(
+            "the scheduler at {scheduler} went away before it had answered; run the query again once one answers \
+             there (`reel cluster scheduler`)"
+        );
+    }
+    let reason = error.strip_backtrace();
+    let reason = reason.trim_start_matches("Execution error: ");
+    format!("the cluster returned no answer: {reason}; if a node failed, run the query again")
 }
 
 impl RecordBatchStream for ResultStream {
@@ -252,5 +265,35 @@ impl Drop for ResultStream {
             let _ = runtime.block_on(async { tokio::time::timeout(PATIENCE, called_off).await });
         });
         let _ = call_off.join();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+
+    use super::*;
+
+    #[test]
+    fn a_scheduler_that_is_gone_is_named_and_its_transport_is_not() {
+        let raw = DataFusionError::Execution(
+            "Status { code: Unavailable, source: Some(tonic::transport::Error(Transport)) }"
+                .to_owned(),
+        );
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let url = format!("http://{address}");
+        let said = failure(&url, &raw);
+        assert!(
+            said.starts_with("the cluster returned no answer: Status {"),
+            "{said}"
+        );
+        drop(listener);
+        let said = failure(&url, &raw);
+        assert!(
+            said.starts_with(&format!("the scheduler at {address} went away"))
+                && !said.contains("tonic"),
+            "{said}"
+        );
     }
 }

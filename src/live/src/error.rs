@@ -1,4 +1,4 @@
-//! Errors of live sessions.
+//! Errors of live sessions. Clients hear them: they name traces, and never where these lie.
 
 use reel_episode::EpisodeError;
 use reel_trace::TraceError;
@@ -61,12 +61,22 @@ pub enum LiveError {
     #[error(transparent)]
     Episode(#[from] EpisodeError),
     /// The recording cannot be written.
-    #[error("recording failed and the episode was ended: {0}")]
+    #[error("recording failed and the episode was ended: {}", refused(.0))]
     Recording(#[from] TraceError),
     /// A folder cannot be made.
-    #[error("cannot create folder {path}: {source}")]
+    #[error("the folder of traces cannot be made: {source}")]
     Folder {
         path: String,
         source: std::io::Error,
     },
+}
+
+/// Why a trace cannot be written, by its name.
+fn refused(error: &TraceError) -> String {
+    let Some((path, source)) = error.refused() else {
+        return "its trace cannot be written".to_owned();
+    };
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = file.split(".mcap").next().unwrap_or_default();
+    format!("{source}: trace {name}")
 }

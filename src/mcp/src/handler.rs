@@ -1,6 +1,7 @@
 //! A policy session: takes calls of one agent to its session, and says what came of them.
 
 use std::{
+    borrow::Cow,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -14,7 +15,7 @@ use reel_world::{
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, DiscoverResult, ElicitRequest,
+        CallToolRequestParams, CallToolResponse, CallToolResult, ElicitRequest,
         ElicitRequestParams, ElicitResult, ElicitationAction, ElicitationSchema, Implementation,
         InputRequest, InputRequiredResult, ListToolsResult, PaginatedRequestParams,
         ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
@@ -26,7 +27,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::{runtime::Handle, sync::oneshot};
 
-use crate::{Caller, Questions, Worker, catalogue, response};
+use crate::{
+    Caller, Questions, VERSIONS, Worker, catalogue, methods::WITH_SESSIONS, response, tools_only,
+};
 use response::Response;
 
 /// Who answers the questions that a policy asks with `ask`.
@@ -88,6 +91,8 @@ enum SessionOwner {
     Own(Arc<Own>),
     /// A worker's, which outlives connections.
     Worker(Worker),
+    /// That of the worker whom the path of each request names.
+    Named,
 }
 
 struct Own {
@@ -165,6 +170,21 @@ impl ToolServer {
         }
     }
 
+    /// A server for the requests of workers, each of which names its worker in its path.
+    pub fn of_workers(
+        pool: Arc<SessionPool>,
+        questions: Arc<Questions>,
+        options: Arc<ToolServerOptions>,
+    ) -> Self {
+        Self {
+            pool,
+            questions,
+            options,
+            home: SessionOwner::Named,
+            owner: Owner::default(),
+        }
+    }
+
     /// The same for a connection of this owner; requests that name another caller are that one's.
     pub fn of_owner(self, owner: Owner) -> Self {
         Self { owner, ..self }
@@ -183,7 +203,7 @@ impl ToolServer {
     fn worker<'a>(&'a self, context: &'a RequestContext<RoleServer>) -> Option<&'a Worker> {
         match &self.home {
             SessionOwner::Worker(worker) => Some(worker),
-            SessionOwner::Own(_) => context
+            SessionOwner::Own(_) | SessionOwner::Named => context
                 .extensions
                 .get::<Parts>()
                 .and_then(|parts| parts.extensions.get::<Worker>()),
@@ -223,8 +243,16 @@ impl ToolServer {
         let result = match said {
             Ok(said) => response::say(profile, &said),
             Err(error) => {
-                // Not in its own words: they may hold the policy's.
-                tracing::info!(session, known, "refused");
+                // Not in its own words: they may hold the policy's. The disk's do not.
+                match &error {
+                    LiveError::Recording(cause) => {
+                        tracing::error!(session, known, error = %cause, "recording failed");
+                    }
+                    LiveError::Folder { path, source } => {
+                        tracing::error!(session, known, path, error = %source, "recording failed");
+                    }
+                    _ => tracing::info!(session, known, "refused"),
+                }
                 response::refuse(profile, &name, &error)
             }
         };
@@ -435,16 +463,14 @@ impl ServerHandler for ToolServer {
     }
 
     /// Where nothing but a session says whose world it is, only protocols with sessions are spoken.
-    async fn discover(
-        &self,
-        context: RequestContext<RoleServer>,
-    ) -> Result<DiscoverResult, ErrorData> {
-        let versions = match self.worker(&context) {
-            Some(_) => self.supported_protocol_versions().into_owned(),
-            None => ProtocolVersion::known_up_to(&ProtocolVersion::V_2025_11_25).to_vec(),
-        };
-        Ok(DiscoverResult::from_server_info(versions, self.get_info()))
+    fn supported_protocol_versions(&self) -> Cow<'static, [ProtocolVersion]> {
+        Cow::Borrowed(match self.home {
+            SessionOwner::Own(_) => WITH_SESSIONS,
+            SessionOwner::Worker(_) | SessionOwner::Named => VERSIONS,
+        })
     }
+
+    tools_only!();
 
     async fn list_tools(
         &self,

@@ -20,7 +20,8 @@ use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
 use crate::{
-    Caller, Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, sessions::Sessions,
+    Caller, Questions, ToolServer, ToolServerOptions, legacy_sse::Connections, methods::explain,
+    sessions::Sessions,
 };
 
 /// A worker: whoever connects under its name acts in the same session.
@@ -73,20 +74,21 @@ pub fn router(
         connections: Connections::default(),
         closing: closing.clone(),
     };
-    let factory = {
-        let shared = shared.clone();
-        move || shared.server()
-    };
     let limits = shared.pool.limits();
-    let service = streamable_http(
-        factory,
-        (limits.sessions, limits.sessions_each),
-        limits.close_after,
+    let sessions = Sessions::new(limits.sessions, limits.sessions_each, limits.close_after);
+    let factory = |server: fn(&Shared) -> ToolServer| {
+        let shared = shared.clone();
+        move || server(&shared)
+    };
+    let service = serve(
+        sessions.clone(),
+        factory(Shared::server),
         max_body,
-        closing,
+        closing.clone(),
     );
+    let of_workers = serve(sessions, factory(Shared::workers), max_body, closing);
     let workers = Router::new()
-        .route_service("/w/{worker}/mcp", service.clone())
+        .route_service("/w/{worker}/mcp", of_workers)
         .layer(middleware::from_fn(name_worker));
     Router::new()
         .route("/sse", get(open))
@@ -132,7 +134,8 @@ pub(crate) fn serve<S: ServerHandler>(
         sessions,
         http,
     ))
-    .layer(middleware::from_fn(Sessions::limit_sessions))
+    .layer(middleware::from_fn(Sessions::answer_refusals))
+    .layer(middleware::from_fn_with_state(max_body, explain))
 }
 
 /// Serves one agent over standard input and output, until it goes.
@@ -159,6 +162,15 @@ impl Shared {
             self.questions.clone(),
             self.options.clone(),
             format!("s-{}", random()),
+        )
+    }
+
+    /// For whoever the path of a request names.
+    fn workers(&self) -> ToolServer {
+        ToolServer::of_workers(
+            self.pool.clone(),
+            self.questions.clone(),
+            self.options.clone(),
         )
     }
 

@@ -47,19 +47,21 @@ const SILENT_FOR: Duration = Duration::from_secs(120);
 const TEND_EVERY: Duration = Duration::from_secs(10);
 
 tokio::task_local! {
-    /// Why the request that is being answered got no session, if it wanted one.
+    /// Why the request that is being answered got no session, or ended none.
     static REFUSED: Cell<Option<Refusal>>;
 }
 
 type Error = LocalSessionManagerError;
 
-/// Why there is no further session.
+/// Why a request got no session, or ended none.
 #[derive(Clone, Copy)]
 enum Refusal {
     /// As many are open as may be.
     Full,
     /// The token has as many as it may have.
     Quota(usize),
+    /// There is none of the id that was to be ended.
+    Unknown,
 }
 
 impl IntoResponse for Refusal {
@@ -73,6 +75,9 @@ impl IntoResponse for Refusal {
             Refusal::Quota(limit) => {
                 let text = format!("your token has {limit} sessions, as many as it may: {advice}");
                 (StatusCode::TOO_MANY_REQUESTS, text).into_response()
+            }
+            Refusal::Unknown => {
+                (StatusCode::NOT_FOUND, "Not Found: Session not found").into_response()
             }
         }
     }
@@ -124,9 +129,9 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 or 429 to who wanted one session too many. To rmcp that is an error of the
-    /// server: it answers 500.
-    pub async fn limit_sessions(request: Request, next: Next) -> Response {
+    /// Answers 503 or 429 to who wanted one session too many, where rmcp answers 500, and 404 to who
+    /// ends one that is not there, where rmcp answers 202.
+    pub async fn answer_refusals(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;
             REFUSED
@@ -290,10 +295,10 @@ impl SessionManager for Sessions {
     }
 
     async fn close_session(&self, id: &SessionId) -> Result<(), Error> {
-        if self.session(id).is_err() {
-            return Ok(());
-        }
-        let Some(session) = self.lock().remove(id) else {
+        let found = self.session(id).is_ok();
+        let Some(session) = found.then(|| self.lock().remove(id)).flatten() else {
+            // A session that ends by itself is closed again by rmcp, in answer to nobody.
+            let _ = REFUSED.try_with(|refused| refused.set(Some(Refusal::Unknown)));
             return Ok(());
         };
         session.events.close();

@@ -24,25 +24,19 @@ pub enum StopReason {
     #[error("stopped; nothing was changed")]
     Cancelled,
     /// It took too long.
-    #[error(
-        "stopped after {seconds} s, the limit on time; narrow the question down or raise --timeout"
-    )]
+    #[error("stopped after {seconds} s, the limit on time; narrow the question down")]
     Time {
         /// Time limit of the query, in seconds.
         seconds: u64,
     },
     /// It took too much memory.
-    #[error(
-        "stopped at {bytes} bytes, the limit on memory; narrow the question down or raise --memory"
-    )]
+    #[error("stopped at {bytes} bytes, the limit on memory; narrow the question down")]
     Memory {
         /// Limit on the growth of the process's memory, in bytes.
         bytes: usize,
     },
     /// Its answer is too long.
-    #[error(
-        "stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows"
-    )]
+    #[error("stopped at {rows} rows, the limit on answers; add a LIMIT or aggregate")]
     Rows { rows: usize },
     /// It would pair more rows than anyone waits for.
     #[error(
@@ -100,6 +94,29 @@ pub enum StopReason {
         /// Largest size of a value for one row, in bytes.
         limit: u128,
     },
+}
+
+/// A limit that whoever runs the engine sets; only they know what it is called there.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum SetLimit {
+    /// [`Limits::time`](crate::Limits::time).
+    Time,
+    /// [`Limits::memory_bytes`](crate::Limits::memory_bytes).
+    Memory,
+    /// [`Limits::rows`](crate::Limits::rows).
+    Rows,
+}
+
+impl StopReason {
+    /// The limit that was reached; none where nobody set one.
+    pub fn limit(&self) -> Option<SetLimit> {
+        match self {
+            StopReason::Time { .. } => Some(SetLimit::Time),
+            StopReason::Memory { .. } => Some(SetLimit::Memory),
+            StopReason::Rows { .. } => Some(SetLimit::Rows),
+            _ => None,
+        }
+    }
 }
 
 /// Which traces functions may open.

@@ -22,7 +22,7 @@ mod watched;
 use arrow::array::RecordBatch;
 use reel_tables::Store;
 
-pub use control::{Control, StopReason, TraceAccess};
+pub use control::{Control, SetLimit, StopReason, TraceAccess};
 pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use fusion::{RowExpression, fuse};

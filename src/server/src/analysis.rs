@@ -1,7 +1,7 @@
 //! Tools for assistants that look at what was recorded: read-only, on an endpoint and a role of
 //! their own. No policy session lists them, and nothing here acts.
 
-use std::{sync::Arc, time::Duration};
+use std::{borrow::Cow, sync::Arc, time::Duration};
 
 use axum::Router;
 use reel_counterfactual::blame::BlameOptions;
@@ -12,8 +12,8 @@ use rmcp::{
     ErrorData, RoleServer, ServerHandler,
     model::{
         CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation,
-        JsonObject, ListToolsResult, PaginatedRequestParams, ServerCapabilities, ServerConfig,
-        Tool, ToolAnnotations,
+        JsonObject, ListToolsResult, PaginatedRequestParams, ProtocolVersion, ServerCapabilities,
+        ServerConfig, Tool, ToolAnnotations,
     },
     service::RequestContext,
 };
@@ -232,6 +232,12 @@ impl ServerHandler for Analysis {
             .with_instructions(instructions)
     }
 
+    fn supported_protocol_versions(&self) -> Cow<'static, [ProtocolVersion]> {
+        Cow::Borrowed(reel_mcp::VERSIONS)
+    }
+
+    reel_mcp::tools_only!();
+
     async fn list_tools(
         &self,
         _: Option<PaginatedRequestParams>,
@@ -286,7 +292,10 @@ impl ServerHandler for Analysis {
                 result.structured_content = value.is_object().then_some(value);
                 result
             }
-            Err(why) => CallToolResult::error(vec![ContentBlock::text(why)]),
+            Err(why) => {
+                let why = self.app.archive.redact_path(&why);
+                CallToolResult::error(vec![ContentBlock::text(why)])
+            }
         }
         .into())
     }

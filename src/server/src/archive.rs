@@ -120,7 +120,9 @@ impl Archive {
                 names.push((name.to_owned(), recording));
             }
         }
+        // Where a part stands beside the trace that was restored of it, the trace is what is meant.
         names.sort_unstable();
+        names.dedup_by(|part, whole| part.0 == whole.0);
         let file = |(name, recording): (String, bool)| {
             let suffix = if recording { "mcap.part" } else { "mcap" };
             let found = fs::metadata(self.folder.join(format!("{name}.{suffix}"))).ok()?;
@@ -138,6 +140,20 @@ impl Archive {
         };
         // A file that went away meanwhile is not there.
         Ok(names.into_iter().filter_map(file).take(limit).collect())
+    }
+
+    /// The recordings that were not finished.
+    pub fn unfinished(&self) -> io::Result<Vec<PathBuf>> {
+        let mut parts = Vec::new();
+        for entry in fs::read_dir(&self.folder)? {
+            let path = entry?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if name.ends_with(".mcap.part") && !name.starts_with('.') {
+                parts.push(path);
+            }
+        }
+        parts.sort_unstable();
+        Ok(parts)
     }
 
     /// A text without the way to the data folder, which is nobody's business outside.

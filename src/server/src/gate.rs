@@ -261,7 +261,7 @@ fn authorize(
         .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
     let Some((_, token)) = token else {
         return Err(ApiError::unauthorized(
-            "no token: send `Authorization: Bearer <token>`; `reel server token create` creates one",
+            "no token: send `Authorization: Bearer <token>`; whoever runs this server gives one",
         ));
     };
     let Some(entry) = app.tokens.find(token.trim()) else {

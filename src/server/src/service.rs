@@ -325,20 +325,19 @@ async fn tend(app: Arc<App>) {
 /// What an earlier server left half recorded becomes whole traces. A recording that somebody still
 /// writes is locked, and stays.
 fn restore_all(archive: &Archive) {
-    for file in archive
-        .list("", usize::MAX)
-        .unwrap_or_default()
-        .into_iter()
-        .filter(|file| file.recording)
-    {
-        let part = archive.folder().join(format!("{}.mcap.part", file.trace));
+    for part in archive.unfinished().unwrap_or_default() {
+        let file = part.file_name().unwrap_or_default().to_string_lossy();
+        let trace = file.trim_end_matches(".mcap.part");
         match restore(&part, None) {
-            Ok(recovery) => tracing::info!(
-                trace = file.trace,
+            // What is lost may hold words of the policy, which no log has.
+            Ok(recovery) if !recovery.told => tracing::info!(
+                trace,
                 steps = recovery.steps,
+                lost = recovery.lost.len(),
                 "restored what broke off"
             ),
-            Err(error) => tracing::warn!(trace = file.trace, %error, "could not be restored"),
+            Ok(_) => tracing::debug!(trace, "restored before"),
+            Err(error) => tracing::warn!(trace, %error, "could not be restored"),
         }
     }
 }

@@ -154,6 +154,12 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
         }
         Err(_) => {}
     }
+    // A part is no trace, also where all that can be restored of it is in one.
+    let finished = path.with_extension("");
+    if path.extension().is_some_and(|it| it == "part") && finished.is_file() {
+        let name = finished.file_name().unwrap_or_default().to_string_lossy();
+        notes.push(format!("{name} stands beside it"));
+    }
     match closing {
         Some(Closing::Finished) if sound => findings.extend(content.index.compare(&bytes)),
         Some(Closing::Finished) => {

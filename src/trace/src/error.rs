@@ -1,6 +1,9 @@
 //! Why a trace could not be written or is not believed.
 
-use std::{io, path::PathBuf};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
 use reel_world::{Digest, LogprobError};
 
@@ -186,6 +189,17 @@ impl TraceError {
             | TraceError::Damaged { offset, .. }
             | TraceError::Message { offset, .. } => Some(*offset),
             TraceError::NotMcap { .. } => Some(0),
+            _ => None,
+        }
+    }
+
+    /// The file that the operating system refused, and why; none where it refused nothing.
+    pub fn refused(&self) -> Option<(&Path, &io::Error)> {
+        match self {
+            TraceError::Io { path, source, .. }
+            | TraceError::Write {
+                part: path, source, ..
+            } => Some((path, source)),
             _ => None,
         }
     }

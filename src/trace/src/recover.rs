@@ -63,6 +63,8 @@ pub struct Recovery {
     pub problems: Vec<String>,
     /// What was recorded and could not be restored; empty where all of it was.
     pub lost: Vec<String>,
+    /// Whether the trace says so already, because an earlier recovery of this recording wrote it.
+    pub told: bool,
     /// Whether the recording was deleted, because the trace holds all of it.
     pub source_deleted: bool,
 }
@@ -143,6 +145,7 @@ pub fn recover(
             .map(|problem| problem.error.to_string())
             .collect(),
         lost: Vec::new(),
+        told: false,
         source_deleted: false,
     };
     if problems.is_empty() && (recovery.end_recorded && !is_part || nothing_there) {
@@ -197,6 +200,7 @@ pub fn recover(
     recovery.trace = path;
     if there {
         recovery.restored = RecoveryStatus::Before;
+        recovery.told = !recovery.lost.is_empty() && tells(&recovery);
     } else {
         recovery.restored = if trace.is_ok() {
             RecoveryStatus::Written
@@ -432,6 +436,19 @@ fn holds(path: &Path, recording: Option<&Trace>) -> bool {
             .originals
             .keys()
             .all(|step| whole.originals.contains_key(step))
+}
+
+/// Whether the trace of an earlier recovery says what is lost of this recording.
+fn tells(recovery: &Recovery) -> bool {
+    let lost = recovery.lost.join("\n");
+    match Trace::read(&recovery.trace) {
+        Ok(trace) => trace
+            .recoveries
+            .iter()
+            .any(|before| before.get("lost") == Some(&lost)),
+        Err(TraceError::NothingRestored { lost: before, .. }) => before == lost,
+        Err(_) => false,
+    }
 }
 
 /// Keeps a recorder out, or says that there is one.

@@ -9,10 +9,10 @@ use std::{
     time::Duration,
 };
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use reel_query::{
-    Format, Limits, Parameters, QueryError, QuerySession, StopReason, arrow_file, format, named,
-    parquet_file,
+    Format, Limits, Parameters, QueryError, QuerySession, SetLimit, StopReason, arrow_file, format,
+    named, parquet_file,
 };
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, cost::Cost, inputs, progress};
@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             eprintln!("reel: {}", StopReason::Cancelled);
             std::process::exit(130);
         }
-        answer => answer,
+        answer => answer.map_err(advised),
     };
     let cost = Cost::of(1);
     let batches = ask()?;
@@ -168,6 +168,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         },
     }
     Ok(ExitStatus::Success)
+}
+
+/// An error with what it is called here that can be changed.
+fn advised(error: QueryError) -> anyhow::Error {
+    let limit = match &error {
+        QueryError::Stopped(reason) => reason.limit(),
+        QueryError::Parameter(_) => return anyhow!("{error} (--param NAME=VALUE)"),
+        _ => None,
+    };
+    match limit {
+        Some(SetLimit::Time) => anyhow!("{error}, or raise --timeout"),
+        Some(SetLimit::Memory) => anyhow!("{error}, or raise --memory"),
+        Some(SetLimit::Rows) => anyhow!("{error}, or raise --max-rows"),
+        None => error.into(),
+    }
 }
 
 /// Asks and prints.

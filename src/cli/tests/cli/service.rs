@@ -23,7 +23,8 @@ const FAULTS: &[&str] = &reel_world::words! {
     kill_under_load names_are_taken_once disk_full file_too_large upload_breaks_off halves
     large_bodies bodies_as_large_as_they_may_be deep_json_and_invalid_utf8 hostile_calls
     hosts_and_origins last_token what_is_anothers more_than_their_share revoked_in_the_midst
-    tls audit
+    tls audit words_of_the_protocol words_of_the_newest_protocol sessions_that_are_not_there
+    methods_that_a_path_does_not_have advice_for_somebody_else answers_that_are_cut_off restored_in_part
 };
 
 #[test]

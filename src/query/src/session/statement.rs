@@ -76,7 +76,7 @@ pub(super) fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<Logical
         .collect();
     if !missing.is_empty() {
         return Err(QueryError::Parameter(format!(
-            "the query needs values for {}: --param NAME=VALUE",
+            "the query needs values for its parameters {}",
             listed(&missing)
         )));
     }

@@ -8,7 +8,7 @@ use axum::{
 };
 use reel_live::LiveError;
 #[cfg(feature = "tables")]
-use reel_query::QueryError;
+use reel_query::{QueryError, SetLimit};
 #[cfg(feature = "tables")]
 use reel_tables::StoreError;
 use serde::Serialize;
@@ -118,14 +118,34 @@ impl ApiError {
     /// Logs a failed disk operation and makes an error with status 507.
     pub fn disk(error: std::io::Error) -> Self {
         tracing::error!(%error, "disk error");
-        let full = error.kind() == std::io::ErrorKind::StorageFull;
-        let code = if full { "disk_full" } else { "disk" };
+        let (code, cause) = of_disk(&error);
         Self::new(
             StatusCode::INSUFFICIENT_STORAGE,
             code,
-            format!("disk error: {error}"),
+            format!("disk error: {cause}"),
         )
     }
+
+    /// The folder of traces takes nothing, so no episode can be recorded.
+    pub fn records_nothing(error: &std::io::Error) -> Self {
+        tracing::error!(%error, "the folder of traces cannot be written");
+        let (code, cause) = of_disk(error);
+        Self::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            code,
+            format!("no episode can be recorded: the folder of traces cannot be written: {cause}"),
+        )
+    }
+}
+
+/// Code and words of a disk error, without the path that some have in theirs.
+fn of_disk(error: &std::io::Error) -> (&'static str, String) {
+    let full = error.kind() == std::io::ErrorKind::StorageFull;
+    let cause = error.raw_os_error().map_or_else(
+        || error.kind().to_string(),
+        |code| std::io::Error::from_raw_os_error(code).to_string(),
+    );
+    (if full { "disk_full" } else { "disk" }, cause)
 }
 
 impl std::fmt::Display for ApiError {
@@ -185,9 +205,29 @@ impl From<LiveError> for ApiError {
 #[cfg(feature = "tables")]
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
-        Self::not_found(format!(
-            "cannot read the tables: {error}; start a job of kind 'ingest' to create them"
-        ))
+        let message = match error {
+            StoreError::NoStore { .. } => {
+                "there are no tables yet; a job of kind 'ingest' makes them".to_owned()
+            }
+            StoreError::NoVersion {
+                version, newest, ..
+            } => format!("unknown version {version} of the tables; the newest is {newest}"),
+            StoreError::Missing { version, .. } => {
+                format!(
+                    "version {version} of the tables needs a file that is gone; ask for a newer one"
+                )
+            }
+            StoreError::OtherColumns { table, .. } => {
+                format!(
+                    "table '{table}' is of another version of Reel; the server needs new tables"
+                )
+            }
+            other => {
+                tracing::error!(error = %other, "the tables cannot be read");
+                "the tables cannot be read; the log has the details".to_owned()
+            }
+        };
+        Self::not_found(message)
     }
 }
 
@@ -197,7 +237,15 @@ impl From<QueryError> for ApiError {
         let message = error.to_string();
         match error {
             QueryError::Store(error) => error.into(),
-            QueryError::Stopped(_) => Self::unprocessable("over_limit", message),
+            QueryError::Stopped(reason) => {
+                let message = match reason.limit() {
+                    Some(SetLimit::Time) => format!("{message} (limits.sql_timeout_s)"),
+                    Some(SetLimit::Memory) => format!("{message} (limits.sql_mib)"),
+                    Some(SetLimit::Rows) => format!("{message} (limits.sql_rows)"),
+                    None => message,
+                };
+                Self::unprocessable("over_limit", message)
+            }
             QueryError::ReadOnly { .. } => Self::unprocessable("read_only", message),
             _ => Self::unprocessable("bad_query", message),
         }

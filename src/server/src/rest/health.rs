@@ -1,6 +1,9 @@
 //! Whether it lives, whether it takes calls, and what it counts.
 
-use std::sync::{Arc, atomic::Ordering};
+use std::{
+    io::{self, Write as _},
+    sync::{Arc, atomic::Ordering},
+};
 
 use axum::{Json, extract::State, http::header, response::IntoResponse};
 use serde::Serialize;
@@ -8,6 +11,9 @@ use utoipa::ToSchema;
 
 use super::{ApiError, error::ErrorBody};
 use crate::service::App;
+
+/// Bytes that there has to be room for: a recording grows by its start at once.
+const ROOM: usize = 1 << 20;
 
 /// What a living server says.
 #[derive(Serialize, ToSchema)]
@@ -27,14 +33,21 @@ pub(super) async fn healthz() -> Json<Health> {
     })
 }
 
-/// Whether it takes calls.
+/// Whether it takes calls, and can record them: the folder of traces has to have room.
 #[utoipa::path(get, path = "/readyz", tag = "service",
     responses((status = 200, body = Health), (status = 503, body = ErrorBody)))]
 pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, ApiError> {
-    if app.ready.load(Ordering::Acquire) {
-        Ok(healthz().await)
-    } else {
-        Err(ApiError::busy("the server is shutting down"))
+    if !app.ready.load(Ordering::Acquire) {
+        return Err(ApiError::busy("the server is shutting down"));
+    }
+    let folder = app.archive.folder().to_owned();
+    // The file has no name, and is gone when it is closed.
+    let tried = tokio::task::spawn_blocking(move || {
+        tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM])
+    });
+    match tried.await.map_err(io::Error::other).flatten() {
+        Ok(()) => Ok(healthz().await),
+        Err(error) => Err(ApiError::records_nothing(&error)),
     }
 }
 

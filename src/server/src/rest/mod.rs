@@ -218,14 +218,14 @@ pub(crate) fn router(app: &Arc<App>, others: impl FnOnce(Routes) -> Routes) -> R
     router
         .route("/api/openapi.json", document.route_layer(open.clone()))
         .with_state(app.clone())
-        .method_not_allowed_fallback(other_method.layer(open.clone()))
         .merge(others)
+        .method_not_allowed_fallback(other_method.layer(open))
 }
 
 /// What is there is asked for in another way; the header `Allow` says in which.
 async fn other_method(method: Method) -> ApiError {
     ApiError::not_allowed(format!(
-        "method {method} is not allowed on this path; see /api/openapi.json"
+        "method {method} is not allowed on this path; the header `Allow` lists those that are"
     ))
 }
 

@@ -1,4 +1,5 @@
-//! Questions in SQL, under the limits of the query layer; the answer goes out while it comes.
+//! Questions in SQL, under the limits of the query layer. A short answer goes out whole, a long one
+//! while it comes; one that is cut off breaks off, and no client takes it for whole.
 
 use std::{io, sync::Arc};
 
@@ -7,14 +8,13 @@ use axum::{
     Json,
     body::{Body, Bytes},
     extract::State,
-    http::header,
+    http::{Version, header},
     response::{IntoResponse, Response},
 };
-use futures_util::StreamExt as _;
+use futures_util::{Stream, StreamExt as _, stream};
 use reel_query::{CacheScope, Format, Limits, Parameters, QueryError, QuerySession, format, named};
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
-use tokio_stream::wrappers::ReceiverStream;
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
@@ -31,6 +31,14 @@ use crate::{
 
 /// Parts of an answer that wait for a slow client; the query waits with them.
 const AHEAD: usize = 4;
+
+/// What a query sends while it runs.
+enum Part {
+    /// The next bytes of the answer.
+    Bytes(Bytes),
+    /// The answer is whole. Where this does not come, it was cut off.
+    End,
+}
 
 /// How an answer looks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, ToSchema)]
@@ -83,9 +91,10 @@ impl App {
         (status = 503, body = ErrorBody)))]
 pub(super) async fn ask(
     State(app): State<Arc<App>>,
+    version: Version,
     JsonBody(question): JsonBody<Question>,
 ) -> Result<Response, ApiError> {
-    answer(app, question).await
+    answer(app, version, question).await
 }
 
 /// A query that comes with Reel.
@@ -134,6 +143,7 @@ pub(super) struct NamedOptions {
         (status = 503, body = ErrorBody)))]
 pub(super) async fn ask_named(
     State(app): State<Arc<App>>,
+    version: Version,
     PathParams(name): PathParams<String>,
     QueryParams(options): QueryParams<NamedOptions>,
 ) -> Result<Response, ApiError> {
@@ -159,6 +169,7 @@ pub(super) async fn ask_named(
     }
     answer(
         app,
+        version,
         Question {
             sql: query.sql.to_owned(),
             parameters,
@@ -169,8 +180,9 @@ pub(super) async fn ask_named(
     .await
 }
 
-/// Asks, and answers with what comes first: a part of the answer, or why there is none.
-async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError> {
+/// Asks, and answers: with all of it or why there is none, where it is short; else with what comes,
+/// as it comes.
+async fn answer(app: Arc<App>, version: Version, question: Question) -> Result<Response, ApiError> {
     let kind = match question.format {
         AnswerFormat::Json => "application/json",
         AnswerFormat::Csv => "text/csv; charset=utf-8",
@@ -180,34 +192,64 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     let place = tokio::time::timeout(patience, app.analyses.take(&gate::owner()))
         .await
         .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
-    let (sender, mut parts) = mpsc::channel::<Result<Bytes, QueryError>>(AHEAD);
+    let (sender, mut parts) = mpsc::channel(AHEAD);
     let asked = app.clone();
     tokio::task::spawn_blocking(move || {
         // Given back also when the query panics.
         let _place = place;
-        if let Err(error) = run(&asked, &question, &sender) {
-            let _ = sender.blocking_send(Err(error));
-        }
+        let last = run(&asked, &question, &sender).map(|()| Part::End);
+        let _ = sender.blocking_send(last);
     });
-    match parts.recv().await {
-        Some(Ok(first)) => {
-            // After the first part it is too late for a status: the stream breaks
-            // off, which clients see.
-            let rest = ReceiverStream::new(parts).map(|part| part.map_err(io::Error::other));
-            let body = futures_util::stream::once(async { Ok::<_, io::Error>(first) }).chain(rest);
-            Ok(([(header::CONTENT_TYPE, kind)], Body::from_stream(body)).into_response())
+    let kind = [(header::CONTENT_TYPE, kind)];
+    let mut begun = Vec::new();
+    while begun.len() <= ANSWER_MAX {
+        match parts.recv().await {
+            Some(Ok(Part::Bytes(part))) => begun.extend_from_slice(&part),
+            Some(Ok(Part::End)) => return Ok((kind, Body::from(begun)).into_response()),
+            Some(Err(error)) => return Err(told(&app, error.into())),
+            None => {
+                return Err(ApiError::internal(
+                    "the query panicked; the log has the details",
+                ));
+            }
         }
-        Some(Err(error)) => Err(told(&app, error.into())),
-        None => Err(ApiError::internal(
-            "the query panicked; the log has the details",
-        )),
     }
+    if version < Version::HTTP_11 {
+        return Err(ApiError::unprocessable(
+            "too_long",
+            format!(
+                "the answer has more than {ANSWER_MAX} bytes, and in HTTP/1.0 nothing shows whether one of \
+                 unknown length is whole; use HTTP/1.1, or ask for less"
+            ),
+        ));
+    }
+    let begun = stream::once(async move { Ok(Bytes::from(begun)) });
+    let body = Body::from_stream(begun.chain(rest(parts)));
+    Ok((kind, body).into_response())
+}
+
+/// The rest of an answer whose status is sent already. Where it is cut off, the chunks end without
+/// their end, which clients see.
+fn rest(
+    parts: mpsc::Receiver<Result<Part, QueryError>>,
+) -> impl Stream<Item = io::Result<Bytes>> + Send {
+    stream::unfold(Some(parts), |parts| async move {
+        let mut parts = parts?;
+        let error = match parts.recv().await {
+            Some(Ok(Part::Bytes(part))) => return Some((Ok(part), Some(parts))),
+            Some(Ok(Part::End)) => return None,
+            Some(Err(error)) => io::Error::other(error),
+            None => io::Error::other("the query panicked"),
+        };
+        tracing::warn!("an answer in SQL was cut off: a limit or an error came after its status");
+        Some((Err(error), None))
+    })
 }
 
 fn run(
     app: &App,
     question: &Question,
-    sender: &mpsc::Sender<Result<Bytes, QueryError>>,
+    sender: &mpsc::Sender<Result<Part, QueryError>>,
 ) -> Result<(), QueryError> {
     let newest = match question.at {
         None => app.tables.newest()?,
@@ -219,7 +261,7 @@ fn run(
     let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format))
         .unwrap_or_default();
     if let Some(answer) = app.tables.cached_answer(&newest, &asked) {
-        let _ = sender.blocking_send(Ok(answer));
+        let _ = sender.blocking_send(Ok(Part::Bytes(answer)));
         return Ok(());
     }
     let Newest { store, stamp } = newest;
@@ -234,7 +276,8 @@ fn run(
         {
             whole.extend_from_slice(part);
         }
-        shown & sender.blocking_send(part.map_err(QueryError::from)).is_ok()
+        let part = part.map(Part::Bytes).map_err(QueryError::from);
+        shown & sender.blocking_send(part).is_ok()
     };
     let lasting = session.run_each(&question.sql, &question.parameters, |batch| {
         reading = send(encoder.encode(&batch));

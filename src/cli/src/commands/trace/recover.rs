@@ -20,8 +20,8 @@ use crate::{ExitStatus, inputs, progress};
 ///   reel trace recover traces-out/FDP_home_0001--oracle--0.mcap.part --json
 ///   reel trace recover damaged --out restored
 ///
-/// Exit code 0: nothing was lost; 3: something was lost and is named; 2: a recording could not be read
-/// or written at all.
+/// Exit code 0: nothing was lost, or an earlier run has said what; 3: something was lost and is named; 2: a
+/// recording could not be read or written at all.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let lossy = recoveries
         .iter()
-        .filter(|recovery| !recovery.lost.is_empty())
+        .filter(|recovery| !recovery.lost.is_empty() && !recovery.told)
         .count();
     if !arguments.json && paths.len() > 1 {
         println!("{}", summary(&recoveries, lossy));
@@ -104,8 +104,14 @@ fn text(recovery: &Recovery) -> String {
         RecoveryStatus::Before => format!("{source}: its {steps} steps are already in {trace}\n"),
         RecoveryStatus::Nothing => format!("{source}: nothing can be restored; {trace} says so\n"),
     };
+    let when = if recovery.told { "lost before" } else { "lost" };
     for lost in &recovery.lost {
-        text.push_str(&format!("  lost: {lost}\n"));
+        text.push_str(&format!("  {when}: {lost}\n"));
+    }
+    if recovery.told {
+        text.push_str(
+            "  the trace says so, too: delete the recording when nobody wants to look at it\n",
+        );
     }
     // Where something was lost, that says why.
     for problem in recovery
