@@ -1,17 +1,20 @@
 """Faults: input that nobody means. The answer is a 4xx or words, never a 5xx, and everybody else plays on."""
 
+import contextlib
 import http.client
 import json
+import os
 import pathlib
 import random
 import re
+import signal
 import time
 import urllib.parse
 
 from faults_kit import (
     LATE_S, QUICK, WAYS_OUT, Bystander, Stream, Wire, analyst, exact, healthy, posted, serving, steps, with_tables,
 )
-from harness import Agent, reel
+from harness import Agent, reel, until
 
 
 #: More nested than anything means.
@@ -283,6 +286,56 @@ def fault_hostile_requests():
         assert not wrong, f"{len(wrong)} of {len(requests)}: {wrong}"
         code, out, _ = reel("trace", "doctor", *server.traces())
         assert code == 0, out[-1500:]
+
+
+def processes_of(server):
+    """The processes that the server started and that live."""
+    found = []
+    for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+            if int(parent) == server.process.pid and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
+
+
+def fault_questions_that_end_their_process():
+    """A question that no limit foresaw, or whose process somebody kills, is an error of that question alone; one whose client or
+    server goes away ends."""
+    unforeseen = (
+        "SELECT array_length(array_agg(w)) FROM (SELECT s.step, array_agg(repeat('x', 100000)) OVER (PARTITION BY s.step % 2 "
+        "ORDER BY s.step ROWS BETWEEN UNBOUNDED PRECEDING AND UNBOUNDED FOLLOWING) AS w FROM steps s, generate_series(1, 900))"
+    )
+    slow = "SELECT sum(a.value * b.value) FROM generate_series(1, 1000000) a, generate_series(1, 1000000) b"
+    with serving(config="[limits]\nsql_timeout_s = 60\n") as server, Bystander(server):
+        with_tables(server)
+        ask = lambda sql: server.json("POST", "/api/sql", {"sql": sql})  # noqa: E731
+        status, body = ask(unforeseen)
+        assert (status, body["error"]["code"]) == (422, "over_limit"), (status, body)
+        assert ask("SELECT 1 AS n") == (200, [{"n": 1}])
+        # Idle ones are used again.
+        (first,) = processes_of(server)
+        assert ask("SELECT 2 AS n") == (200, [{"n": 2}]) and processes_of(server) == [first]
+        # One that was killed while it was idle is no harm, nor one with a question.
+        os.kill(first, signal.SIGKILL)
+        assert until(lambda: first not in processes_of(server), 5)
+        assert ask("SELECT 3 AS n") == (200, [{"n": 3}])
+        wire = Wire(server, posted("/api/sql", json.dumps({"sql": slow}).encode()))
+        time.sleep(1)
+        (busy,) = processes_of(server)
+        os.kill(busy, signal.SIGKILL)
+        assert wire.status() == 422, wire.heard[:300]
+        assert ask("SELECT 4 AS n") == (200, [{"n": 4}])
+        wire = Wire(server, posted("/api/sql", json.dumps({"sql": slow}).encode()))
+        time.sleep(1)
+        (busy,) = processes_of(server)
+        wire.close()
+        assert until(lambda: busy not in processes_of(server), 3 + LATE_S), "the question of a client that went away goes on"
+        wire = Wire(server, posted("/api/sql", json.dumps({"sql": slow}).encode()))
+        time.sleep(1)
+        (busy,) = processes_of(server)
+    assert until(lambda: not pathlib.Path(f"/proc/{busy}/stat").exists(), 3 + LATE_S), "a question goes on without its server"
+    wire.close()
 
 
 def fault_hostile_sql():

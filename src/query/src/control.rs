@@ -99,11 +99,11 @@ pub enum StopReason {
 /// A limit that whoever runs the engine sets; only they know what it is called there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SetLimit {
-    /// [`Limits::time`](crate::Limits::time).
+    /// Wall-clock time: [`Limits::time`](crate::Limits::time).
     Time,
-    /// [`Limits::memory_bytes`](crate::Limits::memory_bytes).
+    /// Memory of the process: [`Limits::memory_bytes`](crate::Limits::memory_bytes).
     Memory,
-    /// [`Limits::rows`](crate::Limits::rows).
+    /// Rows of the answer: [`Limits::rows`](crate::Limits::rows).
     Rows,
 }
 

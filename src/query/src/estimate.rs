@@ -209,10 +209,13 @@ fn check_windows(plan: &Arc<dyn ExecutionPlan>, input: &[Rows]) -> Result<()> {
             let rest = expression.name().strip_prefix(**function);
             rest.is_some_and(|rest| rest.starts_with('('))
         };
+        // Over the whole table others come to one value, and these to a list as long as the table,
+        // for each of its rows.
+        let once = |function: &&&str| whole && !COLLECTING.contains(function);
         if let Some(function) = HOLISTIC
             .iter()
             .find(called)
-            .filter(|_| !(whole || narrow || parted))
+            .filter(|function| !(once(function) || narrow || parted))
         {
             return Err(refused(StopReason::Window {
                 function: (*function).to_owned(),
@@ -236,6 +239,9 @@ fn is_near(bound: &WindowFrameBound) -> bool {
 
 /// Rows up to which any aggregate may move over them.
 const WINDOW_ROWS_MAX: f64 = 20_000.0;
+
+/// Aggregates whose value grows with the rows.
+const COLLECTING: [&str; 2] = ["array_agg", "string_agg"];
 
 /// Aggregates that have to look at all their values again for every row.
 const HOLISTIC: [&str; 9] = [

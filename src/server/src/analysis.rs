@@ -19,7 +19,10 @@ use rmcp::{
 };
 use serde_json::{Value, json};
 
-use crate::{rest::rows, service::App};
+use crate::{
+    rest::{asked_rows, rows},
+    service::App,
+};
 
 /// Most rows of an answer: what an assistant can read.
 const ROWS: usize = 200;
@@ -123,12 +126,10 @@ impl Analysis {
                     "SELECT episode_id, task_id, family, policy, success, total_reward, length, trace FROM episodes \
                      WHERE ({condition}\n) ORDER BY episode_id LIMIT {limit}"
                 );
-                rows(app, &sql, &Parameters::new())
-                    .map(|rows| json!(rows))
-                    .map_err(told)
+                asked_rows(app, &sql).map(|rows| json!(rows)).map_err(told)
             }
             "query" => {
-                let mut found = rows(app, &text("sql")?, &Parameters::new()).map_err(told)?;
+                let mut found = asked_rows(app, &text("sql")?).map_err(told)?;
                 let total = found.len();
                 found.truncate(ROWS);
                 Ok(json!({"rows": found, "of": total}))

@@ -24,6 +24,8 @@ mod run;
 mod service;
 mod snapshots;
 #[cfg(feature = "tables")]
+mod sql_process;
+#[cfg(feature = "tables")]
 mod store;
 mod tls;
 mod tokens;
@@ -37,6 +39,8 @@ pub use reel_mcp::AskResponder;
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};
+#[cfg(feature = "tables")]
+pub use sql_process::answer_sql;
 pub use tls::{TlsError, TlsFiles};
 pub use tokens::{Role, TokenEntry, TokenError, Tokens};
 #[cfg(feature = "rerun")]

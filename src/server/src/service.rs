@@ -35,6 +35,7 @@ use crate::{
 #[cfg(feature = "tables")]
 use crate::{
     jobs::{Jobs, Paths},
+    sql_process::SqlProcesses,
     store::Tables,
 };
 
@@ -52,6 +53,8 @@ pub(crate) struct App {
     pub jobs: Jobs,
     #[cfg(feature = "tables")]
     pub tables: Tables,
+    #[cfg(feature = "tables")]
+    pub sql: SqlProcesses,
     pub tokens: Tokens,
     pub audit: AuditLog,
     /// What clients are shown, where it serves TLS.
@@ -160,6 +163,8 @@ impl Service {
             store: config.store(),
             exports: config.exports(),
         };
+        #[cfg(feature = "tables")]
+        let sql = SqlProcesses::new(paths.reel.clone());
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
@@ -167,6 +172,8 @@ impl Service {
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
             tables: Tables::new(config.store(), trace_files),
+            #[cfg(feature = "tables")]
+            sql,
             archive,
             snapshots: moments,
             tokens,
@@ -302,6 +309,8 @@ async fn tend(app: Arc<App>) {
         ticks.tick().await;
         app.pool.reap_idle().await;
         app.rates.tidy();
+        #[cfg(feature = "tables")]
+        app.sql.tidy();
         match app.certificate.as_ref().map(|it| it.refresh()) {
             None | Some(Ok(false)) => {}
             Some(Ok(true)) => tracing::info!("new connections get the new certificate"),
@@ -330,7 +339,7 @@ fn restore_all(archive: &Archive) {
         let trace = file.trim_end_matches(".mcap.part");
         match restore(&part, None) {
             // What is lost may hold words of the policy, which no log has.
-            Ok(recovery) if !recovery.told => tracing::info!(
+            Ok(recovery) if !recovery.reported => tracing::info!(
                 trace,
                 steps = recovery.steps,
                 lost = recovery.lost.len(),

@@ -64,7 +64,7 @@ pub struct Recovery {
     /// What was recorded and could not be restored; empty where all of it was.
     pub lost: Vec<String>,
     /// Whether the trace says so already, because an earlier recovery of this recording wrote it.
-    pub told: bool,
+    pub reported: bool,
     /// Whether the recording was deleted, because the trace holds all of it.
     pub source_deleted: bool,
 }
@@ -145,7 +145,7 @@ pub fn recover(
             .map(|problem| problem.error.to_string())
             .collect(),
         lost: Vec::new(),
-        told: false,
+        reported: false,
         source_deleted: false,
     };
     if problems.is_empty() && (recovery.end_recorded && !is_part || nothing_there) {
@@ -200,7 +200,7 @@ pub fn recover(
     recovery.trace = path;
     if there {
         recovery.restored = RecoveryStatus::Before;
-        recovery.told = !recovery.lost.is_empty() && tells(&recovery);
+        recovery.reported = !recovery.lost.is_empty() && tells(&recovery);
     } else {
         recovery.restored = if trace.is_ok() {
             RecoveryStatus::Written

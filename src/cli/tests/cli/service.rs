@@ -25,6 +25,7 @@ const FAULTS: &[&str] = &reel_world::words! {
     hosts_and_origins last_token what_is_anothers more_than_their_share revoked_in_the_midst
     tls audit words_of_the_protocol words_of_the_newest_protocol sessions_that_are_not_there
     methods_that_a_path_does_not_have advice_for_somebody_else answers_that_are_cut_off restored_in_part
+    questions_that_end_their_process
 };
 
 #[test]

@@ -1,6 +1,8 @@
 //! What a client is told when something does not work: a status, a code for programs,
 //! a sentence for people.
 
+use std::borrow::Cow;
+
 use axum::{
     Json,
     http::{HeaderValue, StatusCode, header},
@@ -11,7 +13,7 @@ use reel_live::LiveError;
 use reel_query::{QueryError, SetLimit};
 #[cfg(feature = "tables")]
 use reel_tables::StoreError;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::archive::Archive;
@@ -20,8 +22,36 @@ use crate::archive::Archive;
 #[derive(Debug)]
 pub(crate) struct ApiError {
     status: StatusCode,
-    code: &'static str,
+    code: Cow<'static, str>,
     message: String,
+}
+
+/// An [`ApiError`] as one process tells it to another.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct SentError {
+    status: u16,
+    code: String,
+    message: String,
+}
+
+impl From<ApiError> for SentError {
+    fn from(error: ApiError) -> Self {
+        Self {
+            status: error.status.as_u16(),
+            code: error.code.into_owned(),
+            message: error.message,
+        }
+    }
+}
+
+impl From<SentError> for ApiError {
+    fn from(error: SentError) -> Self {
+        Self {
+            status: StatusCode::from_u16(error.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR),
+            code: error.code.into(),
+            message: error.message,
+        }
+    }
 }
 
 /// The body of every answer that is an error.
@@ -44,7 +74,7 @@ impl ApiError {
     fn new(status: StatusCode, code: &'static str, message: impl Into<String>) -> Self {
         Self {
             status,
-            code,
+            code: code.into(),
             message: message.into(),
         }
     }
@@ -158,7 +188,7 @@ impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         let body = ErrorBody {
             error: ErrorDetail {
-                code: self.code.to_owned(),
+                code: self.code.into_owned(),
                 message: self.message,
             },
         };

@@ -39,9 +39,9 @@ use utoipa::{
 };
 use utoipa_axum::routes;
 
-pub(crate) use error::ApiError;
+pub(crate) use error::{ApiError, SentError};
 #[cfg(feature = "tables")]
-pub(crate) use tables::rows;
+pub(crate) use {sql::asked_rows, tables::rows};
 
 use crate::{
     Role,

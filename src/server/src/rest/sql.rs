@@ -3,7 +3,6 @@
 
 use std::{io, sync::Arc};
 
-use arrow::{array::RecordBatch, error::ArrowError, ipc::writer::StreamWriter};
 use axum::{
     Json,
     body::{Body, Bytes},
@@ -12,8 +11,9 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use futures_util::{Stream, StreamExt as _, stream};
-use reel_query::{CacheScope, Format, Limits, Parameters, QueryError, QuerySession, format, named};
+use reel_query::{Limits, Parameters, named};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use tokio::sync::mpsc;
 use utoipa::{IntoParams, ToSchema};
 
@@ -26,7 +26,8 @@ use super::{
 use crate::{
     gate,
     service::App,
-    store::{ANSWER_MAX, Newest},
+    sql_process::{AnswerFormat, SqlRequest},
+    store::ANSWER_MAX,
 };
 
 /// Parts of an answer that wait for a slow client; the query waits with them.
@@ -40,21 +41,8 @@ enum Part {
     End,
 }
 
-/// How an answer looks.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum AnswerFormat {
-    /// A list of objects.
-    #[default]
-    Json,
-    /// Comma-separated, with a header line.
-    Csv,
-    /// An Arrow IPC stream.
-    Arrow,
-}
-
 /// A SQL query with its parameters, answer format and table version.
-#[derive(Deserialize, ToSchema)]
+#[derive(Clone, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Question {
     /// One statement that asks.
@@ -79,6 +67,24 @@ impl App {
             memory_bytes: limits.sql_mib << 20,
             time: std::time::Duration::from_secs(limits.sql_timeout_s),
             rows: limits.sql_rows,
+        }
+    }
+
+    /// A question as a process gets it.
+    fn sql_request(&self, question: Question) -> SqlRequest {
+        let Question {
+            sql,
+            parameters,
+            format,
+            at,
+        } = question;
+        SqlRequest {
+            store: self.config.store(),
+            at,
+            sql,
+            parameters,
+            format,
+            limits: self.sql_limits().into(),
         }
     }
 }
@@ -206,7 +212,7 @@ async fn answer(app: Arc<App>, version: Version, question: Question) -> Result<R
         match parts.recv().await {
             Some(Ok(Part::Bytes(part))) => begun.extend_from_slice(&part),
             Some(Ok(Part::End)) => return Ok((kind, Body::from(begun)).into_response()),
-            Some(Err(error)) => return Err(told(&app, error.into())),
+            Some(Err(error)) => return Err(told(&app, error)),
             None => {
                 return Err(ApiError::internal(
                     "the query panicked; the log has the details",
@@ -231,14 +237,14 @@ async fn answer(app: Arc<App>, version: Version, question: Question) -> Result<R
 /// The rest of an answer whose status is sent already. Where it is cut off, the chunks end without
 /// their end, which clients see.
 fn rest(
-    parts: mpsc::Receiver<Result<Part, QueryError>>,
+    parts: mpsc::Receiver<Result<Part, ApiError>>,
 ) -> impl Stream<Item = io::Result<Bytes>> + Send {
     stream::unfold(Some(parts), |parts| async move {
         let mut parts = parts?;
         let error = match parts.recv().await {
             Some(Ok(Part::Bytes(part))) => return Some((Ok(part), Some(parts))),
             Some(Ok(Part::End)) => return None,
-            Some(Err(error)) => io::Error::other(error),
+            Some(Err(error)) => io::Error::other(error.to_string()),
             None => io::Error::other("the query panicked"),
         };
         tracing::warn!("an answer in SQL was cut off: a limit or an error came after its status");
@@ -246,120 +252,58 @@ fn rest(
     })
 }
 
+/// Asks a process of its own, unless the answer is known; `sender` gets the parts.
 fn run(
     app: &App,
     question: &Question,
-    sender: &mpsc::Sender<Result<Part, QueryError>>,
-) -> Result<(), QueryError> {
-    let newest = match question.at {
-        None => app.tables.newest()?,
-        Some(version) => Newest {
-            store: app.tables.at(version)?,
-            stamp: None,
-        },
+    sender: &mpsc::Sender<Result<Part, ApiError>>,
+) -> Result<(), ApiError> {
+    let stamp = match question.at {
+        None => app.tables.stamp()?,
+        Some(_) => None,
     };
     let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format))
         .unwrap_or_default();
-    if let Some(answer) = app.tables.cached_answer(&newest, &asked) {
+    if let Some(answer) = app.tables.cached_answer(stamp.as_ref(), &asked) {
         let _ = sender.blocking_send(Ok(Part::Bytes(answer)));
         return Ok(());
     }
-    let Newest { store, stamp } = newest;
-    let session = QuerySession::with_limits(store, app.sql_limits())?;
-    let mut encoder = Encoder::new(question.format);
-    let (mut reading, mut whole) = (true, Vec::new());
-    let mut send = |part: Result<Bytes, ArrowError>| {
-        // Where nobody reads any more, or something cannot be shown, the query stops.
-        let shown = part.is_ok();
-        if let Ok(part) = &part
-            && whole.len() <= ANSWER_MAX
-        {
-            whole.extend_from_slice(part);
-        }
-        let part = part.map(Part::Bytes).map_err(QueryError::from);
-        shown & sender.blocking_send(part).is_ok()
+    let request = app.sql_request(question.clone());
+    let mut whole = Vec::new();
+    let gone = {
+        let sender = sender.clone();
+        move || sender.is_closed()
     };
-    let lasting = session.run_each(&question.sql, &question.parameters, |batch| {
-        reading = send(encoder.encode(&batch));
-        reading
+    let lasting = app.sql.ask(&request, gone, |part| {
+        if whole.len() <= ANSWER_MAX {
+            whole.extend_from_slice(&part);
+        }
+        sender.blocking_send(Ok(Part::Bytes(part))).is_ok()
     })?;
-    if reading && send(encoder.end()) && lasting == CacheScope::StoreVersion {
+    if lasting {
         app.tables.cache_answer(stamp.as_ref(), asked, whole.into());
     }
     Ok(())
 }
 
-/// Batches as the parts of one answer.
-enum Encoder {
-    Json { begun: bool },
-    Csv { begun: bool },
-    Arrow(Option<Box<StreamWriter<Vec<u8>>>>),
-}
-
-impl Encoder {
-    fn new(format: AnswerFormat) -> Self {
-        match format {
-            AnswerFormat::Json => Encoder::Json { begun: false },
-            AnswerFormat::Csv => Encoder::Csv { begun: false },
-            AnswerFormat::Arrow => Encoder::Arrow(None),
-        }
-    }
-
-    fn encode(&mut self, batch: &RecordBatch) -> Result<Bytes, ArrowError> {
-        let one = std::slice::from_ref(batch);
-        match self {
-            Encoder::Json { begun } => {
-                let list = format(one, Format::Json)?;
-                let list = list.trim();
-                let rows = list
-                    .strip_prefix('[')
-                    .and_then(|list| list.strip_suffix(']'))
-                    .unwrap_or(list);
-                if rows.is_empty() {
-                    return Ok(Bytes::new());
-                }
-                let before = if std::mem::replace(begun, true) {
-                    ","
-                } else {
-                    "["
-                };
-                Ok(format!("{before}{rows}").into())
-            }
-            Encoder::Csv { begun } => {
-                let text = format(one, Format::Csv)?;
-                if !std::mem::replace(begun, true) {
-                    return Ok(text.into());
-                }
-                let header = format(&[RecordBatch::new_empty(batch.schema())], Format::Csv)?;
-                Ok(text
-                    .strip_prefix(header.as_str())
-                    .unwrap_or(&text)
-                    .to_owned()
-                    .into())
-            }
-            Encoder::Arrow(writer) => {
-                let writer = match writer {
-                    Some(writer) => writer,
-                    None => writer.insert(Box::new(StreamWriter::try_new(
-                        Vec::new(),
-                        &batch.schema(),
-                    )?)),
-                };
-                writer.write(batch)?;
-                Ok(std::mem::take(writer.get_mut()).into())
-            }
-        }
-    }
-
-    /// What comes after the last batch.
-    fn end(self) -> Result<Bytes, ArrowError> {
-        match self {
-            Encoder::Json { begun } => Ok(if begun { "]" } else { "[]" }.into()),
-            Encoder::Csv { .. } | Encoder::Arrow(None) => Ok(Bytes::new()),
-            Encoder::Arrow(Some(mut writer)) => {
-                writer.finish()?;
-                Ok(std::mem::take(writer.get_mut()).into())
-            }
-        }
-    }
+/// The rows of the answer to somebody's question. Traces of the archive go by their names.
+pub(crate) fn asked_rows(app: &App, sql: &str) -> Result<Vec<Value>, ApiError> {
+    let request = app.sql_request(Question {
+        sql: sql.to_owned(),
+        parameters: Parameters::new(),
+        format: AnswerFormat::Json,
+        at: None,
+    });
+    let mut text = Vec::new();
+    app.sql.ask(
+        &request,
+        || false,
+        |part| {
+            text.extend_from_slice(&part);
+            true
+        },
+    )?;
+    let rows =
+        serde_json::from_slice(&text).map_err(|_| ApiError::internal("the answer is not JSON"))?;
+    Ok(super::tables::named(app, rows))
 }

@@ -121,13 +121,18 @@ pub(super) async fn episode(
     found.await.map(Json)
 }
 
-/// The rows of an answer. Traces of the archive go by their names.
+/// The rows of an answer to one of our own questions. Traces of the archive go by their names.
 pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<Value>, ApiError> {
     let session = QuerySession::with_limits(app.tables.newest()?.store, app.sql_limits())?;
     let batches = session.run_with(sql, parameters)?;
     let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
-    let rows: Vec<Value> =
+    let rows =
         serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is not JSON"))?;
+    Ok(named(app, rows))
+}
+
+/// Rows with the names of traces in the place of their paths.
+pub(super) fn named(app: &App, rows: Vec<Value>) -> Vec<Value> {
     let named = |mut row: Value| {
         let path = row
             .get("trace")
@@ -138,5 +143,5 @@ pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<
         }
         row
     };
-    Ok(rows.into_iter().map(named).collect())
+    rows.into_iter().map(named).collect()
 }

@@ -24,6 +24,12 @@ enum Command {
     Token(token::Arguments),
     #[command(about = "Show who changed, deleted, exported, granted or revoked what")]
     Audit(audit::Arguments),
+    #[cfg(feature = "analytics")]
+    #[command(
+        hide = true,
+        about = "Answer questions in SQL for `reel serve`, in a process of their own"
+    )]
+    SqlProcess,
     #[command(about = "Check a configuration file of `reel serve`, or print the default")]
     Config(config::Arguments),
 }
@@ -31,6 +37,11 @@ enum Command {
 /// Runs the command of the group.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
+        #[cfg(feature = "analytics")]
+        Command::SqlProcess => {
+            reel_server::answer_sql(crate::inputs::trace_files())?;
+            Ok(ExitStatus::Success)
+        }
         Command::Audit(arguments) => audit::run(arguments),
         Command::Token(arguments) => token::run(arguments),
         Command::Config(arguments) => config::run(arguments),

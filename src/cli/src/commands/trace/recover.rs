@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let lossy = recoveries
         .iter()
-        .filter(|recovery| !recovery.lost.is_empty() && !recovery.told)
+        .filter(|recovery| !recovery.lost.is_empty() && !recovery.reported)
         .count();
     if !arguments.json && paths.len() > 1 {
         println!("{}", summary(&recoveries, lossy));
@@ -104,11 +104,15 @@ fn text(recovery: &Recovery) -> String {
         RecoveryStatus::Before => format!("{source}: its {steps} steps are already in {trace}\n"),
         RecoveryStatus::Nothing => format!("{source}: nothing can be restored; {trace} says so\n"),
     };
-    let when = if recovery.told { "lost before" } else { "lost" };
+    let when = if recovery.reported {
+        "lost before"
+    } else {
+        "lost"
+    };
     for lost in &recovery.lost {
         text.push_str(&format!("  {when}: {lost}\n"));
     }
-    if recovery.told {
+    if recovery.reported {
         text.push_str(
             "  the trace says so, too: delete the recording when nobody wants to look at it\n",
         );
