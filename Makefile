@@ -99,7 +99,7 @@ eval-learned: ## play the small learned policy in homes it never saw and write i
 hostile-sql: ## 2,000 hostile questions in SQL by seeds: each ends within its limits, and leaves nothing running
 	REEL_SEEDS=2000 cargo test --locked --workspace --test hostile -- --nocapture
 
-conformance: ## the published MCP conformance suite against our stack (needs npm)
+conformance: ## the published MCP conformance suites against our stack and against `reel serve` (needs npm)
 	tests/conformance.sh
 
 service: ## `reel serve` from outside: agents, published texts, leaks, faults, fuzzing (needs Python; twelve minutes)

@@ -89,9 +89,11 @@ macro_rules! tools_only {
         async fn on_custom_request(
             &self,
             request: rmcp::model::CustomRequest,
-            _: rmcp::service::RequestContext<rmcp::RoleServer>,
+            context: rmcp::service::RequestContext<rmcp::RoleServer>,
         ) -> Result<rmcp::model::CustomResult, rmcp::ErrorData> {
-            Err($crate::refusal(&request))
+            let version = context.protocol_version();
+            let version = version.unwrap_or(rmcp::model::ProtocolVersion::V_2025_11_25);
+            Err($crate::refusal(&request, &version))
         }
     };
 }
@@ -110,15 +112,15 @@ pub fn agreed_version(
         .cloned()
 }
 
-/// Why a request is refused that rmcp could not read as one of a method that it knows: its params, or
-/// its method.
+/// Why a request of this revision is refused that rmcp could not read as one of a method that it
+/// knows: its params, or its method.
 #[doc(hidden)]
-pub fn refusal(request: &CustomRequest) -> ErrorData {
+pub fn refusal(request: &CustomRequest, version: &ProtocolVersion) -> ErrorData {
     let read = match request.method.as_str() {
         "tools/call" => request
             .params_as::<CallToolRequestParams>()
             .map(|it| it.is_some()),
-        "initialize" => request
+        "initialize" if version.has_initialize() => request
             .params_as::<InitializeRequestParams>()
             .map(|it| it.is_some()),
         "ping" | "server/discover" | "tools/list" => Ok(true),
@@ -174,7 +176,8 @@ fn unread(body: &[u8]) -> Option<JsonRpcError> {
     match ClientJsonRpcMessage::deserialize(&value) {
         Ok(JsonRpcMessage::Request(request)) => match request.request {
             ClientRequest::CustomRequest(custom) if custom.method == "initialize" => {
-                Some(JsonRpcError::new(Some(request.id), refusal(&custom)))
+                let error = refusal(&custom, &ProtocolVersion::V_2025_11_25);
+                Some(JsonRpcError::new(Some(request.id), error))
             }
             _ => None,
         },

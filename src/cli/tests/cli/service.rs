@@ -48,6 +48,21 @@ fn faults_have_clear_answers() {
     script("service/faults.py", &[&["--quick"], FAULTS].concat());
 }
 
+/// The published suites of the protocol against the service itself; `src/mcp` has the fixtures.
+#[test]
+fn the_conformance_suites_pass_where_they_apply() {
+    let mut command = reel_vectors::script("bash", "conformance.sh");
+    let said = reel_vectors::run(
+        command
+            .arg("serve")
+            .env("REEL", env!("CARGO_BIN_EXE_reel")),
+    );
+    assert!(
+        said.contains("conformance: reel serve, /mcp") || said.contains("skipped: "),
+        "{said}"
+    );
+}
+
 /// All of `make proxy`.
 #[test]
 fn whoever_is_recorded_hears_the_same() {

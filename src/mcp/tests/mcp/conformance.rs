@@ -16,7 +16,11 @@ fn every_scenario_passes() {
         return reel_vectors::skip("examples", why);
     }
     let mut command = reel_vectors::script("bash", "conformance.sh");
-    let said = reel_vectors::run(command.env("REEL_CONFORMANCE_SERVER", &server));
+    let said = reel_vectors::run(
+        command
+            .arg("fixtures")
+            .env("REEL_CONFORMANCE_SERVER", &server),
+    );
     assert!(
         said.starts_with("conformance: ") || said.starts_with("skipped: "),
         "{said}"
