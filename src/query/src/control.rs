@@ -85,6 +85,16 @@ pub enum StopReason {
         /// Most subqueries and tables that a question may come to.
         limit: u64,
     },
+    /// Its conditions hold subqueries that hold subqueries, and so on.
+    #[error(
+        "not started: subqueries in conditions stand {depth} deep in each other; the limit is {limit}: join the tables instead"
+    )]
+    Nesting {
+        /// How deep the innermost subquery stands.
+        depth: usize,
+        /// Most subqueries that may stand in each other.
+        limit: usize,
+    },
     /// A value that no question needs.
     #[error("'{function}' would make {bytes} bytes for one row; the limit is {limit}")]
     Value {

@@ -5,9 +5,12 @@ use std::{collections::BTreeMap, ops::ControlFlow, sync::Arc};
 
 use arrow::datatypes::DataType;
 use datafusion::{
-    common::JoinType,
+    common::{
+        JoinType,
+        tree_node::{TreeNode as _, TreeNodeRecursion},
+    },
     error::{DataFusionError, Result},
-    logical_expr::{WindowFrameBound, WindowFrameUnits},
+    logical_expr::{Expr, LogicalPlan, WindowFrameBound, WindowFrameUnits},
     physical_plan::{
         ExecutionPlan,
         joins::{CrossJoinExec, NestedLoopJoinExec},
@@ -57,10 +60,48 @@ pub(crate) fn check_text(statement: &Statement) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a question whose conditions hold subqueries that hold subqueries, and so on: the engine
+/// checks each of them twice for every time that it checks the one around it.
+pub(crate) fn check_nesting(plan: &LogicalPlan) -> Result<()> {
+    let depth = nesting(plan)?;
+    if depth > NESTING_MAX {
+        return Err(refused(StopReason::Nesting {
+            depth,
+            limit: NESTING_MAX,
+        }));
+    }
+    Ok(())
+}
+
+/// How deep subqueries in the expressions of a plan stand in each other.
+fn nesting(plan: &LogicalPlan) -> Result<usize> {
+    let mut deepest = 0;
+    plan.apply(|node| {
+        node.apply_expressions(|expression| {
+            expression.apply(|part| {
+                let inner = match part {
+                    Expr::Exists(exists) => Some(&exists.subquery),
+                    Expr::InSubquery(listed) => Some(&listed.subquery),
+                    Expr::ScalarSubquery(scalar) => Some(scalar),
+                    _ => None,
+                };
+                if let Some(inner) = inner {
+                    deepest = deepest.max(1 + nesting(&inner.subquery)?);
+                }
+                Ok(TreeNodeRecursion::Continue)
+            })
+        })
+    })?;
+    Ok(deepest)
+}
+
 /// Refuses a plan that would pair more rows with each other than anyone waits for.
 pub(crate) fn check_plan(plan: &Arc<dyn ExecutionPlan>) -> Result<()> {
     rows(plan, &StatisticsContext::new()).map(|_| ())
 }
+
+/// Most subqueries that stand in each other's conditions.
+const NESTING_MAX: usize = 12;
 
 fn refused(reason: StopReason) -> DataFusionError {
     DataFusionError::External(Box::new(reason))

@@ -422,6 +422,7 @@ impl Inner {
     ) -> Result<(SessionContext, LogicalPlan), QueryError> {
         let context = self.context(sql, fields).await?;
         let plan = plan_of(&context, sql).await?;
+        estimate::check_nesting(&plan)?;
         let questions = SQLOptions::new()
             .with_allow_ddl(false)
             .with_allow_dml(false)

@@ -52,11 +52,7 @@ fn faults_have_clear_answers() {
 #[test]
 fn the_conformance_suites_pass_where_they_apply() {
     let mut command = reel_vectors::script("bash", "conformance.sh");
-    let said = reel_vectors::run(
-        command
-            .arg("serve")
-            .env("REEL", env!("CARGO_BIN_EXE_reel")),
-    );
+    let said = reel_vectors::run(command.arg("serve").env("REEL", env!("CARGO_BIN_EXE_reel")));
     assert!(
         said.contains("conformance: reel serve, /mcp") || said.contains("skipped: "),
         "{said}"

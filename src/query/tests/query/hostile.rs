@@ -74,8 +74,18 @@ fn what_no_limit_on_time_would_let_end_is_not_started() {
         text + " SELECT count(*) FROM " + &name(23)
     };
     // On one thread, without a pause, already while it is planned.
+    let mut nested = "SELECT step FROM steps".to_owned();
+    for _ in 0..20 {
+        nested = format!("SELECT step FROM steps WHERE step IN ({nested})");
+    }
     let compared = "SELECT levenshtein(repeat('a', 120000), repeat('b', 120000))";
-    for sql in [joins.as_str(), &doubled(""), &doubled("\""), compared] {
+    for sql in [
+        joins.as_str(),
+        &doubled(""),
+        &doubled("\""),
+        &nested,
+        compared,
+    ] {
         let begun = std::time::Instant::now();
         let refused = session.run(sql).expect_err(sql);
         assert!(
@@ -84,6 +94,7 @@ fn what_no_limit_on_time_would_let_end_is_not_started() {
                 QueryError::Stopped(
                     StopReason::Estimate { .. }
                         | StopReason::Expansion { .. }
+                        | StopReason::Nesting { .. }
                         | StopReason::Comparisons { .. }
                 )
             ),
@@ -111,6 +122,7 @@ fn what_no_limit_on_time_would_let_end_is_not_started() {
         "SELECT array_length(range(100, 0, -1)), array_length(range(TIMESTAMP '2026-01-01', TIMESTAMP '2026-02-01', INTERVAL '1' DAY))",
         "SELECT array_length(range(step * 1000000, step * 1000000 + 10)) FROM steps",
         "SELECT array_length(range(DATE '2026-01-01', DATE '2026-02-01', INTERVAL '1' MONTH)), length(repeat('x', 100000))",
+        "SELECT count(*) FROM steps WHERE step IN (SELECT step FROM steps WHERE step IN (SELECT step FROM steps WHERE step IN (SELECT 1)))",
         "SELECT a.step FROM steps a WHERE EXISTS (SELECT 1 FROM steps b WHERE b.step > a.step) LIMIT 5",
     ] {
         session.run(sql).expect(sql);
