@@ -2,10 +2,10 @@
 //! executors of a cluster.
 
 #[cfg(feature = "cluster")]
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[cfg(feature = "cluster")]
-use reel_cluster::{Address, Cluster, TraceJob};
+use reel_cluster::{Address, Cluster, Credentials, Identity, TraceJob};
 
 /// Where a command's work is done, if not here.
 #[derive(clap::Args, Default)]
@@ -14,6 +14,15 @@ pub struct ClusterArguments {
     #[cfg(feature = "cluster")]
     #[arg(long, value_name = "HOST:PORT", env = "REEL_CLUSTER")]
     cluster: Option<String>,
+    /// File of identity that a cluster with identities asks for (`reel cluster cert`)
+    #[cfg(feature = "cluster")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "REEL_CLUSTER_IDENTITY",
+        requires = "cluster"
+    )]
+    identity: Option<PathBuf>,
 }
 
 impl ClusterArguments {
@@ -34,11 +43,13 @@ impl ClusterArguments {
     /// When it does not answer.
     pub fn open(&self) -> anyhow::Result<Option<Cluster>> {
         let connect = |text: &String| {
-            Cluster::connect(&Address::parse(text)?, &build_fingerprint(), |reason| {
+            let credentials = credentials(self.identity.as_deref())?;
+            Cluster::connect(&Address::parse(text)?, credentials, |reason| {
                 eprintln!("reel: the cluster is in trouble, trying again: {reason}")
             })
+            .map_err(anyhow::Error::from)
         };
-        Ok(self.cluster.as_ref().map(connect).transpose()?)
+        self.cluster.as_ref().map(connect).transpose()
     }
 
     /// Does work on each trace at the cluster, if one is named: answers in the order of the traces.
@@ -136,6 +147,18 @@ pub fn build_fingerprint() -> String {
         env!("CARGO_PKG_VERSION"),
         reel_sim::SIM_VERSION
     )
+}
+
+/// What this program shows to a cluster.
+///
+/// # Errors
+/// When the file of identity cannot be used.
+#[cfg(feature = "cluster")]
+pub fn credentials(identity: Option<&Path>) -> anyhow::Result<Credentials> {
+    Ok(Credentials {
+        identity: identity.map(Identity::read).transpose()?,
+        build: build_fingerprint(),
+    })
 }
 
 /// Some traces, as other machines name them.

@@ -3,7 +3,7 @@
 use std::{
     net::{TcpStream, ToSocketAddrs as _},
     path::PathBuf,
-    sync::mpsc,
+    sync::{Arc, mpsc},
     time::{Duration, Instant},
 };
 
@@ -18,7 +18,7 @@ use reel_trace::TraceFiles;
 use url::Url;
 
 use crate::{
-    ClusterError, engine, files, runtime,
+    ClusterError, Credentials, engine, files, runtime,
     work::{self, Worker},
 };
 
@@ -86,22 +86,21 @@ impl std::fmt::Display for Address {
 /// A cluster that answers.
 #[derive(Clone)]
 pub struct Cluster {
-    url: String,
     address: Address,
-    build: String,
+    credentials: Arc<Credentials>,
     /// Hears why work is done again.
     trouble: fn(&str),
 }
 
 impl Cluster {
-    /// The cluster of a scheduler; `build` names this program, and executors of another one do no
-    /// work for it. `trouble` hears why work is done again.
+    /// The cluster of a scheduler that takes these credentials. `trouble` hears why work is done
+    /// again.
     ///
     /// # Errors
-    /// When no scheduler answers there.
+    /// When no scheduler answers there, or it refuses the credentials.
     pub fn connect(
         address: &Address,
-        build: &str,
+        credentials: Credentials,
         trouble: fn(&str),
     ) -> Result<Self, ClusterError> {
         let silent = |reason: String| ClusterError::Silent {
@@ -115,18 +114,19 @@ impl Cluster {
             .next()
             .ok_or_else(|| silent("the name has no address".to_owned()))?;
         TcpStream::connect_timeout(&place, PATIENCE).map_err(|error| silent(error.to_string()))?;
+        let runtime = runtime().map_err(|error| silent(error.to_string()))?;
+        runtime.block_on(credentials.check(address, Duration::ZERO))?;
         Ok(Self {
-            url: format!("http://{address}"),
             address: address.clone(),
-            build: build.to_owned(),
+            credentials: Arc::new(credentials),
             trouble,
         })
     }
 
     /// The engine of sessions that let the cluster answer: `QuerySession::elsewhere`.
     pub fn engine(&self) -> Box<EngineFactory> {
-        let url = self.url.clone();
-        Box::new(move |state: SessionState| engine::engine(state, &url))
+        let (address, credentials) = (self.address.clone(), self.credentials.clone());
+        Box::new(move |state: SessionState| engine::engine(state, &address, &credentials))
     }
 
     /// Does work on groups of traces; `take` gets each group's answer once, in their order. What
@@ -221,10 +221,16 @@ impl Cluster {
             TraceAccess::Nothing,
             TraceFiles::default(),
         );
-        let mut state = engine::engine(state, &self.url)?;
+        let mut state = engine::engine(state, &self.address, &self.credentials)?;
         Worker::nobody().equip(&mut state)?;
         let context = SessionContext::new_with_state(state);
-        let plan = work::plan(&self.build, work, options, groups, &context.state())?;
+        let plan = work::plan(
+            &self.credentials.build,
+            work,
+            options,
+            groups,
+            &context.state(),
+        )?;
         let answers = work::answers(&context.execute_logical_plan(plan).await?.collect().await?)?;
         if answers.len() == groups.len() {
             return Ok(answers);

@@ -40,8 +40,9 @@ use datafusion::{
 };
 use datafusion_proto::protobuf::LogicalPlanNode;
 use futures_util::Stream;
+use tonic::transport::Endpoint;
 
-use crate::client::MESSAGE_BYTES;
+use crate::{Address, Credentials, client::MESSAGE_BYTES};
 
 /// How long the scheduler may take to hear that a job is called off, or to say that it is there.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -50,34 +51,42 @@ type OnCluster = DistributedQueryExec<LogicalPlanNode>;
 
 /// Makes of a session's state one whose plans run on the cluster. Functions of ours are
 /// to be added afterwards.
-pub(crate) fn engine(state: SessionState, url: &str) -> Result<SessionState> {
+pub(crate) fn engine(
+    state: SessionState,
+    address: &Address,
+    credentials: &Arc<Credentials>,
+) -> Result<SessionState> {
+    let url = format!("http://{address}");
     let config = state
         .config()
         .clone()
         .upgrade_for_ballista()
         .with_ballista_grpc_client_max_message_size(MESSAGE_BYTES)
+        .with_ballista_override_create_grpc_client_endpoint(credentials.endpoints())
         // small parts are no reason to do with one thread what costs seconds a row
         .with_ballista_coalesce_enabled(false)
         // of the two planners of Ballista, the one that gets every job to its end
         .with_ballista_adaptive_query_planner(false)
         // who is told of a job when it ends knows no name to call it off by
         .set_bool(BALLISTA_CLIENT_PULL, true);
-    let ballista = BallistaQueryPlanner::new(url.to_owned(), config.ballista_config());
+    let ballista = BallistaQueryPlanner::new(url.clone(), config.ballista_config());
     let planner = Planner {
         ballista,
-        url: url.to_owned(),
+        address: address.clone(),
+        credentials: credentials.clone(),
     };
     let config = config.with_ballista_query_planner(Arc::new(planner));
     SessionStateBuilder::new_from_existing(state)
         .with_config(config)
         .build()
-        .upgrade_for_ballista(url.to_owned())
+        .upgrade_for_ballista(url)
 }
 
 #[derive(Debug)]
 struct Planner {
     ballista: BallistaQueryPlanner<LogicalPlanNode>,
-    url: String,
+    address: Address,
+    credentials: Arc<Credentials>,
 }
 
 #[async_trait]
@@ -99,7 +108,8 @@ impl QueryPlanner for Planner {
         Ok(match planned.downcast_ref::<OnCluster>() {
             Some(_) => Arc::new(CancelOnDrop {
                 planned,
-                url: self.url.clone(),
+                address: self.address.clone(),
+                credentials: self.credentials.clone(),
             }),
             None => planned,
         })
@@ -147,7 +157,8 @@ fn sent(plan: &LogicalPlan) -> Result<LogicalPlan> {
 #[derive(Debug)]
 struct CancelOnDrop {
     planned: Arc<dyn ExecutionPlan>,
-    url: String,
+    address: Address,
+    credentials: Arc<Credentials>,
 }
 
 impl DisplayAs for CancelOnDrop {
@@ -192,7 +203,8 @@ impl ExecutionPlan for CancelOnDrop {
         Ok(Box::pin(ResultStream {
             answer,
             planned: self.planned.clone(),
-            url: self.url.clone(),
+            address: self.address.clone(),
+            credentials: self.credentials.clone(),
             ended: false,
         }))
     }
@@ -202,7 +214,8 @@ impl ExecutionPlan for CancelOnDrop {
 struct ResultStream {
     answer: SendableRecordBatchStream,
     planned: Arc<dyn ExecutionPlan>,
-    url: String,
+    address: Address,
+    credentials: Arc<Credentials>,
     ended: bool,
 }
 
@@ -212,14 +225,14 @@ impl Stream for ResultStream {
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let next = self.answer.as_mut().poll_next(context);
         self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
-        next.map_err(|error| DataFusionError::Execution(failure(&self.url, &error)))
+        next.map_err(|error| DataFusionError::Execution(failure(&self.address, &error)))
     }
 }
 
 /// Why a question has no answer: its scheduler is gone, or what the cluster said.
-fn failure(url: &str, error: &DataFusionError) -> String {
-    let scheduler = url.trim_start_matches("http://");
-    let answers = scheduler.to_socket_addrs().is_ok_and(|mut places| {
+fn failure(scheduler: &Address, error: &DataFusionError) -> String {
+    let place = (scheduler.host.as_str(), scheduler.port);
+    let answers = place.to_socket_addrs().is_ok_and(|mut places| {
         places.any(|place| TcpStream::connect_timeout(&place, PATIENCE).is_ok())
     });
     if !answers {
@@ -248,7 +261,8 @@ impl Drop for ResultStream {
         let Some(job) = job.filter(|_| !self.ended) else {
             return;
         };
-        let (url, job_id) = (self.url.clone(), job.to_string());
+        let endpoint = Endpoint::from_shared(format!("http://{}", self.address));
+        let (endpoints, job_id) = (self.credentials.endpoints(), job.to_string());
         // a thread of its own: whoever drops this may be about to end, and need not be
         // where one can wait
         let call_off = thread::spawn(move || {
@@ -259,7 +273,8 @@ impl Drop for ResultStream {
                 return;
             };
             let called_off = async {
-                let mut scheduler = SchedulerGrpcClient::connect(url).await.ok()?;
+                let channel = endpoints(endpoint.ok()?).ok()?.connect().await.ok()?;
+                let mut scheduler = SchedulerGrpcClient::new(channel);
                 scheduler.cancel_job(CancelJobParams { job_id }).await.ok()
             };
             let _ = runtime.block_on(async { tokio::time::timeout(PATIENCE, called_off).await });
@@ -281,15 +296,14 @@ mod tests {
                 .to_owned(),
         );
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        let url = format!("http://{address}");
-        let said = failure(&url, &raw);
+        let address = Address::parse(&listener.local_addr().unwrap().to_string()).unwrap();
+        let said = failure(&address, &raw);
         assert!(
             said.starts_with("the cluster returned no answer: Status {"),
             "{said}"
         );
         drop(listener);
-        let said = failure(&url, &raw);
+        let said = failure(&address, &raw);
         assert!(
             said.starts_with(&format!("the scheduler at {address} went away"))
                 && !said.contains("tonic"),

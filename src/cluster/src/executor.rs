@@ -1,17 +1,28 @@
 //! The process that works off parts of questions.
 
-use std::{net::SocketAddr, path::PathBuf, sync::Arc};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
+use arrow_flight::flight_service_server::FlightServiceServer;
+
+use ballista_core::error::BallistaError;
 use ballista_core::{
     config::TaskSchedulingPolicy, extension::SessionConfigExt as _,
     registry::BallistaFunctionRegistry,
 };
-use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
+use ballista_executor::{
+    ArrowFlightServerProvider,
+    executor_process::{ExecutorProcessConfig, start_executor_process},
+    flight_service::BallistaFlightService,
+};
 use datafusion::prelude::SessionConfig;
 use reel_query::{TraceAccess, every_function};
 use reel_trace::TraceFiles;
+use tonic::service::interceptor::InterceptedService;
 
-use crate::{Address, ClusterError, TraceJob, client::MESSAGE_BYTES, files, runtime, work::Worker};
+use crate::{
+    Address, ClusterError, Credentials, TraceJob, client::MESSAGE_BYTES, files, runtime,
+    work::Worker,
+};
 
 /// An executor to be.
 #[derive(Clone, Debug)]
@@ -33,10 +44,32 @@ pub struct ExecutorOptions {
     pub traces: Vec<PathBuf>,
     /// Where its SQL functions read traces from.
     pub files: TraceFiles,
-    /// Names this program: it does no work for another one.
-    pub build: String,
+    /// What it shows to others, and asks of them.
+    pub credentials: Credentials,
     /// What it can do with traces besides SQL.
     pub works: Vec<TraceJob>,
+}
+
+/// How long it waits for a scheduler that takes it.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The server of parts of answers, for members alone.
+fn results(
+    credentials: &Credentials,
+) -> Result<Arc<ArrowFlightServerProvider>, tonic::transport::Error> {
+    // What is wrong with the credentials is said at once, and not by a task.
+    let (server, guard) = (credentials.server()?, credentials.guard());
+    Ok(Arc::new(move |folder, address, mut stopped, _| {
+        let service = FlightServiceServer::new(BallistaFlightService::new(folder))
+            .max_encoding_message_size(MESSAGE_BYTES)
+            .max_decoding_message_size(MESSAGE_BYTES);
+        let guarded = InterceptedService::new(service, guard.clone());
+        let serve = server.clone().add_service(guarded);
+        tokio::spawn(async move {
+            let end = serve.serve_with_shutdown(address, stopped.recv()).await;
+            end.map_err(BallistaError::TonicError)
+        })
+    }))
 }
 
 /// Runs an executor until the process is told to end.
@@ -57,13 +90,16 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         executor.files.clone(),
     );
     let worker = Worker {
-        build: executor.build.clone(),
+        build: executor.credentials.build.clone(),
         works: executor.works.clone(),
         opens,
     };
     worker
         .equip(&mut functions)
         .map_err(|error| failed(error.to_string()))?;
+    let endpoints = executor.credentials.endpoints();
+    let produced = endpoints.clone();
+    let results = results(&executor.credentials).map_err(|error| failed(error.to_string()))?;
     let config = ExecutorProcessConfig {
         bind_host: executor.listen.ip().to_string(),
         external_host: Some(executor.advertise.clone()),
@@ -84,7 +120,12 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         memory_pool_size: executor.memory_bytes,
         override_function_registry: Some(Arc::new(BallistaFunctionRegistry::from(&functions))),
         override_runtime_producer: Some(Arc::new(|_| files::environment())),
-        override_config_producer: Some(Arc::new(SessionConfig::new_with_ballista)),
+        override_config_producer: Some(Arc::new(move || {
+            SessionConfig::new_with_ballista()
+                .with_ballista_override_create_grpc_client_endpoint(produced.clone())
+        })),
+        override_create_grpc_client_endpoint: Some(endpoints),
+        override_arrow_flight_service: Some(results),
         ..ExecutorProcessConfig::default()
     };
     // the functions that call the simulator work on several traces at a time
@@ -93,6 +134,7 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         .build_global()
         .map_err(|error| failed(error.to_string()))?;
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
+    runtime.block_on(executor.credentials.check(&executor.scheduler, PATIENCE))?;
     runtime
         .block_on(start_executor_process(Arc::new(config)))
         .map_err(|error| failed(error.to_string()))

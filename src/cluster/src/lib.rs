@@ -11,6 +11,7 @@ mod client;
 mod engine;
 mod executor;
 mod files;
+mod identity;
 mod scheduler;
 mod work;
 
@@ -19,6 +20,7 @@ use tokio::runtime::{Builder, Runtime};
 
 pub use client::{Address, Cluster};
 pub use executor::{ExecutorOptions, run as run_executor};
+pub use identity::{Credentials, Identity, issue};
 pub use scheduler::{SchedulerOptions, run as run_scheduler};
 pub use work::TraceJob;
 
@@ -51,6 +53,12 @@ pub enum ClusterError {
     /// The user pressed Ctrl-C while the cluster was working.
     #[error("stopped; the work on the cluster is cancelled")]
     Stopped,
+    /// A file of identity cannot be used or made.
+    #[error("{path}: {reason}; `reel cluster cert` makes files of identity", path = path.display())]
+    Identity {
+        path: std::path::PathBuf,
+        reason: String,
+    },
     /// A scheduler or an executor cannot run.
     #[error("{action}: {reason}")]
     Run {

@@ -2,23 +2,30 @@
 
 use std::{net::SocketAddr, sync::Arc};
 
-use ballista_core::{config::TaskSchedulingPolicy, extension::SessionConfigExt as _};
+use ballista_core::{
+    config::TaskSchedulingPolicy, extension::SessionConfigExt as _,
+    serde::protobuf::scheduler_grpc_server::SchedulerGrpcServer,
+};
 use ballista_scheduler::{
-    cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::start_server,
+    cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::create_scheduler,
 };
 use datafusion::prelude::SessionConfig;
+use datafusion_proto::protobuf::{LogicalPlanNode, PhysicalPlanNode};
 use reel_query::{TraceAccess, every_function};
 use reel_trace::TraceFiles;
+use tonic::service::interceptor::InterceptedService;
 
-use crate::{ClusterError, client::MESSAGE_BYTES, files, runtime, work::Worker};
+use crate::{ClusterError, Credentials, client::MESSAGE_BYTES, files, runtime, work::Worker};
 
 /// A scheduler to be.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, Debug)]
 pub struct SchedulerOptions {
     /// Socket address on which the scheduler accepts connections.
     pub listen: SocketAddr,
     /// The name or address by which executors reach it.
     pub advertise: String,
+    /// What it shows to others, and asks of them.
+    pub credentials: Credentials,
     /// An executor that was not heard of for so long counts as dead, in seconds.
     pub patience_s: u64,
 }
@@ -46,6 +53,7 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
         grpc_server_max_encoding_message_size: MESSAGE_BYTES as u32,
         grpc_client_max_message_size: MESSAGE_BYTES as u32,
         override_config_producer: Some(Arc::new(SessionConfig::new_with_ballista)),
+        override_create_grpc_client_endpoint: Some(scheduler.credentials.endpoints()),
         override_session_builder: Some(Arc::new(|config| {
             let mut state = every_function(
                 config,
@@ -59,10 +67,21 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
         ..SchedulerConfig::default()
     };
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
+    let serve = async {
+        let cluster = BallistaCluster::new_from_config(&config).await?;
+        let server =
+            create_scheduler::<LogicalPlanNode, PhysicalPlanNode>(cluster, Arc::new(config));
+        let service = SchedulerGrpcServer::new(server.await?)
+            .max_encoding_message_size(MESSAGE_BYTES)
+            .max_decoding_message_size(MESSAGE_BYTES);
+        let guarded = InterceptedService::new(service, scheduler.credentials.guard());
+        let server = scheduler.credentials.server()?.add_service(guarded);
+        server.serve(scheduler.listen).await?;
+        Ok::<_, Box<dyn std::error::Error + Send + Sync>>(())
+    };
     runtime.block_on(async {
-        let cluster = BallistaCluster::new_from_config(&config).await.map_err(|error| failed(error.to_string()))?;
         tokio::select! {
-            end = start_server(cluster, scheduler.listen, Arc::new(config)) => end.map_err(|error| failed(error.to_string())),
+            end = serve => end.map_err(|error| failed(error.to_string())),
             _ = tokio::signal::ctrl_c() => Ok(()),
         }
     })

@@ -11,6 +11,7 @@ use datafusion::{
     },
     error::{DataFusionError, Result},
     logical_expr::{Expr, LogicalPlan, WindowFrameBound, WindowFrameUnits},
+    physical_expr::expressions::Literal,
     physical_plan::{
         ExecutionPlan,
         joins::{CrossJoinExec, NestedLoopJoinExec},
@@ -99,6 +100,37 @@ fn nesting(plan: &LogicalPlan) -> Result<usize> {
 pub(crate) fn check_plan(plan: &Arc<dyn ExecutionPlan>) -> Result<()> {
     rows(plan, &StatisticsContext::new()).map(|_| ())
 }
+
+/// The rows of a batch with which the constants of a plan, written out for each row, stay small;
+/// none where any number does.
+pub(crate) fn batch_rows(plan: &Arc<dyn ExecutionPlan>) -> Result<Option<usize>> {
+    let largest = largest_constant(plan)?;
+    let rows = CONSTANTS_BYTES / largest.max(1);
+    Ok((rows < BATCH_ROWS).then_some(rows.max(1)))
+}
+
+/// Size of the largest constant of a plan, in bytes.
+fn largest_constant(plan: &Arc<dyn ExecutionPlan>) -> Result<usize> {
+    let mut largest = 0;
+    plan.apply_expressions(&mut |expression| {
+        expression.apply(|part| {
+            if let Some(constant) = part.downcast_ref::<Literal>() {
+                largest = largest.max(constant.value().size());
+            }
+            Ok(TreeNodeRecursion::Continue)
+        })
+    })?;
+    for child in plan.children() {
+        largest = largest.max(largest_constant(child)?);
+    }
+    Ok(largest)
+}
+
+/// Rows of a batch of the engine, unless it is told otherwise.
+pub(crate) const BATCH_ROWS: usize = 8_192;
+
+/// What a constant may come to, written out for the rows of a batch, in bytes.
+const CONSTANTS_BYTES: usize = 4 << 20;
 
 /// Most subqueries that stand in each other's conditions.
 const NESTING_MAX: usize = 12;

@@ -562,10 +562,22 @@ impl Inner {
         to: mpsc::Sender<Part>,
     ) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
-        let frame = context.execute_logical_plan(plan).await?;
+        let frame = context.execute_logical_plan(plan.clone()).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
         let tasks = Arc::new(frame.task_ctx());
         let physical = frame.create_physical_plan().await?;
+        if self.elsewhere.is_none()
+            && context.copied_config().batch_size() == estimate::BATCH_ROWS
+            && let Some(rows) = estimate::batch_rows(&physical)?
+        {
+            // Tables that are made while planning have the size of their batches from then on.
+            let state = context.state_ref();
+            let mut state = state.write();
+            let options = state.config_mut().options_mut();
+            options.set("datafusion.execution.batch_size", &rows.to_string())?;
+            drop(state);
+            return Box::pin(self.hand_on(context, plan, to)).await;
+        }
         let physical = match &self.elsewhere {
             Some(_) => physical,
             None => {

@@ -6,7 +6,9 @@ use std::{
     sync::Arc,
 };
 
-use reel_cluster::{Address, ExecutorOptions, SchedulerOptions, run_executor, run_scheduler};
+use reel_cluster::{
+    Address, ExecutorOptions, SchedulerOptions, issue, run_executor, run_scheduler,
+};
 
 use crate::{
     ExitStatus, cluster_arguments,
@@ -20,11 +22,15 @@ use crate::{
 ///
 /// All machines have to see a store's files and traces under the same name: in a bucket (s3://, as
 /// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of
-/// them) or in a shared folder. All have to be the same build of reel. There is no
-/// authentication: whoever reaches the scheduler may read these files, so keep the ports within a
-/// private network. Errors go to standard error; RUST_LOG=info logs more.
+/// them) or in a shared folder. All have to be the same build of reel, and others are refused. With
+/// --identity all connections are encrypted, and each end shows the other a certificate of the
+/// cluster's authority, which `reel cluster cert` makes; without it, whoever reaches the scheduler may
+/// read these files, so keep the ports within a private network. Errors go to standard error;
+/// RUST_LOG=info logs more.
 ///
 /// Examples:
+///   reel cluster cert --out lab scheduler machine-2 machine-3 ann
+///   reel cluster scheduler --listen 10.0.0.1:50050 --identity scheduler.pem
 ///   reel cluster scheduler --listen 10.0.0.1:50050
 ///   reel cluster executor --scheduler 10.0.0.1:50050 --listen 10.0.0.2:50051 --traces /data/traces
 ///   reel query --cluster 10.0.0.1:50050 --store s3://lab/store --named benchmark
@@ -48,6 +54,9 @@ enum Command {
         /// Seconds without a heartbeat after which an executor is dead and others do its tasks
         #[arg(long = "executor-timeout", alias = "patience", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
         patience: u64,
+        /// File of identity (`reel cluster cert`); without it, anyone may connect
+        #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY")]
+        identity: Option<PathBuf>,
     },
     /// Execute tasks of the scheduler
     Executor {
@@ -74,9 +83,37 @@ enum Command {
         /// ingest, and by the functions of SQL that do; without it, none
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         traces: Vec<PathBuf>,
+        /// File of identity (`reel cluster cert`), where the scheduler has one
+        #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY")]
+        identity: Option<PathBuf>,
         #[command(flatten)]
         assets: inputs::Assets,
     },
+    /// Make files of identity: one for each machine and each person, and a small authority that
+    /// signs them. Keep authority.key where nobody else can read it; give each name its own file
+    Cert {
+        /// Names of machines and people; each gets the file NAME.pem
+        #[arg(value_name = "NAME", required = true, value_parser = name)]
+        names: Vec<String>,
+        /// Folder of the authority and of the files; the authority is made where there is none
+        #[arg(long, value_name = "DIR", default_value = "cluster-identities")]
+        out: PathBuf,
+        /// Days until the files are no longer accepted
+        #[arg(long, value_name = "N", default_value_t = 730, value_parser = clap::value_parser!(u32).range(1..=36_500))]
+        days: u32,
+    },
+}
+
+fn name(text: &str) -> Result<String, String> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    let fine = text.chars().all(plain) && text.starts_with(|c: char| c.is_ascii_alphanumeric());
+    match fine && text != "authority" {
+        true => Ok(text.to_owned()),
+        false => Err(
+            "letters, digits, '-', '_' and '.', the first a letter or digit, and not 'authority'"
+                .to_owned(),
+        ),
+    }
 }
 
 /// Runs a scheduler or an executor of a cluster until it is stopped.
@@ -87,11 +124,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             listen,
             advertise,
             patience,
+            identity,
         } => {
             eprintln!("reel: scheduler at {listen}; Ctrl-C ends it");
             run_scheduler(&SchedulerOptions {
                 listen: *listen,
                 advertise: reached(advertise.as_deref(), listen.ip()),
+                credentials: cluster_arguments::credentials(identity.as_deref())?,
                 patience_s: *patience,
             })?;
         }
@@ -103,6 +142,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             memory,
             work,
             traces,
+            identity,
             assets,
         } => {
             let assets = Arc::new(assets.open()?);
@@ -125,7 +165,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 work: work.clone(),
                 traces: traces.clone(),
                 files,
-                build: cluster_arguments::build_fingerprint(),
+                credentials: cluster_arguments::credentials(identity.as_deref())?,
                 works,
             };
             eprintln!(
@@ -133,6 +173,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 executor.scheduler, executor.threads
             );
             run_executor(&executor)?;
+        }
+        Command::Cert { names, out, days } => {
+            for path in issue(out, names, *days)? {
+                println!("{}", path.display());
+            }
         }
     }
     Ok(ExitStatus::Success)

@@ -123,6 +123,7 @@ fn what_no_limit_on_time_would_let_end_is_not_started() {
         "SELECT array_length(range(step * 1000000, step * 1000000 + 10)) FROM steps",
         "SELECT array_length(range(DATE '2026-01-01', DATE '2026-02-01', INTERVAL '1' MONTH)), length(repeat('x', 100000))",
         "SELECT count(*) FROM steps WHERE step IN (SELECT step FROM steps WHERE step IN (SELECT step FROM steps WHERE step IN (SELECT 1)))",
+        "SELECT count(*) FROM (SELECT unnest(range(0, 16000)) AS a FROM steps)",
         "SELECT a.step FROM steps a WHERE EXISTS (SELECT 1 FROM steps b WHERE b.step > a.step) LIMIT 5",
     ] {
         session.run(sql).expect(sql);
