@@ -96,8 +96,8 @@ prove-sft: ## train a small language model on an exported set and measure it in 
 eval-learned: ## play the small learned policy in homes it never saw and write its failures down for blind labels (needs Python)
 	tests/training/learned.sh
 
-hostile-sql: ## 2,000 hostile questions in SQL by seeds: each ends within its limits, and leaves nothing running
-	REEL_SEEDS=2000 cargo test --locked --workspace --test hostile -- --nocapture
+hostile-sql: ## 2,000 hostile questions in SQL by seeds, over REST: each ends within its limits, and leaves nothing running (an hour)
+	REEL_SEEDS=2000 cargo test --locked --workspace --test cli -- --nocapture hostile_questions
 
 conformance: ## the published MCP conformance suites against our stack and against `reel serve` (needs npm)
 	tests/conformance.sh

@@ -19,6 +19,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose,
 };
+use tokio_rustls::rustls::crypto;
 use tonic::{
     Code, Request, Status,
     transport::{
@@ -62,6 +63,9 @@ impl Identity {
             path: path.to_owned(),
             reason,
         };
+        // Two providers are linked in, and tonic takes the one of the process: it is this one, unless
+        // somebody chose before.
+        let _ = crypto::ring::default_provider().install_default();
         let text = fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
         let (mut keys, mut certificates, mut block) = (Vec::new(), Vec::new(), String::new());
         for line in text.lines() {
@@ -200,7 +204,9 @@ impl Credentials {
             Err(status) if status.code() == Code::PermissionDenied => {
                 Err(Refusal::Denied(status.message().to_owned()))
             }
-            Err(status) if std::error::Error::source(&status).is_some() => Err(silent(&status)),
+            Err(status) if std::error::Error::source(&status).is_some() => {
+                Err(Refusal::Silent(status.message().to_owned()))
+            }
             // It spoke, if only to say that there is no such job.
             Err(_) => Ok(()),
         }
@@ -332,6 +338,31 @@ fn write(path: &Path, text: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn other_builds_and_other_programs_are_refused() {
+        let credentials = |build: &str| Credentials {
+            identity: None,
+            build: build.to_owned(),
+        };
+        let guard = credentials("1.2.3 (simulator 4)").guard();
+        let asks = |agent: &str| {
+            let mut request = Request::new(());
+            request
+                .metadata_mut()
+                .insert("user-agent", agent.parse().unwrap());
+            guard(request)
+        };
+        let ours = credentials("1.2.3 (simulator 4)").agent();
+        assert!(asks(&format!("{ours} tonic/0.14.9")).is_ok());
+        let theirs = credentials("1.2.3 (simulator 5)").agent();
+        for agent in [&*theirs, "", "tonic/0.14.9", &ours[..ours.len() - 1]] {
+            let refused = asks(agent).unwrap_err();
+            assert_eq!(refused.code(), Code::PermissionDenied, "{agent}");
+            assert!(refused.message().contains("1.2.3 (simulator 4)"));
+        }
+        assert!(guard(Request::new(())).is_err());
+    }
 
     #[test]
     fn an_identity_is_issued_once_and_read_back() {

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::{
-    rest::{ApiError, SentError},
+    rest::{ApiError, OVER_LIMIT, SentError},
     store::Tables,
 };
 
@@ -150,7 +150,7 @@ impl SqlProcesses {
                     let status = process.ended();
                     tracing::warn!(%error, ?status, "a question ended its process");
                     return Err(ApiError::unprocessable(
-                        "over_limit",
+                        OVER_LIMIT,
                         "the question ended its process: it wanted more memory than it may have \
                          (limits.sql_mib); narrow it down"
                             .to_owned(),
@@ -164,9 +164,12 @@ impl SqlProcesses {
                     }
                 }
                 FAILED => {
-                    let error: SentError = read(&body)?;
-                    self.keep(process, watch);
-                    return Err(error.into());
+                    let error = ApiError::from(read::<SentError>(&body)?);
+                    // What was stopped may go on for a while, for nobody.
+                    if !error.is_over_limit() {
+                        self.keep(process, watch);
+                    }
+                    return Err(error);
                 }
                 _ => {
                     let whole: Whole = read(&body)?;

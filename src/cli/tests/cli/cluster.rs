@@ -206,3 +206,9 @@ fn a_cluster_gives_what_one_machine_gives() {
         assert!(read("here") == read("there"), "{branch:?}");
     }
 }
+
+/// Strangers at each port of a cluster with identities.
+#[test]
+fn a_cluster_knows_its_members() {
+    crate::service::script("cluster/identity.py", &[]);
+}

@@ -25,6 +25,8 @@ mod fuzz;
 mod gate;
 #[cfg(feature = "analytics")]
 mod gspo;
+#[cfg(feature = "analytics")]
+mod hostile;
 mod import;
 mod making;
 mod moments;

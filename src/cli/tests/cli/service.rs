@@ -1,7 +1,7 @@
 //! `reel serve` and `reel record` from outside: the scripts of `tests/service` and `tests/proxy`,
 //! which talk to them as clients do.
 
-fn script(name: &str, arguments: &[&str]) {
+pub(crate) fn script(name: &str, arguments: &[&str]) {
     // Any Python will do.
     let Some(python) = reel_vectors::python("sys") else {
         return;

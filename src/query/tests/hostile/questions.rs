@@ -22,14 +22,6 @@ impl Numbers {
     }
 }
 
-/// Few enough rows to be begun, too many to end, and nothing is read once they are paired: only what
-/// stands between the operators stops them.
-pub const LONG: [&str; 3] = [
-    "SELECT max(a.value + b.value) FROM generate_series(1, 300000) a, generate_series(1, 300000) b",
-    "SELECT count(*) FROM generate_series(1, 300000) a JOIN generate_series(1, 300000) b ON a.value * b.value % 7 < b.value % 5",
-    "SELECT max(a.value + t0.step + t1.step) FROM steps t0, steps t1, generate_series(1, 3000000) a",
-];
-
 /// The question of a seed.
 pub fn question(seed: u64) -> String {
     let mut numbers = Numbers((seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);

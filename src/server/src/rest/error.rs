@@ -70,6 +70,9 @@ pub(crate) struct ErrorDetail {
     message: String,
 }
 
+/// Code of an error that a limit on a question gave.
+pub(crate) const OVER_LIMIT: &str = "over_limit";
+
 impl ApiError {
     fn new(status: StatusCode, code: &'static str, message: impl Into<String>) -> Self {
         Self {
@@ -77,6 +80,11 @@ impl ApiError {
             code: code.into(),
             message: message.into(),
         }
+    }
+
+    /// Whether a limit on what a question may cost ended it.
+    pub fn is_over_limit(&self) -> bool {
+        self.code == OVER_LIMIT
     }
 
     pub fn status(&self) -> StatusCode {
@@ -274,7 +282,7 @@ impl From<QueryError> for ApiError {
                     Some(SetLimit::Rows) => format!("{message} (limits.sql_rows)"),
                     None => message,
                 };
-                Self::unprocessable("over_limit", message)
+                Self::unprocessable(OVER_LIMIT, message)
             }
             QueryError::ReadOnly { .. } => Self::unprocessable("read_only", message),
             _ => Self::unprocessable("bad_query", message),

@@ -39,7 +39,7 @@ use utoipa::{
 };
 use utoipa_axum::routes;
 
-pub(crate) use error::{ApiError, SentError};
+pub(crate) use error::{ApiError, OVER_LIMIT, SentError};
 #[cfg(feature = "tables")]
 pub(crate) use {sql::asked_rows, tables::rows};
 
