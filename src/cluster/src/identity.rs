@@ -47,7 +47,7 @@ pub struct Identity {
 }
 
 impl std::fmt::Debug for Identity {
-    /// Without the key.
+    /// Shows that there is one, and never its key.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Identity").finish_non_exhaustive()
     }
@@ -221,9 +221,9 @@ impl Credentials {
 
 /// Why a scheduler cannot be asked.
 enum Refusal {
-    /// It said no.
+    /// It refused the build, in these words.
     Denied(String),
-    /// It said nothing.
+    /// It gave no answer, for this reason.
     Silent(String),
 }
 

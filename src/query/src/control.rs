@@ -109,7 +109,7 @@ pub enum StopReason {
 /// A limit that whoever runs the engine sets; only they know what it is called there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum SetLimit {
-    /// Wall-clock time: [`Limits::time`](crate::Limits::time).
+    /// The limit on wall-clock time, [`Limits::time`](crate::Limits::time).
     Time,
     /// Memory of the process: [`Limits::memory_bytes`](crate::Limits::memory_bytes).
     Memory,

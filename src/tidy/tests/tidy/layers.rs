@@ -82,7 +82,12 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("anyhow", &["cli"]),
     ("ballista*", &["cluster"]),
     ("datafusion*", &["cluster", "query", "tables"]),
-    ("arrow*", &["dataset", "export", "query", "server", "tables", "taxonomy"]),
+    (
+        "arrow*",
+        &["cluster", "dataset", "export", "query", "server", "tables", "taxonomy"],
+    ),
+    ("tonic", &["cluster"]),
+    ("rcgen", &["cluster"]),
     ("parquet", &["dataset", "export", "query", "tables"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
