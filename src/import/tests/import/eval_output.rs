@@ -6,9 +6,13 @@ use reel_import::{
     ImportOptions,
     eval_client::{RunSettings, replay::RecordedRun, run},
 };
+use reel_reward::{Preset, reward_bounds, rewards};
 use reel_trace::Trace;
 use reel_vectors::golden_traces;
-use reel_world::{Scenes, Tool, ToolCall, record::EndReason};
+use reel_world::{
+    Scenes, Tool, ToolCall,
+    record::{EndReason, RewardTerm},
+};
 use serde_json::{Map, Value, json};
 
 use crate::imported_with;
@@ -114,6 +118,47 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
             steps.map(|step| !step.outcome.is_ok()).collect()
         };
         assert_eq!(failed(&again), failed(&trace), "{}", path.display());
+        // Rewards are those of the trace, under every preset, or lie where the import says.
+        for preset in Preset::built_in() {
+            let of = |trace: &Trace| -> Vec<Vec<(String, u64)>> {
+                let terms = rewards(
+                    &preset,
+                    &trace.task,
+                    &trace.scene,
+                    &trace.start,
+                    &trace.steps,
+                );
+                let paid = |term: RewardTerm| (term.component, term.value.to_bits());
+                terms
+                    .into_iter()
+                    .map(|terms| terms.into_iter().map(paid).collect())
+                    .collect()
+            };
+            let (own, read) = (of(&trace), of(&again));
+            let bounds = reward_bounds(
+                &preset,
+                &again.task,
+                &again.scene,
+                &again.start,
+                &again.steps,
+            );
+            let first = bounds
+                .as_ref()
+                .map_or(own.len(), |bounds| bounds.first_step as usize);
+            let (path, name) = (path.display(), preset.name());
+            assert_eq!(read[..first], own[..first], "{path} under {name}");
+            if let Some(bounds) = bounds {
+                let total: f64 = own
+                    .iter()
+                    .flatten()
+                    .map(|(_, value)| f64::from_bits(*value))
+                    .sum();
+                assert!(
+                    bounds.lower - 1e-9 <= total && total <= bounds.upper + 1e-9,
+                    "{path} under {name}: {total}, {bounds}"
+                );
+            }
+        }
     }
 }
 
