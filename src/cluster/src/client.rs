@@ -217,7 +217,7 @@ impl Cluster {
         let config = SessionConfig::new_with_ballista();
         let state = every_function(
             config,
-            files::environment()?,
+            files::environment(None)?,
             TraceAccess::Nothing,
             TraceFiles::default(),
         );

@@ -42,6 +42,8 @@ pub struct ExecutorOptions {
     pub work: Option<PathBuf>,
     /// Folders and places in buckets whose traces may be opened.
     pub traces: Vec<PathBuf>,
+    /// Folders and places in buckets whose tables may be read; none: any.
+    pub stores: Option<Vec<PathBuf>>,
     /// Where its SQL functions read traces from.
     pub files: TraceFiles,
     /// What it shows to others, and asks of them.
@@ -81,7 +83,9 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         action: "the executor ended",
         reason,
     };
-    let environment = files::environment().map_err(|error| failed(error.to_string()))?;
+    let stores = executor.stores.clone().map(TraceAccess::Below);
+    let environment =
+        files::environment(stores.as_ref()).map_err(|error| failed(error.to_string()))?;
     let opens = TraceAccess::Below(executor.traces.clone());
     let mut functions = every_function(
         SessionConfig::new_with_ballista(),
@@ -119,7 +123,7 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         grpc_max_encoding_message_size: MESSAGE_BYTES as u32,
         memory_pool_size: executor.memory_bytes,
         override_function_registry: Some(Arc::new(BallistaFunctionRegistry::from(&functions))),
-        override_runtime_producer: Some(Arc::new(|_| files::environment())),
+        override_runtime_producer: Some(Arc::new(move |_| files::environment(stores.as_ref()))),
         override_config_producer: Some(Arc::new(move || {
             SessionConfig::new_with_ballista()
                 .with_ballista_override_create_grpc_client_endpoint(produced.clone())

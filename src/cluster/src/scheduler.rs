@@ -57,7 +57,7 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
         override_session_builder: Some(Arc::new(|config| {
             let mut state = every_function(
                 config,
-                files::environment()?,
+                files::environment(None)?,
                 TraceAccess::Nothing,
                 TraceFiles::default(),
             );

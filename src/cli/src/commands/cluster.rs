@@ -83,6 +83,9 @@ enum Command {
         /// ingest, and by the functions of SQL that do; without it, none
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         traces: Vec<PathBuf>,
+        /// Folders, also s3://bucket/folder, whose tables may be read; without it, any
+        #[arg(long, value_name = "DIR", value_delimiter = ',')]
+        stores: Option<Vec<PathBuf>>,
         /// File of identity (`reel cluster cert`), where the scheduler has one
         #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY")]
         identity: Option<PathBuf>,
@@ -142,6 +145,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             memory,
             work,
             traces,
+            stores,
             identity,
             assets,
         } => {
@@ -164,6 +168,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 memory_bytes: memory.map(|mib| mib << 20),
                 work: work.clone(),
                 traces: traces.clone(),
+                stores: stores.clone(),
                 files,
                 credentials: cluster_arguments::credentials(identity.as_deref())?,
                 works,
