@@ -8,11 +8,12 @@ import pathlib
 import random
 import re
 import signal
+import threading
 import time
 import urllib.parse
 
 from faults_kit import (
-    LATE_S, QUICK, WAYS_OUT, Bystander, Stream, Wire, analyst, exact, healthy, posted, serving, steps, with_tables,
+    LATE_S, MIB, QUICK, WAYS_OUT, Bystander, Stream, Wire, analyst, exact, healthy, posted, resident, serving, steps, with_tables,
 )
 from harness import Agent, reel, until
 
@@ -319,7 +320,8 @@ def fault_questions_that_end_their_process():
         # One that was killed while it was idle is no harm, nor one with a question.
         os.kill(first, signal.SIGKILL)
         assert until(lambda: first not in processes_of(server), 5)
-        assert ask("SELECT 3 AS n") == (200, [{"n": 3}])
+        found = ask("SELECT 3 AS n")
+        assert found == (200, [{"n": 3}]), found
         wire = Wire(server, posted("/api/sql", json.dumps({"sql": slow}).encode()))
         time.sleep(1)
         (busy,) = processes_of(server)
@@ -331,6 +333,29 @@ def fault_questions_that_end_their_process():
         (busy,) = processes_of(server)
         wire.close()
         assert until(lambda: busy not in processes_of(server), 3 + LATE_S), "the question of a client that went away goes on"
+        # So does one of an assistant that goes.
+        assistant = analyst(server)
+
+        def assistant_asks():
+            with contextlib.suppress(Exception):
+                assistant.call("query", sql=slow)
+
+        asking = threading.Thread(target=assistant_asks, daemon=True)
+        asking.start()
+        assert until(lambda: processes_of(server), 5 + LATE_S)
+        time.sleep(1)
+        assert server.request("DELETE", "/analysis/mcp", None, assistant.headers)[0] < 300
+        assert until(lambda: not processes_of(server), 3 + LATE_S), "the question of an assistant that went away goes on"
+        # An answer of which each batch is large is not held by the server.
+        ask("SELECT 5 AS n")
+        before = resident(server)
+        columns = ", ".join(f"repeat('x', 16000 + value % 2) AS c{number}" for number in range(6))
+        wire = Wire(server, posted("/api/sql", json.dumps({"sql": f"SELECT {columns} FROM range(1, 1501)"}).encode()))
+        assert wire.status() == 200, wire.heard[:300]
+        time.sleep(1)
+        grown = resident(server) - before
+        assert grown < 40 * MIB, f"a large answer that waits takes {grown / MIB:.0f} MiB of the server"
+        wire.close()
         wire = Wire(server, posted("/api/sql", json.dumps({"sql": slow}).encode()))
         time.sleep(1)
         (busy,) = processes_of(server)

@@ -10,11 +10,12 @@ import tempfile
 import time
 
 from faults_access import token
-from faults_kit import LATE_S, Wire, request, serving
+from faults_kit import LATE_S, Wire, request, serving, stopped
 from harness import reel, until
 
 #: Self-signed certificates and their keys, for these tests alone.
 PAIRS = pathlib.Path(__file__).parent / "tls"
+GOLDEN = pathlib.Path(__file__).resolve().parents[2] / "traces" / "golden"
 
 
 def shown(port, trusted):
@@ -77,6 +78,11 @@ def fault_tls():
             assert until(renewed, 4 + LATE_S), "a renewed certificate is not shown"
             install("first")
             assert until(lambda: over_tls_works(server.port), 4 + LATE_S)
+            silent = Wire(server)
+            time.sleep(0.2)
+            begun = time.monotonic()
+            assert stopped(server) and time.monotonic() - begun < 5 + LATE_S / 8, "a client that says nothing holds the server up"
+            silent.close()
         for wrong, word in [((cert, cert), "private key"), ((PAIRS / "second.pem", key), "certificate"), ((folder + "/none", key), "none")]:
             code, _, err = reel("serve", "--listen", "127.0.0.1:0", "--data", folder + "/data", "--tls-cert", wrong[0], "--tls-key", wrong[1])
             assert code != 0 and word in err and "panicked" not in err, (wrong, code, err)
@@ -123,6 +129,24 @@ def fault_audit():
                 assert expected in (None, status), (method, path, status)
                 wanted = body if isinstance(body, dict) and role == "admin" else None
                 assert last.get("request") == wanted, last
+            # A change whose client does not wait is one, too.
+            trace = next(GOLDEN.glob("*.mcap")).read_bytes()
+            names = [f"gone{number}" for number in range(20)]
+            for name in names:
+                assert server.request("PUT", f"/api/traces/{name}", trace, bearer["admin"])[0] == 201
+            for name in names:
+                wire = Wire(server, request("DELETE", f"/api/traces/{name}", bearer["admin"]))
+                time.sleep(0.004)
+                wire.close()
+            there = lambda: {path.stem for path in server.traces()}  # noqa: E731
+            until(lambda: not there() & set(names), 3)
+            time.sleep(1)
+            noted = {entry["action"].rpartition("/")[2] for entry in entries() if entry["action"].startswith("DELETE /api/traces/gone")}
+            unnoted = set(names) - there() - noted
+            assert not unnoted and len(noted) > 2, f"deleted and not on the log: {unnoted}; on it are {len(noted)}"
+            # What is no name of a path fills no disk.
+            server.request("DELETE", "/api/sessions/" + "x" * 50_000, None, bearer["read"])
+            assert len(entries()[-1]["action"]) <= 500
             assert reel("server", "token", "revoke", "the-act", "--data", data)[0] == 0
             assert entries()[-1]["action"] == "token revoke the-act"
             text = (data / "audit.jsonl").read_text()

@@ -133,10 +133,10 @@ enum Command {
     Scene(commands::scene::Arguments),
     #[command(about = "Agents to test with: faults, mock-llm")]
     Agent(commands::agent::Arguments),
-    #[command(about = "Set up `reel serve`: token, config")]
+    #[command(about = "Set up and look after `reel serve`: token, config, audit")]
     #[cfg(feature = "service")]
     Server(commands::server::Arguments),
-    #[command(about = "Share work between machines: scheduler, executor")]
+    #[command(about = "Share work between machines: scheduler, executor, cert")]
     #[cfg(feature = "cluster")]
     Cluster(commands::cluster::Arguments),
     #[command(about = "Work on Reel itself: gate, mint, perf")]

@@ -1,7 +1,7 @@
 //! The records of an episode from its files: what each step did to the world, its rewards, the
 //! hash chain, the end.
 
-use reel_reward::{Preset, metrics, reward_bounds, rewards};
+use reel_reward::{Preset, metrics, open_reward, rewards};
 use reel_world::{
     AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
     chain,
@@ -146,8 +146,8 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
     for (record, terms) in records.iter_mut().zip(terms) {
         record.reward = terms;
     }
-    let bounds = reward_bounds(&preset, &task, &scene, &start, &records);
-    files.notes.extend(bounds.map(|bounds| bounds.to_string()));
+    let open = open_reward(&preset, options.tasks, &task, &scene, &start, &records);
+    files.notes.extend(open.map(|open| open.to_string()));
 
     let name = text(&files.meta, "model")
         .or_else(|| files.folder_name(0))

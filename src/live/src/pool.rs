@@ -118,6 +118,16 @@ impl SessionPool {
         owner: &Owner,
         lease: Option<Lease>,
     ) -> Result<(), LiveError> {
+        self.slot(name, owner, lease).map(drop)
+    }
+
+    /// The session of that name, which is opened where there is none.
+    fn slot(
+        &self,
+        name: &str,
+        owner: &Owner,
+        lease: Option<Lease>,
+    ) -> Result<Arc<Slot>, LiveError> {
         check_name(name)?;
         if let Some(lease) = &lease
             && self.setup.task(&lease.task_id).is_none()
@@ -134,7 +144,7 @@ impl SessionPool {
             } else if lease.is_some() && slot.lease != lease {
                 Err(LiveError::Taken(name.to_owned()))
             } else {
-                Ok(())
+                Ok(slot.clone())
             };
         }
         if sessions.len() >= self.limits.sessions {
@@ -159,8 +169,24 @@ impl SessionPool {
             session: Arc::new(AsyncMutex::new(session)),
             seen,
         };
-        sessions.insert(name.to_owned(), Arc::new(slot));
-        Ok(())
+        let slot = Arc::new(slot);
+        sessions.insert(name.to_owned(), slot.clone());
+        Ok(slot)
+    }
+
+    /// Opens a session, or finds the one of that name, and does something with it as
+    /// [`SessionPool::with_session`] does.
+    ///
+    /// # Errors
+    /// As [`SessionPool::open`] and [`SessionPool::with_session`].
+    pub async fn with_own_session<T: Send + 'static>(
+        self: &Arc<Self>,
+        name: &str,
+        owner: &Owner,
+        work: impl FnOnce(&mut Session) -> T + Send + 'static,
+    ) -> Result<T, LiveError> {
+        let slot = self.slot(name, owner, None)?;
+        self.with_slot(slot, work).await
     }
 
     /// Does something with a session, alone with it, on a worker. Once begun it is done to the
@@ -173,14 +199,23 @@ impl SessionPool {
         name: &str,
         work: impl FnOnce(&mut Session) -> T + Send + 'static,
     ) -> Result<T, LiveError> {
+        let slot = self.found(name)?;
+        self.with_slot(slot, work).await
+    }
+
+    fn found(&self, name: &str) -> Result<Arc<Slot>, LiveError> {
+        let slot = self.lock().get(name).cloned();
+        slot.ok_or_else(|| LiveError::Unknown(name.to_owned()))
+    }
+
+    async fn with_slot<T: Send + 'static>(
+        self: &Arc<Self>,
+        slot: Arc<Slot>,
+        work: impl FnOnce(&mut Session) -> T + Send + 'static,
+    ) -> Result<T, LiveError> {
         if self.closing.load(Ordering::Acquire) {
             return Err(LiveError::Closing);
         }
-        let slot = self
-            .lock()
-            .get(name)
-            .cloned()
-            .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
         let (session, worker) = self.wait(&slot).await?;
         let pool = self.clone();
         let done = tokio::task::spawn_blocking(move || {
@@ -211,11 +246,7 @@ impl SessionPool {
     /// # Errors
     /// When there is no such session, nothing runs in it, or no worker had time.
     pub async fn render_frame(&self, name: &str) -> Result<Frame, LiveError> {
-        let slot = self
-            .lock()
-            .get(name)
-            .cloned()
-            .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
+        let slot = self.found(name)?;
         let (session, worker) = self.wait(&slot).await?;
         let looked = tokio::task::spawn_blocking(move || {
             let _worker = worker;
@@ -256,14 +287,25 @@ impl SessionPool {
     /// # Errors
     /// When there is none of that name, or its trace cannot be written.
     pub async fn close(self: &Arc<Self>, name: &str) -> Result<SessionStatus, LiveError> {
+        if self.closing.load(Ordering::Acquire) {
+            return Err(LiveError::Closing);
+        }
+        let slot = self.found(name)?;
         let left = self
-            .with_session(name, |session| {
+            .with_slot(slot.clone(), |session| {
                 let left = session.abort();
                 left.map(|()| session.state())
             })
             .await;
         if !matches!(left, Err(LiveError::Busy(_) | LiveError::Closing)) {
-            self.lock().remove(name);
+            let mut sessions = self.lock();
+            // Somebody else may have closed it, too, and a third opened another of its name.
+            if sessions
+                .get(name)
+                .is_some_and(|now| Arc::ptr_eq(now, &slot))
+            {
+                sessions.remove(name);
+            }
         }
         left?
     }

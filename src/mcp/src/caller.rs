@@ -39,6 +39,7 @@ impl Caller {
 
     /// Whether the request that this task answers, if any, may use what this caller opened.
     pub(crate) fn lets_current(&self) -> bool {
-        Self::current().is_none_or(|caller| self.owner.lets(&caller.owner))
+        let lets = |caller: Self| !self.revoked.is_cancelled() && self.owner.lets(&caller.owner);
+        Self::current().is_none_or(lets)
     }
 }

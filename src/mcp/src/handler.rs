@@ -285,7 +285,6 @@ impl ToolServer {
             }
             _ => {}
         }
-        self.pool.open(session, &self.owner(context))?;
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
         let work = move |session: &mut Session| {
@@ -324,7 +323,8 @@ impl ToolServer {
                 }
             }
         };
-        let mut done = Box::pin(self.pool.with_session(session, work));
+        let owner = self.owner(context);
+        let mut done = Box::pin(self.pool.with_own_session(session, &owner, work));
         let Some(token) = context.meta.get_progress_token() else {
             return done.await?;
         };

@@ -178,6 +178,15 @@ impl Sessions {
     }
 }
 
+/// How many sessions the owner of a caller has; none where it has no name.
+fn owned(open: &HashMap<SessionId, Arc<Session>>, caller: &Caller) -> usize {
+    let own = |session: &&Arc<Session>| session.caller.owner == caller.owner;
+    match caller.owner.name() {
+        Some(_) => open.values().filter(own).count(),
+        None => 0,
+    }
+}
+
 async fn tend(sessions: Weak<Sessions>) {
     loop {
         tokio::time::sleep(TEND_EVERY).await;
@@ -244,14 +253,8 @@ impl SessionManager for Sessions {
             Err(SessionError::Io(full).into())
         };
         let caller = Caller::current().unwrap_or_default();
-        if caller.owner.name().is_some() {
-            let open = self.lock();
-            let own = open
-                .values()
-                .filter(|session| session.caller.owner == caller.owner);
-            if own.count() >= self.limit_each {
-                return refuse(Refusal::Quota(self.limit_each), self.limit_each);
-            }
+        if owned(&self.lock(), &caller) >= self.limit_each {
+            return refuse(Refusal::Quota(self.limit_each), self.limit_each);
         }
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             return refuse(Refusal::Full, self.limit);
@@ -275,7 +278,12 @@ impl SessionManager for Sessions {
             caller,
             _place: place,
         };
-        self.lock().insert(id.clone(), Arc::new(session));
+        let mut open = self.lock();
+        // Others may have come while this one was made.
+        if owned(&open, &session.caller) >= self.limit_each {
+            return refuse(Refusal::Quota(self.limit_each), self.limit_each);
+        }
+        open.insert(id.clone(), Arc::new(session));
         Ok((id, transport))
     }
 

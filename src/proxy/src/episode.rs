@@ -7,7 +7,7 @@ use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_import::{
     CallObservation, ObservedState, StartedEpisode, TaskSetup, same_graph_for_both, unknown_task,
 };
-use reel_reward::{RewardBounds, Rewarder, metrics, reward_bounds};
+use reel_reward::{OpenReward, Rewarder, metrics, open_reward};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
@@ -61,7 +61,7 @@ struct Playing {
 struct EndedEpisode {
     path: PathBuf,
     metrics: Metrics,
-    bounds: Option<RewardBounds>,
+    open: Option<OpenReward>,
 }
 
 /// What a call is to the recording.
@@ -220,7 +220,7 @@ impl Episodes {
                     path: &ended.path,
                     reason,
                     metrics: &ended.metrics,
-                    bounds: ended.bounds.as_ref(),
+                    open: ended.open.as_ref(),
                 }),
                 Err(RecordingError(why)) => setup.emit(ProxyEvent::RecordingFailed {
                     session: &session,
@@ -552,7 +552,8 @@ impl Playing {
             .unwrap_or_default();
         let (preset, task) = (&setup.preset, &self.task);
         let metrics = metrics(preset, task, &self.start, &self.steps, &graphs);
-        let bounds = reward_bounds(preset, task, &self.scene, &self.start, &self.steps);
+        let (known, scene) = (&setup.tasks, &self.scene);
+        let open = open_reward(preset, known, task, scene, &self.start, &self.steps);
         let steps = self.next();
         self.recorder.end(&EndRecord {
             reason,
@@ -564,7 +565,7 @@ impl Playing {
         Ok(EndedEpisode {
             path: self.path,
             metrics,
-            bounds,
+            open,
         })
     }
 }

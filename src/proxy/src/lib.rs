@@ -33,7 +33,7 @@ use std::{
     time::Duration,
 };
 
-use reel_reward::{Preset, RewardBounds};
+use reel_reward::{OpenReward, Preset};
 use reel_trace::{RecordOptions, Timing};
 use reel_world::{
     Profile, Scenes, Task,
@@ -92,8 +92,8 @@ pub enum ProxyEvent<'a> {
         reason: EndReason,
         /// What it came to.
         metrics: &'a Metrics,
-        /// Between which totals its reward lies, if that depends on what the camera saw.
-        bounds: Option<&'a RewardBounds>,
+        /// What is open of its reward, if that depends on what no server tells.
+        open: Option<&'a OpenReward>,
     },
     /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
     ImageOmitted {
@@ -158,10 +158,10 @@ impl Setup {
         if let ProxyEvent::ImageOmitted { .. } = seen {
             self.report.count(|counts| counts.images_rejected += 1);
         }
-        if let ProxyEvent::Ended { bounds, .. } = seen {
+        if let ProxyEvent::Ended { open, .. } = seen {
             self.report.count(|counts| {
                 counts.episodes += 1;
-                counts.open_rewards += u64::from(bounds.is_some());
+                counts.open_rewards += u64::from(open.is_some());
             });
         }
         (self.watch)(seen);

@@ -33,7 +33,8 @@ pub struct Counts {
     pub opaque_connections: u64,
     /// Pictures that cannot stand in a trace.
     pub images_rejected: u64,
-    /// Episodes whose reward depends on what the camera saw, which no server tells.
+    /// Episodes whose reward depends on what the camera saw, or on which objects fit the words of a
+    /// task without a file: no server tells either.
     pub open_rewards: u64,
 }
 

@@ -68,7 +68,7 @@ pub enum StopReason {
     },
     /// An aggregate would be computed anew for every row.
     #[error(
-        "not started: '{function}' over a moving window looks at all its rows again for each row, which is allowed for tables of up to {limit} rows; aggregate by groups instead"
+        "not started: '{function}' works through all rows of a window for each row, which is allowed where the window is known to have at most {limit} rows; aggregate by groups instead"
     )]
     Window {
         function: String,

@@ -2,14 +2,17 @@
 //! other servers tell what a text listed and what got a marker, never what was in the picture.
 //! Never guesses what was seen.
 
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 use reel_world::{
     ObjectInstance, Scene, Task,
     record::{RewardTerm, StartRecord, StepRecord, VisibleObject},
 };
 
-use crate::preset::{Preset, rewards};
+use crate::{
+    preset::{Preset, rewards},
+    terms::Base,
+};
 
 /// Between which totals a reward lies that depends on what the camera saw.
 #[derive(Clone, PartialEq, Debug)]
@@ -31,6 +34,59 @@ impl fmt::Display for RewardBounds {
             self.first_step, self.lower, self.upper
         )
     }
+}
+
+/// What a record without sight leaves open of a reward.
+#[derive(Clone, PartialEq, Debug)]
+pub enum OpenReward {
+    /// What the camera saw decides it.
+    Between(RewardBounds),
+    /// The task was made from messages, which do not say which objects fit its words either.
+    AtLeast {
+        /// The first question that paid nothing.
+        first_step: u32,
+    },
+}
+
+impl fmt::Display for OpenReward {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            OpenReward::Between(bounds) => bounds.fmt(f),
+            OpenReward::AtLeast { first_step } => write!(
+                f,
+                "nothing tells which objects fit the task's words, and from step {first_step} on the \
+                 reward for asking depends on it: the total is a lower bound; --tasks gives the \
+                 task's own file"
+            ),
+        }
+    }
+}
+
+/// What is open of the reward of an episode whose record does not hold what the camera saw. `known`
+/// are the tasks of files; another one was made from messages.
+pub fn open_reward(
+    preset: &Preset,
+    known: &[Arc<Task>],
+    task: &Task,
+    scene: &Scene,
+    start: &StartRecord,
+    steps: &[StepRecord],
+) -> Option<OpenReward> {
+    if known.iter().any(|known| known.task_id == task.task_id) {
+        return reward_bounds(preset, task, scene, start, steps).map(OpenReward::Between);
+    }
+    if preset.base() != Base::Paper {
+        return None;
+    }
+    let terms = rewards(preset, task, scene, start, steps);
+    let unpaid = |(step, terms): &(&StepRecord, &Vec<RewardTerm>)| {
+        let pays = terms.iter().any(|term| term.component == "ask");
+        step.tool_name() == "ask" && step.outcome.is_ok() && !pays
+    };
+    let first = steps.iter().zip(&terms).find(unpaid)?.0;
+    Some(OpenReward::AtLeast {
+        first_step: first.step,
+    })
 }
 
 /// The bounds of the reward of an episode whose record does not hold what the camera saw; none

@@ -102,7 +102,13 @@ const TOOLS: [Described; 5] = [
 ];
 
 impl Analysis {
-    fn answer(&self, name: &str, arguments: &JsonObject) -> Result<Value, String> {
+    /// What a tool answers; where `gone` says that nobody waits for it, a question in SQL ends.
+    fn answer(
+        &self,
+        name: &str,
+        arguments: &JsonObject,
+        gone: impl Fn() -> bool + Clone + Send + 'static,
+    ) -> Result<Value, String> {
         let app = &self.app;
         let text = |key: &str| {
             let value = arguments.get(key).and_then(Value::as_str);
@@ -126,10 +132,12 @@ impl Analysis {
                     "SELECT episode_id, task_id, family, policy, success, total_reward, length, trace FROM episodes \
                      WHERE ({condition}\n) ORDER BY episode_id LIMIT {limit}"
                 );
-                asked_rows(app, &sql).map(|rows| json!(rows)).map_err(told)
+                asked_rows(app, &sql, gone)
+                    .map(|rows| json!(rows))
+                    .map_err(told)
             }
             "query" => {
-                let mut found = asked_rows(app, &text("sql")?).map_err(told)?;
+                let mut found = asked_rows(app, &text("sql")?, gone).map_err(told)?;
                 let total = found.len();
                 found.truncate(ROWS);
                 Ok(json!({"rows": found, "of": total}))
@@ -277,11 +285,24 @@ impl ServerHandler for Analysis {
         request: CallToolRequestParams,
         context: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let owner = Caller::of(&context).map_or_else(Default::default, |it| it.owner.clone());
-        let _place = self.app.analyses.take(&owner).await;
+        let caller = Caller::of(&context).cloned().unwrap_or_default();
+        let place = tokio::select! {
+            place = self.app.place(&caller.owner) => {
+                place.map_err(|error| ErrorData::internal_error(error.to_string(), None))?
+            }
+            () = context.ct.cancelled() => {
+                return Err(ErrorData::internal_error("the call was cancelled", None));
+            }
+        };
         let (server, name) = (self.clone(), request.name.to_string());
         let arguments = request.arguments.unwrap_or_default();
-        let answered = tokio::task::spawn_blocking(move || server.answer(&name, &arguments)).await;
+        let ends = context.ct.clone();
+        let gone = move || ends.is_cancelled() || caller.revoked.is_cancelled();
+        let answered = tokio::task::spawn_blocking(move || {
+            let _place = place;
+            server.answer(&name, &arguments, gone)
+        })
+        .await;
         let answered = answered.map_err(|_| {
             ErrorData::internal_error("the analysis panicked; the log has the details", None)
         })?;

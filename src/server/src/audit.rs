@@ -3,7 +3,7 @@
 
 use std::{
     fs::{self, OpenOptions},
-    io::{self, Write as _},
+    io::{self, Read as _, Seek as _, SeekFrom, Write as _},
     path::{Path, PathBuf},
     time::SystemTime,
 };
@@ -69,7 +69,16 @@ impl AuditLog {
         }
         let mut line = serde_json::to_string(entry)?;
         line.push('\n');
-        let mut file = OpenOptions::new().create(true).append(true).open(&self.0)?;
+        let mut options = OpenOptions::new();
+        let mut file = options.create(true).read(true).append(true).open(&self.0)?;
+        // What a full disk cut off ends here, and takes no entry with it.
+        let mut last = [b'\n'];
+        if file.seek(SeekFrom::End(-1)).is_ok() {
+            file.read_exact(&mut last)?;
+        }
+        if last != *b"\n" {
+            line.insert(0, '\n');
+        }
         // In one piece: several processes may append.
         file.write_all(line.as_bytes())?;
         file.sync_data()
@@ -81,11 +90,12 @@ impl AuditLog {
     /// # Errors
     /// When the file cannot be read.
     pub fn entries(&self) -> io::Result<Vec<AuditEntry>> {
-        let text = match fs::read_to_string(&self.0) {
-            Ok(text) => text,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+        let bytes = match fs::read(&self.0) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) => return Err(error),
         };
+        let text = String::from_utf8_lossy(&bytes);
         let entries = text.lines().map(serde_json::from_str);
         Ok(entries.filter_map(Result::ok).collect())
     }
@@ -93,5 +103,30 @@ impl AuditLog {
     /// Where the log is.
     pub fn path(&self) -> &Path {
         &self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_full_disk_cut_off_takes_no_other_entry_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = AuditLog::at(folder.path().join("data/audit.jsonl"));
+        assert_eq!(log.entries().unwrap(), []);
+        let entry = |action: &str| AuditEntry::of_command(action.to_owned());
+        log.append(&entry("first")).unwrap();
+        let mut file = OpenOptions::new().append(true).open(log.path()).unwrap();
+        file.write_all(b"{\"at\":\"2026-\xff").unwrap();
+        log.append(&entry("second")).unwrap();
+        log.append(&entry("third")).unwrap();
+        let actions: Vec<String> = log
+            .entries()
+            .unwrap()
+            .into_iter()
+            .map(|it| it.action)
+            .collect();
+        assert_eq!(actions, ["first", "second", "third"]);
     }
 }

@@ -28,6 +28,22 @@ const GRACE: Duration = Duration::from_secs(10);
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Client(pub SocketAddr);
 
+/// A connection in the metrics, as long as it lives.
+struct Counted(Arc<App>);
+
+impl Counted {
+    fn new(app: &Arc<App>) -> Self {
+        app.metrics.connections.inc();
+        Self(app.clone())
+    }
+}
+
+impl Drop for Counted {
+    fn drop(&mut self) {
+        self.0.metrics.connections.dec();
+    }
+}
+
 /// What a connection is made of, encrypted or not.
 trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
 
@@ -66,7 +82,7 @@ pub(crate) async fn serve(
         let acceptor = acceptor.clone();
         tasks.spawn(async move {
             let _place = place;
-            app.metrics.connections.inc();
+            let _counted = Counted::new(&app);
             let service = tower::service_fn(move |mut request: Request<Incoming>| {
                 request.extensions_mut().insert(Client(address));
                 router.clone().oneshot(request.map(Body::new))
@@ -84,18 +100,17 @@ pub(crate) async fn serve(
             let stream: Box<dyn Stream> = match acceptor {
                 None => Box::new(stream),
                 Some(acceptor) => {
-                    let shaken = acceptor.accept(stream);
-                    match tokio::time::timeout(app.read_patience(), shaken).await {
+                    let shaken = tokio::select! {
+                        shaken = tokio::time::timeout(app.read_patience(), acceptor.accept(stream)) => shaken,
+                        () = closing.cancelled() => return,
+                    };
+                    match shaken {
                         Ok(Ok(stream)) => Box::new(stream),
                         Ok(Err(error)) => {
                             tracing::debug!(%error, client = %address, "no TLS handshake");
-                            app.metrics.connections.dec();
                             return;
                         }
-                        Err(_) => {
-                            app.metrics.connections.dec();
-                            return;
-                        }
+                        Err(_) => return,
                     }
                 }
             };
@@ -112,7 +127,6 @@ pub(crate) async fn serve(
             if let Err(error) = ended {
                 tracing::debug!(%error, client = %address, "a connection broke off");
             }
-            app.metrics.connections.dec();
         });
     }
     tasks.close();

@@ -57,6 +57,8 @@ pub(crate) struct Demand {
     pub role: Option<Role>,
     /// Whether the route reads and counts the body itself: traces come as long streams.
     streamed: bool,
+    /// Whether requests that are not safe are on the audit log.
+    audited: bool,
 }
 
 impl Demand {
@@ -64,13 +66,23 @@ impl Demand {
     pub const OPEN: Demand = Demand {
         role: None,
         streamed: false,
+        audited: false,
     };
 
     /// A token with this role.
     pub fn role(role: Role) -> Self {
         Self {
             role: Some(role),
+            audited: role == Role::Admin,
             ..Self::OPEN
+        }
+    }
+
+    /// The same, with changes on the audit log.
+    pub fn audited(self) -> Self {
+        Self {
+            audited: true,
+            ..self
         }
     }
 
@@ -132,28 +144,46 @@ pub(crate) async fn admit(
         .extensions()
         .get::<Client>()
         .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
+    let action = format!("{} {}", request.method(), request.uri().path());
     let mut entry = AuditEntry {
         client: Some(client),
-        ..AuditEntry::of_command(format!("{} {}", request.method(), request.uri().path()))
+        ..AuditEntry::of_command(action.chars().take(AUDITED_ACTION_MAX).collect())
     };
-    let changes = demand.role == Some(Role::Admin) && !request.method().is_safe();
-    let answer = admitted(&app, demand, request, next, &mut entry).await;
-    let status = answer
-        .as_ref()
-        .map_or_else(ApiError::status, Response::status);
-    // Strangers, and clients that are too fast, change nothing and fill no disk.
-    let heard = ![StatusCode::UNAUTHORIZED, StatusCode::TOO_MANY_REQUESTS].contains(&status);
-    if changes && heard {
-        entry.at = audit::now();
-        entry.status = Some(status.as_u16());
-        let log = app.audit.clone();
-        let kept = tokio::task::spawn_blocking(move || log.append(&entry)).await;
-        if let Err(error) = kept.map_err(io::Error::other).flatten() {
-            tracing::error!(%error, "the audit log cannot be written");
-        }
+    if !demand.audited || request.method().is_safe() {
+        return admitted(&app, demand, request, next, &mut entry).await;
     }
-    answer
+    // In a task of its own: a change that has begun ends, and is on the log, though its client is gone.
+    let change = tokio::spawn(async move {
+        let answer = admitted(&app, demand, request, next, &mut entry).await;
+        let status = answer
+            .as_ref()
+            .map_or_else(ApiError::status, Response::status);
+        // Strangers, and clients that are too fast, change nothing and fill no disk. A known token gets
+        // 401 only where it was revoked in the midst of the change.
+        let heard = match status {
+            StatusCode::UNAUTHORIZED => entry.token.is_some(),
+            other => other != StatusCode::TOO_MANY_REQUESTS,
+        };
+        if heard {
+            entry.at = audit::now();
+            entry.status = Some(status.as_u16());
+            let log = app.audit.clone();
+            let kept = tokio::task::spawn_blocking(move || log.append(&entry)).await;
+            if let Err(error) = kept.map_err(io::Error::other).flatten() {
+                tracing::error!(%error, "the audit log cannot be written");
+            }
+        }
+        answer
+    });
+    match change.await {
+        Ok(answer) => answer,
+        Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
+        Err(_) => Err(ApiError::busy("the server is shutting down")),
+    }
 }
+
+/// Longest action of an entry of the audit log, in characters.
+const AUDITED_ACTION_MAX: usize = 500;
 
 /// Does for [`admit`] all but the audit log, whose entry it completes.
 async fn admitted(

@@ -44,6 +44,11 @@ impl Routes {
         self.documented(Demand::role(role), route)
     }
 
+    /// A documented route for tokens with a role, whose changes are on the audit log as an admin's are.
+    pub fn audited(self, role: Role, route: UtoipaMethodRouter<Arc<App>>) -> Self {
+        self.documented(Demand::role(role).audited(), route)
+    }
+
     /// A documented route that counts its body while it reads it, for tokens with a role.
     pub fn streamed(self, role: Role, route: UtoipaMethodRouter<Arc<App>>) -> Self {
         self.documented(Demand::role(role).streamed(), route)

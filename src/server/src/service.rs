@@ -8,12 +8,12 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use axum::handler::Handler as _;
 use axum::{Router, middleware};
-use reel_live::{Owner, SessionPool, Turns, restore};
+use reel_live::{Owner, SessionPool, Turn, Turns, restore};
 use reel_mcp::{Guard, Questions};
 use reel_trace::TraceFiles;
 use tokio::net::TcpListener;
@@ -28,7 +28,7 @@ use crate::{
     connections,
     gate::{self, Demand, Rates},
     metrics::Metrics,
-    rest,
+    rest::{self, ApiError},
     snapshots::SnapshotFolder,
     tls::{Certificate, TlsError},
 };
@@ -65,6 +65,8 @@ pub(crate) struct App {
     /// Queries, replays and renderings at once; one token leaves a place to others.
     pub analyses: Arc<Turns>,
     pub ready: AtomicBool,
+    /// When there was last room for traces.
+    pub room: tokio::sync::Mutex<Option<Instant>>,
     pub closing: CancellationToken,
 }
 
@@ -73,6 +75,14 @@ impl App {
     /// a file of them.
     pub fn demands_tokens(&self) -> bool {
         !self.config.is_local() || self.tokens.in_use()
+    }
+
+    /// A place for a query, a replay or a rendering, which is waited for as long as for a worker.
+    pub async fn place(&self, owner: &Owner) -> Result<Turn, ApiError> {
+        let patience = Duration::from_secs(self.config.limits.worker_timeout_s);
+        tokio::time::timeout(patience, self.analyses.take(owner))
+            .await
+            .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))
     }
 
     /// How long a client may take to send something.
@@ -164,7 +174,7 @@ impl Service {
             exports: config.exports(),
         };
         #[cfg(feature = "tables")]
-        let sql = SqlProcesses::new(paths.reel.clone());
+        let sql = SqlProcesses::new(own_program(&paths.reel));
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
@@ -190,6 +200,7 @@ impl Service {
             ),
             metrics,
             ready: AtomicBool::new(true),
+            room: tokio::sync::Mutex::default(),
             closing,
             config,
         });
@@ -237,6 +248,18 @@ impl Service {
         tending.abort();
         let sessions = app.pool.close_all().await;
         tracing::info!(sessions, "all sessions are closed and all traces complete");
+    }
+}
+
+/// This program, also where its file was replaced or removed since: processes that it talks to have to
+/// be of the same version.
+#[cfg(feature = "tables")]
+fn own_program(file: &std::ffi::OsStr) -> std::ffi::OsString {
+    let image = std::path::Path::new("/proc/self/exe");
+    if image.exists() {
+        image.into()
+    } else {
+        file.to_owned()
     }
 }
 
@@ -320,8 +343,14 @@ async fn tend(app: Arc<App>) {
             Ok(revoked) => revoked.into_iter().for_each(|name| {
                 let pool = app.pool.clone();
                 tokio::spawn(async move {
-                    let sessions = pool.close_of(&Owner::named(&name)).await;
+                    let owner = Owner::named(&name);
+                    let mut sessions = pool.close_of(&owner).await;
                     tracing::info!(token = name, sessions, "token revoked, its sessions closed");
+                    // One that was busy for too long is closed later.
+                    while sessions > 0 {
+                        tokio::time::sleep(TEND_EVERY).await;
+                        sessions = pool.close_of(&owner).await;
+                    }
                 });
             }),
             Err(error) => {

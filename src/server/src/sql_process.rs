@@ -37,10 +37,17 @@ use crate::{
 const LATE: Duration = Duration::from_secs(5);
 /// How often it is looked whether a question still has somebody who waits for it.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// How soon an end says that a process was ending before it was asked.
+const AT_ONCE: Duration = Duration::from_millis(100);
 /// How long a process without a question is kept.
 const IDLE: Duration = Duration::from_secs(60);
 /// Data that a process may have besides what its question may take, and the stacks of its threads.
 const BESIDES_BYTES: u64 = 1 << 30;
+
+/// Largest part of an answer: the server holds a few of each.
+const PART_BYTES: usize = 1 << 20;
+/// Largest frame: an error may quote the question.
+const FRAME_BYTES_MAX: usize = 16 << 20;
 
 /// The next part of an answer follows.
 const PART: u8 = b'P';
@@ -131,14 +138,15 @@ impl SqlProcesses {
     pub fn ask(
         &self,
         request: &SqlRequest,
-        gone: impl Fn() -> bool + Send + 'static,
+        gone: impl Fn() -> bool + Clone + Send + 'static,
         mut take: impl FnMut(Bytes) -> bool,
     ) -> Result<bool, ApiError> {
         let mut line = serde_json::to_vec(request).expect("a question is JSON");
         line.push(b'\n');
-        let mut process = self.asked(&line)?;
+        let (mut process, reused) = self.asked(&line)?;
+        let asked = Instant::now();
         let time = Duration::from_millis(request.limits.time_ms);
-        let watch = Watch::begin(process.child.clone(), time + LATE, gone);
+        let watch = Watch::begin(process.child.clone(), time + LATE, gone.clone());
         loop {
             let (kind, body) = match process.frame() {
                 Ok(frame) => frame,
@@ -146,13 +154,19 @@ impl SqlProcesses {
                     let seconds = time.as_secs();
                     return Err(QueryError::Stopped(StopReason::Time { seconds }).into());
                 }
+                // It was ending already when it was asked.
+                Err(_) if reused && asked.elapsed() < AT_ONCE => {
+                    drop(watch);
+                    drop(process);
+                    return self.ask(request, gone, take);
+                }
                 Err(error) => {
                     let status = process.ended();
                     tracing::warn!(%error, ?status, "a question ended its process");
                     return Err(ApiError::unprocessable(
                         OVER_LIMIT,
-                        "the question ended its process: it wanted more memory than it may have \
-                         (limits.sql_mib); narrow it down"
+                        "the question ended its process, most likely because it wanted more memory than \
+                         it may have (limits.sql_mib); narrow it down"
                             .to_owned(),
                     ));
                 }
@@ -182,16 +196,18 @@ impl SqlProcesses {
         }
     }
 
-    /// A process that has the request. One that died while it was idle has none, so a new one gets it.
-    fn asked(&self, line: &[u8]) -> Result<SqlProcess, ApiError> {
-        while let Some((_, mut process)) = self.lock().pop() {
+    /// A process that has the request, and whether it had one before. One that died while it was idle has none, so a new one gets it.
+    fn asked(&self, line: &[u8]) -> Result<(SqlProcess, bool), ApiError> {
+        loop {
+            let next = self.lock().pop();
+            let Some((_, mut process)) = next else { break };
             if process.input.write_all(line).is_ok() {
-                return Ok(process);
+                return Ok((process, true));
             }
         }
         let mut process = SqlProcess::start(&self.program).map_err(ApiError::disk)?;
         process.input.write_all(line).map_err(ApiError::disk)?;
-        Ok(process)
+        Ok((process, false))
     }
 
     /// Keeps a process for the next question, unless somebody just ended it.
@@ -243,7 +259,11 @@ impl SqlProcess {
         let mut head = [0; 5];
         self.output.read_exact(&mut head)?;
         let [kind, length @ ..] = head;
-        let mut body = vec![0; u32::from_be_bytes(length) as usize];
+        let length = u32::from_be_bytes(length) as usize;
+        if length > FRAME_BYTES_MAX {
+            return Err(io::Error::other("it is of another version of Reel"));
+        }
+        let mut body = vec![0; length];
         self.output.read_exact(&mut body)?;
         Ok((kind, body))
     }
@@ -369,9 +389,10 @@ fn answer(
     let mut encoder = Encoder::new(request.format);
     let mut failure = None;
     let mut part = |part: Result<Bytes, ArrowError>| match part {
-        Ok(part) if part.is_empty() => true,
         // Where nobody reads any more, the question ends.
-        Ok(part) => send(output, PART, &part).is_ok(),
+        Ok(part) => part
+            .chunks(PART_BYTES)
+            .all(|piece| send(output, PART, piece).is_ok()),
         Err(error) => {
             failure = Some(error);
             false
@@ -390,13 +411,9 @@ fn answer(
 }
 
 fn send(output: &mut impl Write, kind: u8, body: &[u8]) -> io::Result<()> {
-    // A batch is far from four gibibytes; what is not is sent in pieces, where it may be.
-    let pieces = body.chunks(1 << 30).chain(body.is_empty().then_some(body));
-    for piece in pieces {
-        output.write_all(&[kind])?;
-        output.write_all(&(piece.len() as u32).to_be_bytes())?;
-        output.write_all(piece)?;
-    }
+    output.write_all(&[kind])?;
+    output.write_all(&(body.len() as u32).to_be_bytes())?;
+    output.write_all(body)?;
     output.flush()
 }
 

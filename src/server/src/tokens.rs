@@ -86,6 +86,9 @@ pub enum TokenError {
     /// It is no file of tokens.
     #[error("{path} is not a token file: {message}", path = path.display())]
     Syntax { path: PathBuf, message: String },
+    /// A name that would not show who it is in a log.
+    #[error("'{}' cannot be the name of a token: it is empty, or holds control characters", .0.escape_debug())]
+    Name(String),
     /// A name that is taken.
     #[error("token '{0}' exists already; revoke it first")]
     Taken(String),
@@ -155,7 +158,10 @@ impl Tokens {
         let before = std::mem::replace(&mut *known, (now, Arc::new(read(&self.path)?))).1;
         let kept = |old: &TokenEntry| {
             let same = known.1.iter().find(|new| new.hash == old.hash);
-            same.is_some_and(|new| new.name == old.name && new.roles.is_superset(&old.roles))
+            same.is_some_and(|new| {
+                let all = new.roles.contains(&Role::Admin) || new.roles.is_superset(&old.roles);
+                new.name == old.name && all
+            })
         };
         let gone = before.iter().filter(|entry| !kept(entry));
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
@@ -170,6 +176,12 @@ impl Tokens {
 
     /// Cancelled when this token is taken back or loses a role.
     pub fn revocation(&self, entry: &TokenEntry) -> CancellationToken {
+        let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if !known.1.iter().any(|known| known.hash == entry.hash) {
+            let gone = CancellationToken::new();
+            gone.cancel();
+            return gone;
+        }
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         shown.entry(entry.hash.clone()).or_default().clone()
     }
@@ -196,6 +208,9 @@ impl Tokens {
     /// # Errors
     /// When the name is taken or the file cannot be written.
     pub fn create(&self, name: &str, roles: BTreeSet<Role>) -> Result<String, TokenError> {
+        if name.is_empty() || name.chars().any(char::is_control) {
+            return Err(TokenError::Name(name.to_owned()));
+        }
         let mut entries = read(&self.path)?;
         if entries.iter().any(|entry| entry.name == name) {
             return Err(TokenError::Taken(name.to_owned()));
@@ -293,6 +308,10 @@ mod tests {
         let tokens = Tokens::open(&path).unwrap();
         assert!(tokens.entries().is_empty());
         let token = tokens.create("trainer", [Role::Act].into()).unwrap();
+        for name in ["", "a\nb", "a\u{1b}[31m"] {
+            let refused = tokens.create(name, [Role::Act].into());
+            assert!(matches!(refused, Err(TokenError::Name(_))), "{name:?}");
+        }
         assert!(matches!(
             tokens.create("trainer", [Role::Read].into()),
             Err(TokenError::Taken(_))

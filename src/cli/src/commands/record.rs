@@ -294,10 +294,10 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
         ProxyEvent::Ended {
             session,
             path,
-            bounds: Some(bounds),
+            open: Some(open),
             ..
         } if !shows => {
-            eprintln!("reel: {session}: {}: {bounds}", path.display());
+            eprintln!("reel: {session}: {}: {open}", path.display());
             return;
         }
         ProxyEvent::Began {
@@ -329,7 +329,7 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
             path,
             reason,
             metrics,
-            bounds,
+            open,
         } if shows => {
             let verdict = if metrics.success {
                 "SUCCESS"
@@ -340,12 +340,12 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
                 EndReason::Finished => "the policy finished",
                 _ => "it was not finished",
             };
-            let bounds = bounds.map(|bounds| format!("     note     {bounds}\n"));
+            let open = open.map(|open| format!("     note     {open}\n"));
             format!(
                 "\n{session}  {verdict}: {reason} after {} decisions: {}\n{}",
                 metrics.length,
                 path.display(),
-                bounds.unwrap_or_default()
+                open.unwrap_or_default()
             )
         }
         _ => return,

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use reel_reward::{Preset, metrics, reward_bounds, rewards};
+use reel_reward::{Preset, metrics, open_reward, rewards};
 use reel_trace::{
     Timing,
     robot::{Alignment, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
@@ -479,8 +479,8 @@ impl EpisodeBuilder {
         for (record, terms) in records.iter_mut().zip(terms) {
             record.reward = terms;
         }
-        let bounds = reward_bounds(&preset, &task, &scene, &start, &records);
-        notes.extend(bounds.map(|bounds| bounds.to_string()));
+        let open = open_reward(&preset, options.tasks, &task, &scene, &start, &records);
+        notes.extend(open.map(|open| open.to_string()));
         let policy = self
             .told
             .policy

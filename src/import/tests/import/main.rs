@@ -523,6 +523,13 @@ fn a_question_among_what_only_the_camera_saw_is_open() {
         scenes: Some(&scenes),
         ..PLAIN
     };
+    let plain = imported_with(episode.folder(), &root, &PLAIN).0;
+    let open = "nothing tells which objects fit the task's words, and from step 2 on";
+    assert!(
+        plain.notes.iter().any(|note| note.starts_with(open)),
+        "{:?}",
+        plain.notes
+    );
     let (report, trace) = imported_with(episode.folder(), &out, &options);
     assert_eq!(
         report.notes,

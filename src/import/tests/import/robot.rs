@@ -217,6 +217,7 @@ fn every_field_comes_through() {
     assert_eq!(imported.losses, []);
     let notes = [
         "the task is not known; give its task file with --tasks",
+        "nothing tells which objects fit the task's words, and from step 3 on the reward for asking depends on it: the total is a lower bound; --tasks gives the task's own file",
         "success is what the recording says (true); no graph and goal tell it",
     ];
     assert_eq!(imported.notes, notes);
@@ -659,7 +660,10 @@ fn a_task_that_is_known_is_judged_by_the_graphs() {
     assert!(recording.episodes[0].success);
     assert_eq!(
         recording.episodes[0].notes[1..],
-        ["the recording says success false, the graphs true"]
+        [
+            "nothing tells which objects fit the task's words, and from step 3 on the reward for asking depends on it: the total is a lower bound; --tasks gives the task's own file",
+            "the recording says success false, the graphs true"
+        ]
     );
     assert_eq!(trace.task.target.as_str(), APPLE);
 

@@ -3,6 +3,7 @@
 use std::{
     io::{self, Write as _},
     sync::{Arc, atomic::Ordering},
+    time::{Duration, Instant},
 };
 
 use axum::{Json, extract::State, http::header, response::IntoResponse};
@@ -14,6 +15,8 @@ use crate::service::App;
 
 /// Bytes that there has to be room for: a recording grows by its start at once.
 const ROOM: usize = 1 << 20;
+/// How long it is believed that there is room.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// What a living server says.
 #[derive(Serialize, ToSchema)]
@@ -40,13 +43,21 @@ pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, 
     if !app.ready.load(Ordering::Acquire) {
         return Err(ApiError::busy("the server is shutting down"));
     }
+    // One look at a time, and one a second: anybody may ask.
+    let mut looked = app.room.lock().await;
+    if looked.is_some_and(|at| at.elapsed() < LOOK_EVERY) {
+        return Ok(healthz().await);
+    }
     let folder = app.archive.folder().to_owned();
     // The file has no name, and is gone when it is closed.
     let tried = tokio::task::spawn_blocking(move || {
         tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM])
     });
     match tried.await.map_err(io::Error::other).flatten() {
-        Ok(()) => Ok(healthz().await),
+        Ok(()) => {
+            *looked = Some(Instant::now());
+            Ok(healthz().await)
+        }
         Err(error) => Err(ApiError::records_nothing(&error)),
     }
 }

@@ -165,7 +165,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(sessions::questions))
         .for_role(Admin, routes!(sessions::answer))
         .for_role(Act, routes!(sessions::lease))
-        .for_role(Act, routes!(sessions::release));
+        .audited(Act, routes!(sessions::release));
     #[cfg(feature = "rerun")]
     let routes = routes.for_role(Read, routes!(traces::recording));
     #[cfg(feature = "tables")]
@@ -254,16 +254,14 @@ async fn analyse<T: Send + 'static>(
     app: &Arc<App>,
     work: impl FnOnce(&App) -> Result<T, ApiError> + Send + 'static,
 ) -> Result<T, ApiError> {
-    let owner = gate::owner();
-    let waiting = tokio::time::timeout(
-        std::time::Duration::from_secs(app.config.limits.worker_timeout_s),
-        app.analyses.take(&owner),
-    );
-    let _place = waiting
-        .await
-        .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
+    let place = app.place(&gate::owner()).await?;
     let inner = app.clone();
-    match tokio::task::spawn_blocking(move || work(&inner)).await {
+    let working = move || {
+        // Held as long as it works, and not as long as somebody waits.
+        let _place = place;
+        work(&inner)
+    };
+    match tokio::task::spawn_blocking(working).await {
         Ok(answer) => answer.map_err(|error| told(app, error)),
         Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
         Err(_) => Err(ApiError::busy("the server is shutting down")),

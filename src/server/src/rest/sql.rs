@@ -194,10 +194,7 @@ async fn answer(app: Arc<App>, version: Version, question: Question) -> Result<R
         AnswerFormat::Csv => "text/csv; charset=utf-8",
         AnswerFormat::Arrow => "application/vnd.apache.arrow.stream",
     };
-    let patience = std::time::Duration::from_secs(app.config.limits.worker_timeout_s);
-    let place = tokio::time::timeout(patience, app.analyses.take(&gate::owner()))
-        .await
-        .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))?;
+    let place = app.place(&gate::owner()).await?;
     let (sender, mut parts) = mpsc::channel(AHEAD);
     let asked = app.clone();
     tokio::task::spawn_blocking(move || {
@@ -286,8 +283,13 @@ fn run(
     Ok(())
 }
 
-/// The rows of the answer to somebody's question. Traces of the archive go by their names.
-pub(crate) fn asked_rows(app: &App, sql: &str) -> Result<Vec<Value>, ApiError> {
+/// The rows of the answer to somebody's question, which ends where nobody waits any more. Traces of
+/// the archive go by their names.
+pub(crate) fn asked_rows(
+    app: &App,
+    sql: &str,
+    gone: impl Fn() -> bool + Clone + Send + 'static,
+) -> Result<Vec<Value>, ApiError> {
     let request = app.sql_request(Question {
         sql: sql.to_owned(),
         parameters: Parameters::new(),
@@ -295,15 +297,20 @@ pub(crate) fn asked_rows(app: &App, sql: &str) -> Result<Vec<Value>, ApiError> {
         at: None,
     });
     let mut text = Vec::new();
-    app.sql.ask(
-        &request,
-        || false,
-        |part| {
-            text.extend_from_slice(&part);
-            true
-        },
-    )?;
+    app.sql.ask(&request, gone, |part| {
+        text.extend_from_slice(&part);
+        text.len() <= ROWS_BYTES_MAX
+    })?;
+    if text.len() > ROWS_BYTES_MAX {
+        return Err(ApiError::unprocessable(
+            "too_long",
+            format!("the answer has more than {ROWS_BYTES_MAX} bytes; aggregate, or use LIMIT"),
+        ));
+    }
     let rows =
         serde_json::from_slice(&text).map_err(|_| ApiError::internal("the answer is not JSON"))?;
     Ok(super::tables::named(app, rows))
 }
+
+/// Longest answer that is read as rows, in bytes.
+const ROWS_BYTES_MAX: usize = 8 << 20;

@@ -39,6 +39,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         #[cfg(feature = "analytics")]
         Command::SqlProcess => {
+            // What the server's own log says the details of; its standard error is ours, too.
+            let _logs = reel_server::start_logs(&reel_server::Config::default());
             reel_server::answer_sql(crate::inputs::trace_files())?;
             Ok(ExitStatus::Success)
         }
