@@ -13,7 +13,7 @@ use reel_live::LiveError;
 use reel_query::{QueryError, SetLimit};
 #[cfg(feature = "tables")]
 use reel_tables::StoreError;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::archive::Archive;
@@ -27,13 +27,15 @@ pub(crate) struct ApiError {
 }
 
 /// An [`ApiError`] as one process tells it to another.
-#[derive(Serialize, Deserialize)]
+#[cfg(feature = "tables")]
+#[derive(Serialize, serde::Deserialize)]
 pub(crate) struct SentError {
     status: u16,
     code: String,
     message: String,
 }
 
+#[cfg(feature = "tables")]
 impl From<ApiError> for SentError {
     fn from(error: ApiError) -> Self {
         Self {
@@ -44,6 +46,7 @@ impl From<ApiError> for SentError {
     }
 }
 
+#[cfg(feature = "tables")]
 impl From<SentError> for ApiError {
     fn from(error: SentError) -> Self {
         Self {
@@ -71,6 +74,7 @@ pub(crate) struct ErrorDetail {
 }
 
 /// Code of an error that a limit on a question gave.
+#[cfg(feature = "tables")]
 pub(crate) const OVER_LIMIT: &str = "over_limit";
 
 impl ApiError {
@@ -83,6 +87,7 @@ impl ApiError {
     }
 
     /// Whether a limit on what a question may cost ended it.
+    #[cfg(feature = "tables")]
     pub fn is_over_limit(&self) -> bool {
         self.code == OVER_LIMIT
     }

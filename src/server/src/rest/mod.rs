@@ -39,7 +39,9 @@ use utoipa::{
 };
 use utoipa_axum::routes;
 
-pub(crate) use error::{ApiError, OVER_LIMIT, SentError};
+pub(crate) use error::ApiError;
+#[cfg(feature = "tables")]
+pub(crate) use error::{OVER_LIMIT, SentError};
 #[cfg(feature = "tables")]
 pub(crate) use {sql::asked_rows, tables::rows};
 
