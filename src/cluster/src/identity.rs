@@ -19,6 +19,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose,
 };
+use reel_tables::buckets::with_causes;
 use tokio_rustls::rustls::crypto;
 use tonic::{
     Code, Request, Status,
@@ -187,7 +188,7 @@ impl Credentials {
     }
 
     async fn ask(&self, address: &Address) -> Result<(), Refusal> {
-        let silent = |error: &dyn std::error::Error| Refusal::Silent(chain(error));
+        let silent = |error: &dyn std::error::Error| Refusal::Silent(with_causes(error));
         let endpoint =
             Endpoint::from_shared(format!("http://{address}")).map_err(|it| silent(&it))?;
         let endpoint = self.endpoints()(endpoint).map_err(|it| silent(it.as_ref()))?;
@@ -239,20 +240,6 @@ fn encrypted(endpoint: Endpoint) -> Result<Endpoint, tonic::transport::Error> {
             .keep_alive_timeout(Duration::from_secs(20))
             .keep_alive_while_idle(true)),
     }
-}
-
-/// An error with its causes.
-fn chain(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let said = error.to_string();
-        if !text.contains(&said) {
-            text = format!("{text}: {said}");
-        }
-        cause = error.source();
-    }
-    text
 }
 
 /// Makes files of identity for these names in a folder, by the authority whose key lies there; makes

@@ -25,7 +25,7 @@ use url::Url;
 use crate::buckets::retrying_store::RetryingStore;
 
 pub use cache::Cache;
-pub use remote::{Buckets, UploadOutcome};
+pub use remote::{Buckets, UploadOutcome, with_causes};
 
 /// Why a file of a bucket cannot be had, or sent.
 #[derive(Debug, thiserror::Error)]

@@ -294,14 +294,14 @@ fn refused(action: &'static str, name: &str, error: &object_store::Error) -> Buc
         },
         error => BucketError::Store {
             action,
-            reason: told(error),
+            reason: with_causes(error),
             name: name.to_owned(),
         },
     }
 }
 
 /// An error with its causes, each said once.
-fn told(error: &dyn std::error::Error) -> String {
+pub fn with_causes(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
