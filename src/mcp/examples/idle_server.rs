@@ -49,7 +49,7 @@ async fn main() -> io::Result<()> {
     };
     let service = reel_mcp::streamable_http(
         factory,
-        SESSIONS,
+        (SESSIONS, SESSIONS),
         KEEP_ALIVE,
         MAX_BODY,
         CancellationToken::new(),

@@ -316,6 +316,7 @@ impl Table {
         let [park_after, close_after, patience] = [60, 600, 60].map(Duration::from_secs);
         let limits = Limits {
             sessions: 1,
+            sessions_each: 1,
             in_memory: 1,
             workers: 1,
             suspend_after: park_after,
