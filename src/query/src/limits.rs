@@ -205,10 +205,10 @@ impl Guarded {
     /// every row, though it may be made once.
     fn check_values(&self, bytes: impl Iterator<Item = f64>) -> Result<()> {
         let made = bytes.filter(|bytes| bytes.is_finite() && *bytes > 0.0);
-        let (largest, sum) = made.fold((0.0, 0.0), |(largest, sum), bytes| {
+        let (largest, sum) = made.fold((0.0_f64, 0.0), |(largest, sum), bytes| {
             (f64::max(largest, bytes), sum + bytes)
         });
-        let bytes = (largest as f64).clamp(0.0, 1e30) as u128;
+        let bytes = largest.clamp(0.0, 1e30) as u128;
         if bytes > VALUE_BYTES_MAX {
             return Err(refused(StopReason::Value {
                 function: self.name().to_owned(),

@@ -571,11 +571,12 @@ impl Inner {
             && let Some(rows) = estimate::batch_rows(&physical)?
         {
             // Tables that are made while planning have the size of their batches from then on.
-            let state = context.state_ref();
-            let mut state = state.write();
-            let options = state.config_mut().options_mut();
-            options.set("datafusion.execution.batch_size", &rows.to_string())?;
-            drop(state);
+            {
+                let state = context.state_ref();
+                let mut state = state.write();
+                let options = state.config_mut().options_mut();
+                options.set("datafusion.execution.batch_size", &rows.to_string())?;
+            }
             return Box::pin(self.hand_on(context, plan, to)).await;
         }
         let physical = match &self.elsewhere {
