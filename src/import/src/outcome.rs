@@ -5,7 +5,7 @@ use reel_world::{
     ErrorCode, Lifecycle, Outcome, Tool, ToolCall, ToolText, ask_reply, record::UserReply,
 };
 
-/// The outcome of a call of a tool (`None` if it is none of ours): `text` is none, or empty, where the
+/// The outcome of a call of a tool (`None` for an unknown one): `text` is none, or empty, where the
 /// result was a picture alone, also one that is not there any more; `marked` is how many markers there
 /// are after it.
 pub fn outcome(

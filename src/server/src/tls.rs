@@ -58,7 +58,7 @@ pub(crate) struct Certificate {
 type Changed = [Option<SystemTime>; 2];
 
 impl Certificate {
-    /// Reads the files.
+    /// Reads certificate and key, and looks whether they belong together.
     ///
     /// # Errors
     /// When one cannot be read, or they do not belong together.
@@ -74,7 +74,7 @@ impl Certificate {
     /// certificate stays as it was, and is tried again at the next change.
     ///
     /// # Errors
-    /// As [`Certificate::read`].
+    /// When a file has changed and cannot be used, as [`Certificate::read`] says.
     pub fn refresh(&self) -> Result<bool, TlsError> {
         let now = changed(&self.files);
         {
