@@ -4,8 +4,10 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 TEST_ARGS ?=
 # Arguments for the benches, e.g. `make bench BENCH_ARGS=render`.
 BENCH_ARGS ?=
+# The simulated service: built with a clock that can be held, and without tables, beside everything else.
+SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -19,7 +21,7 @@ demo: pages ## build reel; then record, replay, ask, export and draw episodes in
 test: pages ## install what tests compare Reel with, run every test of the workspace, list what was skipped
 	tests/setup.sh
 	@tests/skips.sh --forget
-	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
+	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
 
 pages: ## build the web pages that `reel serve` shows (needs Node, which it installs where it may)
 	dashboards/build.sh
@@ -99,6 +101,9 @@ eval-learned: ## play the small learned policy in homes it never saw and write i
 hostile-sql: ## 2,000 hostile questions in SQL by seeds, over REST: each ends within its limits, and leaves nothing running (an hour)
 	REEL_SEEDS=2000 cargo test --locked --workspace --test cli -- --nocapture hostile_questions
 
+simulate: ## `reel serve` in 10,000 worlds with faults of disk, wires and power: what was acknowledged is there (an hour)
+	REEL_SEEDS=$${REEL_SEEDS:-10000} $(SIMULATE) -- --nocapture what_was_acknowledged
+
 conformance: ## the published MCP conformance suites against our stack and against `reel serve` (needs npm)
 	tests/conformance.sh
 
@@ -129,6 +134,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/eval-attribution.sh
 	$(MAKE) eval-skills
 	$(MAKE) hostile-sql
+	$(MAKE) simulate
 	tests/conformance.sh
 	tests/service.sh
 	tests/real-contract.sh

@@ -6,6 +6,7 @@
 //! before it is answered.
 
 mod error;
+mod host;
 mod pool;
 mod restore;
 mod session;
@@ -13,8 +14,9 @@ mod setup;
 mod turns;
 
 pub use error::LiveError;
+pub use host::{Host, Work};
 pub use pool::{Limits, SessionEntry, SessionPool};
-pub use restore::restore;
+pub use restore::{restore, restore_on};
 pub use session::{
     CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
 };

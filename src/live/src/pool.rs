@@ -8,12 +8,15 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use reel_world::Frame;
 use serde::Serialize;
-use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard};
+use tokio::{
+    sync::{Mutex as AsyncMutex, OwnedMutexGuard},
+    time::Instant,
+};
 
 use crate::{
     Lease, LiveError, Owner, Session, SessionStatus, Setup, check_name,
@@ -218,7 +221,7 @@ impl SessionPool {
         }
         let (session, worker) = self.wait(&slot).await?;
         let pool = self.clone();
-        let done = tokio::task::spawn_blocking(move || {
+        let done = self.setup.host.work.begin(move || {
             let _worker = worker;
             let mut used = SessionGuard { session, slot };
             let value = work(&mut used.session);
@@ -248,7 +251,7 @@ impl SessionPool {
     pub async fn render_frame(&self, name: &str) -> Result<Frame, LiveError> {
         let slot = self.found(name)?;
         let (session, worker) = self.wait(&slot).await?;
-        let looked = tokio::task::spawn_blocking(move || {
+        let looked = self.setup.host.work.begin(move || {
             let _worker = worker;
             session.render_frame()
         });
@@ -341,9 +344,8 @@ impl SessionPool {
         let count = slots.len();
         for slot in slots {
             let session = slot.session.clone().lock_owned().await;
-            let left =
-                tokio::task::spawn_blocking(move || SessionGuard { session, slot }.session.abort())
-                    .await;
+            let abort = move || SessionGuard { session, slot }.session.abort();
+            let left = self.setup.host.work.begin(abort).await;
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
                     ?left,

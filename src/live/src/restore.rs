@@ -3,15 +3,27 @@
 use std::path::Path;
 
 use reel_reward::{Preset, metrics, rewards};
-use reel_trace::{Recovery, RestoreScorer, Trace, TraceError, recover};
+use reel_trace::{Recovery, RestoreScorer, Trace, TraceError, TraceFiles, recover_on};
 use reel_world::record::{Graphs, Metrics, RewardTerm, StepRecord};
 
-/// [`reel_trace::recover`] with the rewards and metrics of the episode so far.
+/// [`reel_trace::recover()`] with the rewards and metrics of the episode so far.
 ///
 /// # Errors
-/// As [`reel_trace::recover`].
+/// As [`reel_trace::recover()`].
 pub fn restore(recording: &Path, folder: Option<&Path>) -> Result<Recovery, TraceError> {
-    recover(recording, folder, ByPreset)
+    restore_on(&TraceFiles::default(), recording, folder)
+}
+
+/// [`restore`] on the disk of these files.
+///
+/// # Errors
+/// As [`restore`].
+pub fn restore_on(
+    files: &TraceFiles,
+    recording: &Path,
+    folder: Option<&Path>,
+) -> Result<Recovery, TraceError> {
+    recover_on(files, recording, folder, ByPreset)
 }
 
 /// Scores by the preset that a trace names, if it is built in.

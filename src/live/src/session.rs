@@ -2,7 +2,6 @@
 //! decides anything, never speaks a protocol.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -15,7 +14,7 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Lease, LiveError, Setup, restore, setup::EpisodeKey};
+use crate::{Lease, LiveError, Setup, restore_on, setup::EpisodeKey};
 
 /// An exclusive simulator in which one agent plays one episode after another.
 pub struct Session {
@@ -348,7 +347,7 @@ impl Session {
                 self.close(episode.task().clone(), episode.end(), recorder, path)
             }
             Phase::Broken { part, .. } => {
-                self.finished = restore(&part, None)
+                self.finished = restore_on(&self.setup.host.trace_files(), &part, None)
                     .ok()
                     .map(|recovery| recovery.trace)
                     .or(self.finished.take());
@@ -413,10 +412,12 @@ impl Session {
         let (path, before) = self.setup.path(&task, &place);
         let config = self.setup.config(&task, &place, before);
         let folder = path.parent().unwrap_or(Path::new("."));
-        fs::create_dir_all(folder).map_err(|source| LiveError::Folder {
-            path: folder.display().to_string(),
-            source,
-        })?;
+        let disk = &self.setup.host.disk;
+        disk.create_dir_all(folder)
+            .map_err(|source| LiveError::Folder {
+                path: folder.display().to_string(),
+                source,
+            })?;
         let number = self.begun;
         self.begun += 1;
         self.now = Phase::Broken {
@@ -424,11 +425,10 @@ impl Session {
             reason: "it could not be started".to_owned(),
         };
         let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config);
-        let mut recorder = Recorder::create(
+        let mut recorder = Recorder::create_on(
+            disk.clone(),
             &path,
-            episode.header(),
-            episode.task(),
-            episode.scene(),
+            (episode.header(), episode.task(), episode.scene()),
             self.setup.options,
         )?;
         recorder.start(&start, Some(&frame))?;

@@ -12,7 +12,7 @@ use reel_trace::RecordOptions;
 use reel_world::{Assets, Meshes, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
-use crate::LiveError;
+use crate::{Host, LiveError};
 
 /// What every session of a server plays.
 #[derive(Clone, Debug)]
@@ -37,6 +37,8 @@ pub struct Setup {
     pub folder: PathBuf,
     /// Whether traces hold images, and what a recorded call survives.
     pub options: RecordOptions,
+    /// What it all runs on.
+    pub host: Host,
     /// Those of the tasks that are being played.
     pub stages: PreparedTaskCache,
 }
@@ -187,7 +189,10 @@ impl Setup {
             0 => self.folder.join(format!("{name}.mcap")),
             _ => self.folder.join(format!("{name}--{before}.mcap")),
         };
-        let taken = |path: &PathBuf| path.exists() || path.with_added_extension("part").exists();
+        let taken = |path: &PathBuf| {
+            let disk = &self.host.disk;
+            disk.exists(path) || disk.exists(&path.with_added_extension("part"))
+        };
         let mut names = (0..).map(|before| (path(before), before));
         names
             .find(|(path, _)| !taken(path))

@@ -22,7 +22,7 @@ use std::{
     fmt, io,
     str::FromStr,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use async_trait::async_trait;
@@ -33,7 +33,7 @@ use rmcp::{
         EventStore, EventStoreError, EventStream, ServerSseMessage,
     },
 };
-use tokio::sync::Notify;
+use tokio::{sync::Notify, time::Instant};
 
 const UNTAKEN_FOR: Duration = Duration::from_secs(600);
 const TAKEN_FOR: Duration = Duration::from_secs(30);

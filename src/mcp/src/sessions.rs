@@ -8,7 +8,7 @@ use std::{
     collections::HashMap,
     io,
     sync::{Arc, Mutex, MutexGuard, Once, PoisonError, Weak},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use axum::{
@@ -34,7 +34,10 @@ use rmcp::{
         },
     },
 };
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::{
+    sync::{OwnedSemaphorePermit, Semaphore},
+    time::Instant,
+};
 
 use crate::{
     Caller,

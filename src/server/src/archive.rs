@@ -1,17 +1,22 @@
 //! The folder of traces as clients see it: names, never paths.
 
 use std::{
-    fs, io,
+    io::{self, Write as _},
     path::{Path, PathBuf},
-    time::{Duration, Instant, UNIX_EPOCH},
+    process,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, UNIX_EPOCH},
 };
 
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt as _};
-use reel_trace::Trace;
+use reel_live::Host;
+use reel_trace::{Disk, DiskFile, Trace};
 use serde::Serialize;
-use tempfile::NamedTempFile;
-use tokio::io::AsyncWriteExt as _;
+use tokio::time::Instant;
 use utoipa::ToSchema;
 
 use crate::rest::ApiError;
@@ -22,6 +27,7 @@ const SLOWEST_UPLOAD: u64 = 16 << 10;
 /// The folder of traces.
 #[derive(Clone, Debug)]
 pub(crate) struct Archive {
+    host: Host,
     folder: PathBuf,
 }
 
@@ -40,20 +46,19 @@ pub(crate) struct TraceFile {
 
 impl Archive {
     /// An archive in a folder, which is made if it is not there.
-    pub fn open(folder: PathBuf) -> io::Result<Self> {
-        fs::create_dir_all(&folder)?;
+    pub fn open(host: Host, folder: PathBuf) -> io::Result<Self> {
+        host.disk.create_dir_all(&folder)?;
         // Paths in tables are absolute, and a change of the working directory changes nothing.
-        Ok(Self {
-            folder: folder.canonicalize()?,
-        })
+        let folder = host.disk.canonicalize(&folder)?;
+        Ok(Self { host, folder })
     }
 
     /// Removes what a killed server was taking in.
     pub fn sweep(&self) {
-        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if name.starts_with('.') && name.ends_with(".upload") {
-                let _ = fs::remove_file(entry.path());
+        for path in self.host.disk.list(&self.folder).into_iter().flatten() {
+            let name = file_name(&path);
+            if name.starts_with('.') && name.ends_with(UPLOAD) {
+                let _ = self.host.disk.remove_file(&path);
             }
         }
     }
@@ -85,10 +90,10 @@ impl Archive {
     /// An existing, finished trace.
     pub fn existing(&self, name: &str) -> Result<PathBuf, ApiError> {
         let path = self.path(name)?;
-        if path.is_file() {
+        if self.host.disk.exists(&path) {
             return Ok(path);
         }
-        if path.with_added_extension("part").is_file() {
+        if self.host.disk.exists(&path.with_added_extension("part")) {
             return Err(ApiError::conflict(
                 "recording",
                 format!("{name} is still being recorded"),
@@ -100,16 +105,31 @@ impl Archive {
     /// Reads a finished trace of the archive by its name.
     pub fn read(&self, name: &str) -> Result<Trace, ApiError> {
         let path = self.existing(name)?;
-        Trace::read(&path).map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
+        let trace = self.host.trace_files().read(&path);
+        trace.map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
+    }
+
+    /// Deletes a finished trace.
+    pub async fn delete(&self, name: &str) -> Result<(), ApiError> {
+        let (path, disk) = (self.existing(name)?, self.host.disk.clone());
+        let delete = move || {
+            disk.remove_file(&path)?;
+            disk.sync_folder(path.parent().unwrap_or(Path::new("")))
+        };
+        let deleted = self.host.work.begin(delete).await;
+        let deleted = deleted.map_err(io::Error::other).flatten();
+        deleted.map_err(|error| match error.kind() {
+            // Somebody else was faster.
+            io::ErrorKind::NotFound => ApiError::not_found(format!("unknown trace {name}")),
+            _ => ApiError::disk(error),
+        })
     }
 
     /// Traces in the order of their names, from the one after `after` on.
     pub fn list(&self, after: &str, limit: usize) -> io::Result<Vec<TraceFile>> {
         let mut names: Vec<(String, bool)> = Vec::new();
-        for entry in fs::read_dir(&self.folder)? {
-            let Ok(name) = entry?.file_name().into_string() else {
-                continue;
-            };
+        for path in self.host.disk.list(&self.folder)? {
+            let name = file_name(&path);
             let (name, recording) =
                 match (name.strip_suffix(".mcap"), name.strip_suffix(".mcap.part")) {
                     (Some(name), _) => (name, false),
@@ -125,15 +145,12 @@ impl Archive {
         names.dedup_by(|part, whole| part.0 == whole.0);
         let file = |(name, recording): (String, bool)| {
             let suffix = if recording { "mcap.part" } else { "mcap" };
-            let found = fs::metadata(self.folder.join(format!("{name}.{suffix}"))).ok()?;
-            let written = found
-                .modified()
-                .ok()?
-                .duration_since(UNIX_EPOCH)
-                .map_or(0, |time| time.as_secs());
+            let path = self.folder.join(format!("{name}.{suffix}"));
+            let found = self.host.disk.metadata(&path).ok()?;
+            let written = u64::try_from(found.modified_ns).unwrap_or(0) / 1_000_000_000;
             Some(TraceFile {
                 trace: name,
-                bytes: found.len(),
+                bytes: found.bytes,
                 written,
                 recording,
             })
@@ -144,14 +161,11 @@ impl Archive {
 
     /// The recordings that were not finished.
     pub fn unfinished(&self) -> io::Result<Vec<PathBuf>> {
-        let mut parts = Vec::new();
-        for entry in fs::read_dir(&self.folder)? {
-            let path = entry?.path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            if name.ends_with(".mcap.part") && !name.starts_with('.') {
-                parts.push(path);
-            }
-        }
+        let mut parts = self.host.disk.list(&self.folder)?;
+        parts.retain(|path| {
+            let name = file_name(path);
+            name.ends_with(".mcap.part") && !name.starts_with('.')
+        });
         parts.sort_unstable();
         Ok(parts)
     }
@@ -163,6 +177,18 @@ impl Archive {
             &format!("{}{}", data.display(), std::path::MAIN_SEPARATOR),
             "",
         )
+    }
+
+    /// Does something with the disk where it keeps nobody waiting.
+    async fn worked<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> io::Result<T> + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let worked = self.host.work.begin(work).await;
+        worked
+            .map_err(io::Error::other)
+            .flatten()
+            .map_err(ApiError::disk)
     }
 
     /// Absolute path of the folder that holds the traces.
@@ -188,20 +214,12 @@ impl Archive {
                 ),
             )
         };
-        if path.exists() {
+        if self.host.disk.exists(&path) {
             return Err(taken());
         }
-        let beside = {
-            let (folder, prefix) = (self.folder.clone(), format!(".{name}."));
-            tokio::task::spawn_blocking(move || half_taken(&folder, &prefix)).await
-        };
+        let (disk, prefix) = (self.host.disk.clone(), self.folder.join(format!(".{name}")));
         // Removes itself whatever happens, even where the client is gone before it was made.
-        let beside = beside
-            .map_err(io::Error::other)
-            .flatten()
-            .map_err(ApiError::disk)?;
-        let file = beside.as_file().try_clone().map_err(ApiError::disk)?;
-        let mut file = tokio::fs::File::from_std(file);
+        let mut upload = self.worked(move || Upload::begin(disk, &prefix)).await?;
         let (mut bytes, begun) = (0_u64, Instant::now());
         loop {
             let part = tokio::time::timeout(patience, body.next()).await;
@@ -223,14 +241,16 @@ impl Archive {
                     "a trace may have {limit} bytes (limits.upload_mib)"
                 )));
             }
-            file.write_all(&part).await.map_err(ApiError::disk)?;
+            let write = move || upload.file.write_all(&part).map(|()| upload);
+            upload = self.worked(write).await?;
         }
-        file.sync_all().await.map_err(ApiError::disk)?;
-        drop(file);
-        let checked = {
-            let beside = beside.path().to_owned();
-            tokio::task::spawn_blocking(move || Trace::read(&beside).map(drop)).await
-        };
+        let (files, beside) = (self.host.trace_files(), upload.path.clone());
+        let upload = self
+            .worked(move || upload.file.sync().map(|()| upload))
+            .await?;
+        let read = beside.clone();
+        let checked = self.host.work.begin(move || files.read(&read).map(drop));
+        let checked = checked.await;
         let checked = checked.map_err(|_| {
             ApiError::unprocessable(
                 "bad_trace",
@@ -238,16 +258,15 @@ impl Archive {
             )
         })?;
         if let Err(error) = checked {
-            let shown = error
-                .to_string()
-                .replace(&*beside.path().to_string_lossy(), name);
+            let shown = error.to_string().replace(&*beside.to_string_lossy(), name);
             return Err(ApiError::unprocessable("bad_trace", shown));
         }
-        // Fails where somebody else was faster, which a rename would not.
-        let kept = beside.persist_noclobber(&path);
-        kept.map_err(|lost| match lost.error.kind() {
+        // Fails where somebody else was faster.
+        let kept = self.host.work.begin(move || upload.keep(&path)).await;
+        let kept = kept.map_err(io::Error::other).flatten();
+        kept.map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists => taken(),
-            _ => ApiError::disk(lost.error),
+            _ => ApiError::disk(error),
         })?;
         let written = std::time::SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -261,13 +280,44 @@ impl Archive {
     }
 }
 
-/// A new file for an upload that has not ended, readable by whom finished traces are readable by.
-fn half_taken(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(prefix).suffix(".upload");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
+/// What the names of uploads end with that have not ended.
+const UPLOAD: &str = ".upload";
+
+/// A file that is being taken in. It is removed when nobody needs it any more.
+struct Upload {
+    disk: Arc<dyn Disk>,
+    path: PathBuf,
+    file: Box<dyn DiskFile>,
+}
+
+impl Upload {
+    /// A new file, whose name begins so.
+    fn begin(disk: Arc<dyn Disk>, prefix: &Path) -> io::Result<Self> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let own = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = prefix.with_added_extension(format!("{}-{own}{UPLOAD}", process::id()));
+        let file = disk.create_new(&path)?;
+        Ok(Self { disk, path, file })
+    }
+
+    /// Gives it its name, which nothing else has; both are on the disk when this returns.
+    fn keep(self, path: &Path) -> io::Result<()> {
+        self.disk.rename_new(&self.path, path)?;
+        self.disk
+            .sync_folder(path.parent().unwrap_or(Path::new("")))
+    }
+}
+
+impl Drop for Upload {
+    fn drop(&mut self) {
+        // It is not there any more where it was kept.
+        let _ = self.disk.remove_file(&self.path);
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 #[cfg(test)]
@@ -283,7 +333,7 @@ mod tests {
     #[test]
     fn an_upload_dropped_while_its_file_is_made_leaves_nothing() {
         let folder = tempfile::tempdir().expect("a folder");
-        let archive = Archive::open(folder.path().to_owned()).expect("an archive");
+        let archive = Archive::open(Host::default(), folder.path().to_owned()).expect("an archive");
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.block_on(async {
             for _ in 0..100 {
@@ -294,7 +344,9 @@ mod tests {
         });
         // Waits for the threads that make files.
         drop(runtime);
-        let left = fs::read_dir(folder.path()).expect("the folder").count();
+        let left = std::fs::read_dir(folder.path())
+            .expect("the folder")
+            .count();
         assert_eq!(left, 0, "files of uploads are left");
     }
 }

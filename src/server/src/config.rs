@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{PreparedTaskCache, Setup};
+use reel_live::{Host, PreparedTaskCache, Setup};
 use reel_mcp::AskResponder;
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
@@ -484,6 +484,7 @@ impl Config {
             run_id,
             folder: self.traces(),
             options: RecordOptions { images, durability },
+            host: Host::default(),
             stages: PreparedTaskCache::default(),
         })
     }

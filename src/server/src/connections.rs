@@ -3,7 +3,7 @@
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
-use axum::{Router, body::Body, http::Request};
+use axum::{Router, body::Body, http::Request, serve::Listener};
 use hyper::body::Incoming;
 use hyper_util::{
     rt::{TokioExecutor, TokioIo, TokioTimer},
@@ -12,7 +12,6 @@ use hyper_util::{
 };
 use tokio::{
     io::{AsyncRead, AsyncWrite},
-    net::TcpListener,
     sync::Semaphore,
 };
 use tokio_io_timeout::TimeoutStream;
@@ -50,8 +49,8 @@ trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
 
 /// Serves until `closing`, then lets open requests end.
-pub(crate) async fn serve(
-    listener: TcpListener,
+pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
+    mut listener: L,
     router: Router,
     app: Arc<App>,
     closing: CancellationToken,
@@ -66,18 +65,10 @@ pub(crate) async fn serve(
             () = closing.cancelled() => break,
         };
         let (stream, address) = tokio::select! {
-            accepted = listener.accept() => match accepted {
-                Ok(accepted) => accepted,
-                Err(error) => {
-                    // Out of file descriptors, say: it passes, and everybody else goes on.
-                    tracing::warn!(%error, "a connection could not be accepted");
-                    tokio::time::sleep(Duration::from_millis(100)).await;
-                    continue;
-                }
-            },
+            // Where the system has no sockets left, it waits for some and accepts then.
+            accepted = listener.accept() => accepted,
             () = closing.cancelled() => break,
         };
-        let _ = stream.set_nodelay(true);
         let (router, app, closing) = (router.clone(), app.clone(), closing.clone());
         let acceptor = acceptor.clone();
         tasks.spawn(async move {

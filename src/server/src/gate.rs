@@ -8,7 +8,6 @@ use std::{
     pin::Pin,
     sync::Arc,
     task::{Context, Poll},
-    time::Instant,
 };
 
 use axum::{
@@ -22,6 +21,7 @@ use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use hyper::body::{Frame, SizeHint};
 use reel_live::Owner;
 use reel_mcp::Caller;
+use tokio::time::Instant;
 use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 
 use crate::{
@@ -168,7 +168,8 @@ pub(crate) async fn admit(
             entry.at = audit::now();
             entry.status = Some(status.as_u16());
             let log = app.audit.clone();
-            let kept = tokio::task::spawn_blocking(move || log.append(&entry)).await;
+            let work = app.pool.setup().host.work;
+            let kept = work.begin(move || log.append(&entry)).await;
             if let Err(error) = kept.map_err(io::Error::other).flatten() {
                 tracing::error!(%error, "the audit log cannot be written");
             }

@@ -8,15 +8,21 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use axum::handler::Handler as _;
-use axum::{Router, middleware};
-use reel_live::{Owner, SessionPool, Turn, Turns, restore};
+use axum::{
+    Router, middleware,
+    serve::{Listener, ListenerExt as _, TapIo},
+};
+use reel_live::{Host, Owner, SessionPool, Turn, Turns, restore_on};
 use reel_mcp::{Guard, Questions};
 use reel_trace::TraceFiles;
-use tokio::net::TcpListener;
+use tokio::{
+    net::{TcpListener, TcpStream},
+    time::Instant,
+};
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing_appender::non_blocking::WorkerGuard;
@@ -126,10 +132,13 @@ pub enum ServeError {
     Protocol(String),
 }
 
+/// Connections from the network.
+type Sockets = TapIo<TcpListener, fn(&mut TcpStream)>;
+
 /// A service that has its address and everything it needs.
-pub struct Service {
+pub struct Service<L = Sockets> {
     app: Arc<App>,
-    listener: TcpListener,
+    listener: L,
     router: Router,
 }
 
@@ -138,11 +147,34 @@ impl Service {
     ///
     /// # Errors
     /// When the configuration is wrong, or the address or a folder cannot be had.
+    pub async fn start(config: Config, trace_files: TraceFiles) -> Result<Self, ServeError> {
+        let address = config.listen;
+        let listen = async move {
+            let listener = TcpListener::bind(address)
+                .await
+                .map_err(|source| ServeError::Listen { address, source })?;
+            let at_once: fn(&mut TcpStream) = |stream| drop(stream.set_nodelay(true));
+            Ok(listener.tap_io(at_once))
+        };
+        Self::start_on(Host::default(), config, trace_files, listen).await
+    }
+}
+
+impl<L: Listener<Addr = SocketAddr>> Service<L> {
+    /// [`Service::start`] on a certain machine, with its connections from wherever `listen` says.
+    ///
+    /// # Errors
+    /// As [`Service::start`], and as `listen`, which is asked when all else is there.
     #[cfg_attr(
         not(feature = "tables"),
         expect(unused_variables, reason = "only a store names traces elsewhere")
     )]
-    pub async fn start(config: Config, trace_files: TraceFiles) -> Result<Self, ServeError> {
+    pub async fn start_on(
+        host: Host,
+        config: Config,
+        trace_files: TraceFiles,
+        listen: impl Future<Output = Result<L, ServeError>>,
+    ) -> Result<Self, ServeError> {
         let tokens = Tokens::open(&config.tokens())?;
         if !config.is_local() && tokens.entries().is_empty() {
             return Err(ServeError::Open(config.listen));
@@ -150,18 +182,16 @@ impl Service {
         let certificate = config.tls.as_ref().map(Certificate::read).transpose()?;
         let run = config.play.run.clone().unwrap_or_else(|| run_name("serve"));
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
-        let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
+        let archive = Archive::open(host.clone(), config.traces()).map_err(ServeError::Data)?;
         archive.sweep();
         let moments = SnapshotFolder::at(config.snapshots());
-        restore_all(&archive);
-        let address = config.listen;
-        let listener = TcpListener::bind(address)
-            .await
-            .map_err(|source| ServeError::Listen { address, source })?;
+        restore_all(&host.trace_files(), &archive);
+        let listener = listen.await?;
         let closing = CancellationToken::new();
         let metrics = Arc::new(Metrics::new());
         let setup = reel_live::Setup {
             folder: archive.folder().to_owned(),
+            host,
             ..setup
         };
         #[cfg(feature = "tables")]
@@ -362,11 +392,11 @@ async fn tend(app: Arc<App>) {
 
 /// What an earlier server left half recorded becomes whole traces. A recording that somebody still
 /// writes is locked, and stays.
-fn restore_all(archive: &Archive) {
+fn restore_all(files: &TraceFiles, archive: &Archive) {
     for part in archive.unfinished().unwrap_or_default() {
         let file = part.file_name().unwrap_or_default().to_string_lossy();
         let trace = file.trim_end_matches(".mcap.part");
-        match restore(&part, None) {
+        match restore_on(files, &part, None) {
             // What is lost may hold words of the policy, which no log has.
             Ok(recovery) if !recovery.reported => tracing::info!(
                 trace,

@@ -3,15 +3,16 @@
 
 use std::{
     ffi::OsString,
-    fs::{self, File},
     io::{self, Read as _, Write as _},
     path::{Path, PathBuf},
 };
 
-use crate::{TraceError, TraceFiles, buffer::Buffer, limits::Limits};
+use crate::{Disk, TraceError, TraceFiles, buffer::Buffer, limits::Limits};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";
+/// What the name of a file ends with that is not in its place yet.
+const TEMPORARY: &str = ".tmp";
 
 /// `path` with something appended to its name.
 pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
@@ -24,7 +25,7 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
     let failed = |source: io::Error| {
         let part = with_suffix(path, PART);
-        if source.kind() == io::ErrorKind::NotFound && part.exists() {
+        if source.kind() == io::ErrorKind::NotFound && files.disk().exists(&part) {
             return TraceError::Unfinished { part };
         }
         TraceError::Io {
@@ -36,9 +37,9 @@ pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<B
     let limit = limits.file_bytes;
     let file = files
         .local_copy(path)
-        .and_then(File::open)
+        .and_then(|path| files.disk().open(&path))
         .map_err(failed)?;
-    let found = file.metadata().map_err(failed)?.len();
+    let found = file.size().map_err(failed)?;
     let mut bytes = Buffer::take();
     if found <= limit {
         // one more than there is: the end is seen without growing
@@ -59,27 +60,21 @@ pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<B
 
 /// Puts a file in its place at once: whoever looks finds what was there before, or all of it. The
 /// content is on the disk before the name is, and the name before this returns.
-pub(crate) fn publish(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let temporary = with_suffix(path, ".tmp");
+pub(crate) fn publish(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let temporary = with_suffix(path, TEMPORARY);
+    // One that a killed process left.
+    let _ = disk.remove_file(&temporary);
     let write = || {
-        let mut file = File::create(&temporary)?;
+        let mut file = disk.create_new(&temporary)?;
         file.write_all(bytes)?;
-        file.sync_data()?;
-        fs::rename(&temporary, path)
+        file.sync()?;
+        disk.rename(&temporary, path)
     };
-    write().inspect_err(|_| drop(fs::remove_file(&temporary)))?;
-    sync_folder(path)
+    write().inspect_err(|_| drop(disk.remove_file(&temporary)))?;
+    sync_folder(disk, path)
 }
 
 /// Puts the names in a file's folder on the disk.
-pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
-    // Only Unix can open a folder to do so.
-    if cfg!(unix) {
-        let folder = path
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty())
-            .unwrap_or(Path::new("."));
-        File::open(folder)?.sync_all()?;
-    }
-    Ok(())
+pub(crate) fn sync_folder(disk: &dyn Disk, path: &Path) -> io::Result<()> {
+    disk.sync_folder(path.parent().unwrap_or(Path::new("")))
 }

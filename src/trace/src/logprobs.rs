@@ -6,7 +6,9 @@ use std::path::Path;
 use reel_world::{OLD_POLICY, TokenLogprobs};
 use serde::{Deserialize, Serialize};
 
-use crate::{Images, Trace, TraceError, TraceSummary, files, limits::Limits, rewrite::Encoding};
+use crate::{
+    Images, LocalDisk, Trace, TraceError, TraceSummary, files, limits::Limits, rewrite::Encoding,
+};
 
 /// What a policy gives the tokens of one decision: a line of JSON.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -137,7 +139,7 @@ impl Trace {
             path: self.path.clone(),
             source,
         };
-        files::publish(&self.path, &bytes).map_err(failed)?;
+        files::publish(&LocalDisk, &self.path, &bytes).map_err(failed)?;
         Ok(TraceSummary {
             path: self.path.clone(),
             bytes: bytes.len() as u64,

@@ -2,9 +2,9 @@
 //! file at the end.
 
 use std::{
-    fs::{self, File},
     io::{self, BufWriter},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use reel_world::{
@@ -14,7 +14,7 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    TraceError, container,
+    Disk, DiskFile, LocalDisk, TraceError, TraceFiles, container,
     files::{self, PART},
     journal::{FrameSource, Journal},
     limits::Limits,
@@ -106,12 +106,13 @@ pub struct TraceSummary {
 /// opens and [`recover`](crate::recover()) turns into a finished trace. While it lives it holds a
 /// lock on the part, so that nobody recovers it meanwhile.
 pub struct Recorder {
+    disk: Arc<dyn Disk>,
     path: PathBuf,
     part: PathBuf,
     durability: Durability,
-    journal: Journal<BufWriter<File>>,
+    journal: Journal<BufWriter<Box<dyn DiskFile>>>,
     /// The same file as the journal's.
-    file: File,
+    file: Box<dyn DiskFile>,
     /// How many steps are acknowledged; none before the start.
     acknowledged: Option<u32>,
 }
@@ -129,6 +130,19 @@ impl Recorder {
         scene: &Scene,
         options: impl Into<RecordOptions>,
     ) -> Result<Recorder, TraceError> {
+        Self::create_on(Arc::new(LocalDisk), path, (header, task, scene), options)
+    }
+
+    /// [`Recorder::create`] on a certain disk.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`].
+    pub fn create_on(
+        disk: Arc<dyn Disk>,
+        path: &Path,
+        (header, task, scene): (&EpisodeHeader, &Task, &Scene),
+        options: impl Into<RecordOptions>,
+    ) -> Result<Recorder, TraceError> {
         let RecordOptions { images, durability } = options.into();
         let part = files::with_suffix(path, PART);
         let failed = |source: io::Error| match source.kind() {
@@ -139,21 +153,22 @@ impl Recorder {
                 source,
             },
         };
-        let file = File::create_new(&part).map_err(failed)?;
+        let file = disk.create_new(&part).map_err(failed)?;
         let begin = || {
             // Where there are no locks there is nobody to keep out either.
             let _ = file.try_lock();
             let sink = BufWriter::with_capacity(1 << 18, file.try_clone().map_err(failed)?);
             let journal = Journal::create(sink, &part, (header, task, scene), images, &[])?;
             if durability == Durability::Fsync {
-                file.sync_data()
-                    .and_then(|()| files::sync_folder(&part))
+                file.sync()
+                    .and_then(|()| files::sync_folder(&*disk, &part))
                     .map_err(failed)?;
             }
             Ok(journal)
         };
         match begin() {
             Ok(journal) => Ok(Recorder {
+                disk,
                 path: path.to_owned(),
                 part,
                 durability,
@@ -162,7 +177,7 @@ impl Recorder {
                 acknowledged: None,
             }),
             Err(error) => {
-                let _ = fs::remove_file(&part);
+                let _ = disk.remove_file(&part);
                 Err(error)
             }
         }
@@ -304,7 +319,7 @@ impl Recorder {
             .map_err(|error| self.unwritten(error))?;
         if self.durability == Durability::Fsync {
             self.file
-                .sync_data()
+                .sync()
                 .map_err(|source| self.write_failed(source))?;
         }
         let failed = |action| {
@@ -315,10 +330,19 @@ impl Recorder {
                 source,
             }
         };
-        let part = fs::read(&self.part).map_err(failed("read back"))?;
+        let files = TraceFiles::on(self.disk.clone());
+        // As long as it may be: what is finished of it is smaller.
+        let all = Limits {
+            file_bytes: u64::MAX,
+            ..Limits::default()
+        };
+        let part = files::read(&files, &self.part, &all)?;
         let bytes = container::finish(&part, &self.path, &Limits::default())?;
-        files::publish(&self.path, &bytes).map_err(|source| self.write_failed(source))?;
-        fs::remove_file(&self.part).map_err(failed("delete the part of"))?;
+        files::publish(&*self.disk, &self.path, &bytes)
+            .map_err(|source| self.write_failed(source))?;
+        self.disk
+            .remove_file(&self.part)
+            .map_err(failed("delete the part of"))?;
         Ok(TraceSummary {
             path: self.path.clone(),
             bytes: bytes.len() as u64,
@@ -331,7 +355,7 @@ impl Recorder {
         written.map_err(|error| self.unwritten(error))?;
         if self.durability == Durability::Fsync {
             self.file
-                .sync_data()
+                .sync()
                 .map_err(|source| self.write_failed(source))?;
         }
         self.acknowledged = self.journal.steps();

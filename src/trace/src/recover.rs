@@ -4,7 +4,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs::{self, File, TryLockError},
+    fs::TryLockError,
     io::Cursor,
     path::{Path, PathBuf},
 };
@@ -19,7 +19,7 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Images, Trace, TraceError, TraceFiles, container,
+    Disk, DiskFile, Images, Trace, TraceError, TraceFiles, container,
     error::position,
     files::{self, PART},
     journal::Journal,
@@ -108,13 +108,31 @@ pub fn recover(
     folder: Option<&Path>,
     score: impl RestoreScorer,
 ) -> Result<Recovery, TraceError> {
+    recover_on(&TraceFiles::default(), source, folder, score)
+}
+
+/// [`recover()`] on the disk of these files.
+///
+/// # Errors
+/// As [`recover()`].
+pub fn recover_on(
+    files: &TraceFiles,
+    source: &Path,
+    folder: Option<&Path>,
+    score: impl RestoreScorer,
+) -> Result<Recovery, TraceError> {
+    let disk = &**files.disk();
     let is_part = source
         .extension()
         .is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
     let limits = Limits::default();
-    let bytes = files::read(&TraceFiles::default(), source, &limits)?;
+    let bytes = files::read(files, source, &limits)?;
     // Held until the recording may have been deleted.
-    let _lock = if is_part { Some(lock(source)?) } else { None };
+    let _lock = if is_part {
+        Some(lock(disk, source)?)
+    } else {
+        None
+    };
     let name = PathBuf::from(source.file_name().unwrap_or(source.as_os_str()));
     let Loaded {
         mut trace,
@@ -196,11 +214,11 @@ pub fn recover(
             None => container::only_metadata(crate::journal::RECOVERY_METADATA, metadata(recovery)),
         },
     };
-    let (path, there) = target(source, folder, is_part, trace.as_ref().ok())?;
+    let (path, there) = target(files, source, folder, is_part, trace.as_ref().ok())?;
     recovery.trace = path;
     if there {
         recovery.restored = RecoveryStatus::Before;
-        recovery.reported = !recovery.lost.is_empty() && tells(&recovery);
+        recovery.reported = !recovery.lost.is_empty() && tells(files, &recovery);
     } else {
         recovery.restored = if trace.is_ok() {
             RecoveryStatus::Written
@@ -219,10 +237,10 @@ pub fn recover(
             path: recovery.trace.clone(),
             source,
         };
-        files::publish(&recovery.trace, &bytes).map_err(failed)?;
+        files::publish(disk, &recovery.trace, &bytes).map_err(failed)?;
     }
     if is_part && folder.is_none() && recovery.lost.is_empty() {
-        fs::remove_file(source).map_err(|error| TraceError::Io {
+        disk.remove_file(source).map_err(|error| TraceError::Io {
             action: "delete",
             path: source.to_owned(),
             source: error,
@@ -361,6 +379,7 @@ fn metadata(recovery: &Recovery) -> BTreeMap<String, String> {
 
 /// Where the trace goes, and whether a file is there that already holds all of it.
 fn target(
+    files: &TraceFiles,
     source: &Path,
     folder: Option<&Path>,
     is_part: bool,
@@ -380,10 +399,10 @@ fn target(
         if path == source {
             continue;
         }
-        if !path.exists() {
+        if !files.disk().exists(path) {
             return Ok((path.clone(), false));
         }
-        if holds(path, trace) {
+        if holds(files, path, trace) {
             return Ok((path.clone(), true));
         }
     }
@@ -394,15 +413,15 @@ fn target(
 }
 
 /// Whether a file is whole and holds everything that could be read of a recording.
-fn holds(path: &Path, recording: Option<&Trace>) -> bool {
+fn holds(files: &TraceFiles, path: &Path, recording: Option<&Trace>) -> bool {
     let Some(recording) = recording else {
         // Where nothing was read, a file that says so is as good as any whole trace.
         return matches!(
-            Trace::read(path),
+            files.read(path),
             Ok(_) | Err(TraceError::NothingRestored { .. })
         );
     };
-    let Ok(whole) = Trace::read(path) else {
+    let Ok(whole) = files.read(path) else {
         return false;
     };
     // The chain is over the header, the start and every step.
@@ -439,9 +458,9 @@ fn holds(path: &Path, recording: Option<&Trace>) -> bool {
 }
 
 /// Whether the trace of an earlier recovery says what is lost of this recording.
-fn tells(recovery: &Recovery) -> bool {
+fn tells(files: &TraceFiles, recovery: &Recovery) -> bool {
     let lost = recovery.lost.join("\n");
-    match Trace::read(&recovery.trace) {
+    match files.read(&recovery.trace) {
         Ok(trace) => trace
             .recoveries
             .iter()
@@ -452,8 +471,8 @@ fn tells(recovery: &Recovery) -> bool {
 }
 
 /// Keeps a recorder out, or says that there is one.
-fn lock(part: &Path) -> Result<File, TraceError> {
-    let file = File::open(part).map_err(|source| TraceError::Io {
+fn lock(disk: &dyn Disk, part: &Path) -> Result<Box<dyn DiskFile>, TraceError> {
+    let file = disk.open(part).map_err(|source| TraceError::Io {
         action: "read",
         path: part.to_owned(),
         source,

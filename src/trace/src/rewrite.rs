@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, io::Cursor, path::Path};
 use reel_world::{Digest, record::EndRecord};
 
 use crate::{
-    Images, Trace, TraceError, TraceSummary, container, files,
+    Images, LocalDisk, Trace, TraceError, TraceSummary, container, files,
     journal::{FrameSource, Journal},
     limits::Limits,
 };
@@ -45,7 +45,7 @@ impl Trace {
             path: path.to_owned(),
             source,
         };
-        files::publish(path, &bytes).map_err(failed)?;
+        files::publish(&LocalDisk, path, &bytes).map_err(failed)?;
         Ok(TraceSummary {
             path: path.to_owned(),
             bytes: bytes.len() as u64,

@@ -5,10 +5,9 @@ use std::{
     io,
     path::{Path, PathBuf},
     sync::Arc,
-    time::UNIX_EPOCH,
 };
 
-use crate::{Limits, Trace, TraceError};
+use crate::{Disk, Limits, LocalDisk, Trace, TraceError};
 
 /// What is known of a file without reading it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -41,13 +40,35 @@ pub trait RemoteFs: Send + Sync {
 }
 
 /// Reads traces by name. The default reads files of this machine and refuses URLs.
-#[derive(Clone, Default)]
-pub struct TraceFiles(Option<Arc<dyn RemoteFs>>);
+#[derive(Clone)]
+pub struct TraceFiles {
+    disk: Arc<dyn Disk>,
+    remote: Option<Arc<dyn RemoteFs>>,
+}
+
+impl Default for TraceFiles {
+    fn default() -> Self {
+        Self::on(Arc::new(LocalDisk))
+    }
+}
 
 impl TraceFiles {
+    /// Reads files of this disk, and refuses URLs.
+    pub fn on(disk: Arc<dyn Disk>) -> Self {
+        Self { disk, remote: None }
+    }
+
     /// Reads files of this machine, and those named by URL from `remote`.
     pub fn with_remote(remote: Arc<dyn RemoteFs>) -> Self {
-        Self(Some(remote))
+        Self {
+            remote: Some(remote),
+            ..Self::default()
+        }
+    }
+
+    /// The disk that files without URL are on.
+    pub fn disk(&self) -> &Arc<dyn Disk> {
+        &self.disk
     }
 
     /// [`Trace::read`] of a file on this machine or of a URL.
@@ -75,18 +96,7 @@ impl TraceFiles {
         if let Some(name) = url(path) {
             return self.remote(path)?.metadata(name);
         }
-        let data = std::fs::metadata(path)?;
-        let since = data
-            .modified()
-            .ok()
-            .and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-        let modified_ns = since
-            .and_then(|since| i64::try_from(since.as_nanos()).ok())
-            .unwrap_or(0);
-        Ok(FileMetadata {
-            bytes: data.len(),
-            modified_ns,
-        })
+        self.disk.metadata(path)
     }
 
     /// Where a file lies on this machine, once it is fetched.
@@ -101,7 +111,7 @@ impl TraceFiles {
     }
 
     fn remote(&self, path: &Path) -> io::Result<&dyn RemoteFs> {
-        self.0.as_deref().ok_or_else(|| {
+        self.remote.as_deref().ok_or_else(|| {
             io::Error::other(format!(
                 "only local files are read here; fetch it first, with `reel trace copy {} .`",
                 path.display()
@@ -112,7 +122,7 @@ impl TraceFiles {
 
 impl std::fmt::Debug for TraceFiles {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self.0 {
+        f.write_str(match self.remote {
             None => "TraceFiles(local)",
             Some(_) => "TraceFiles(local and remote)",
         })

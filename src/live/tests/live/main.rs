@@ -4,7 +4,7 @@
 use reel_vectors::episodes;
 use std::{path::Path, sync::Arc, time::Duration};
 
-use reel_live::{Lease, Limits, LiveError, Owner, PreparedTaskCache, SessionPool, Setup};
+use reel_live::{Host, Lease, Limits, LiveError, Owner, PreparedTaskCache, SessionPool, Setup};
 use reel_replay::verify;
 use reel_reward::Preset;
 use reel_tasks::home_scene;
@@ -28,6 +28,7 @@ fn setup(folder: &Path) -> Setup {
         run_id: "live".to_owned(),
         folder: folder.to_owned(),
         options: Images::None.into(),
+        host: Host::default(),
         stages: PreparedTaskCache::default(),
     }
 }

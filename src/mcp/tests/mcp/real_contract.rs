@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{Limits, PreparedTaskCache, SessionPool, Setup};
+use reel_live::{Host, Limits, PreparedTaskCache, SessionPool, Setup};
 use reel_mcp::{ToolServer, ToolServerOptions, Worker};
 use reel_reward::Preset;
 use reel_sim::{
@@ -311,6 +311,7 @@ impl Table {
             run_id: "case".to_owned(),
             folder: folder.path().to_owned(),
             options: Images::None.into(),
+            host: Host::default(),
             stages: known,
         };
         let [park_after, close_after, patience] = [60, 600, 60].map(Duration::from_secs);

@@ -3,11 +3,12 @@
 use std::{
     io::{self, Write as _},
     sync::{Arc, atomic::Ordering},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use axum::{Json, extract::State, http::header, response::IntoResponse};
 use serde::Serialize;
+use tokio::time::Instant;
 use utoipa::ToSchema;
 
 use super::{ApiError, error::ErrorBody};
@@ -50,9 +51,12 @@ pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, 
     }
     let folder = app.archive.folder().to_owned();
     // The file has no name, and is gone when it is closed.
-    let tried = tokio::task::spawn_blocking(move || {
-        tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM])
-    });
+    let tried = app
+        .pool
+        .setup()
+        .host
+        .work
+        .begin(move || tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM]));
     match tried.await.map_err(io::Error::other).flatten() {
         Ok(()) => {
             *looked = Some(Instant::now());

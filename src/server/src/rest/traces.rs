@@ -214,14 +214,7 @@ pub(super) async fn delete(
     State(app): State<Arc<App>>,
     PathParams(trace): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
-    let path = app.archive.existing(&trace)?;
-    tokio::fs::remove_file(&path)
-        .await
-        .map_err(|error| match error.kind() {
-            // Somebody else was faster.
-            std::io::ErrorKind::NotFound => ApiError::not_found(format!("unknown trace {trace}")),
-            _ => ApiError::disk(error),
-        })?;
+    app.archive.delete(&trace).await?;
     tracing::info!(trace, "deleted");
     Ok(StatusCode::NO_CONTENT)
 }

@@ -1,0 +1,55 @@
+//! What a server runs on, as arguments: the disk, and where work goes on that would keep others
+//! waiting. Time is the runtime's (`tokio::time`), which a test may hold and turn on.
+
+use std::sync::Arc;
+
+use reel_trace::{Disk, LocalDisk, TraceFiles};
+use tokio::task::JoinHandle;
+
+/// The machine under a server. The default is this one.
+#[derive(Clone, Debug)]
+pub struct Host {
+    /// What traces are written to and read from.
+    pub disk: Arc<dyn Disk>,
+    /// Where work goes on that computes, or waits for the disk.
+    pub work: Work,
+}
+
+/// Where work goes on that would keep others waiting.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Work {
+    /// On threads of its own, beside those that serve.
+    #[default]
+    Threads,
+    /// As a task among the others, in one piece: one order of everything, as simulations want it.
+    Tasks,
+}
+
+impl Default for Host {
+    fn default() -> Self {
+        Self {
+            disk: Arc::new(LocalDisk),
+            work: Work::default(),
+        }
+    }
+}
+
+impl Host {
+    /// The traces of its disk.
+    pub fn trace_files(&self) -> TraceFiles {
+        TraceFiles::on(self.disk.clone())
+    }
+}
+
+impl Work {
+    /// Begins some work. Once begun it is done to its end, whoever stops waiting.
+    pub fn begin<T: Send + 'static>(
+        self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> JoinHandle<T> {
+        match self {
+            Self::Threads => tokio::task::spawn_blocking(work),
+            Self::Tasks => tokio::spawn(async move { work() }),
+        }
+    }
+}
