@@ -369,7 +369,7 @@ impl<'g> World<'g> {
             let mut playing = JoinSet::new();
             for number in 0..clients {
                 let client = client(network.clone(), number);
-                if number % 3 == 2 {
+                if number % 2 == 1 {
                     playing.spawn(client.keep_traces(format!("own-{number}"), 8));
                 } else {
                     let policy = format!("agent-{generation:02}");
