@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate agreement conformance service real-contract docs lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -98,6 +98,9 @@ prove-sft: ## train a small language model on an exported set and measure it in 
 eval-learned: ## play the small learned policy in homes it never saw and write its failures down for blind labels (needs Python)
 	tests/training/learned.sh
 
+agreement: ## every policy and fault with every family, over 2 seeds: one set of numbers in traces, recordings, imports, tables and REST (twenty minutes)
+	REEL_SEEDS=2 cargo test --locked --workspace --test cli -- --nocapture one_episode_has_one_set_of_numbers
+
 hostile-sql: ## 2,000 hostile questions in SQL by seeds, over REST: each ends within its limits, and leaves nothing running (an hour)
 	REEL_SEEDS=2000 cargo test --locked --workspace --test cli -- --nocapture hostile_questions
 
@@ -135,6 +138,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	$(MAKE) eval-skills
 	$(MAKE) hostile-sql
 	$(MAKE) simulate
+	$(MAKE) agreement
 	tests/conformance.sh
 	tests/service.sh
 	tests/real-contract.sh

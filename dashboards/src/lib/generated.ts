@@ -333,6 +333,7 @@ export type ReplayVerdict = { exact: boolean; message: string; trace: string; ve
 
 /** Rewards of an episode under a preset. */
 export type RewardReport = {
+  open_reward: string | null;
   preset: string;
   steps: StepReward[];
   total: number;
@@ -361,6 +362,7 @@ export type Session = {
   episodes: number;
   group_id: string | null;
   idle_s: number;
+  owner: string | null;
   policy: string;
   session: string;
   state: "empty" | "playing" | "suspended" | "ended" | "failed";
@@ -471,6 +473,7 @@ export type TraceEpisode = {
   end: End | null;
   header: Header;
   images: number;
+  open_reward: string | null;
   start: Start;
   steps: number;
   task: Task;

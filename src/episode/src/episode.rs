@@ -516,10 +516,8 @@ impl Episode {
                 None,
             ),
             Tool::Lifecycle(Lifecycle::FinishWithId { task_id }) => {
-                let text = format!(
-                    "Task {task_id} can only be started by a session; this episode plays one task."
-                );
-                (refused(ErrorCode::BadArguments, &text), None)
+                let outcome = ToolText::OtherTask.outcome(&[task_id]);
+                (ToolResult::new(outcome), None)
             }
             tool => {
                 let luck = self.luck();

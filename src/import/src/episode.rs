@@ -357,7 +357,7 @@ fn end_reason(files: &mut Files, status: Option<&str>, steps: &[StepFiles]) -> E
     // written down is missing.
     let present = steps.len() as u64 + u64::from(files.after == After::Fault);
     let reason = match (files.after, status) {
-        (After::Unreadable | After::Begun, _) => EndReason::Aborted,
+        (After::Unreadable | After::Begun | After::BrokenOff, _) => EndReason::Aborted,
         (After::Fault, _) => EndReason::Fault,
         (After::Nothing, _) if told.is_some_and(|told| told > present) => {
             let what = format!(

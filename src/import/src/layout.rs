@@ -12,7 +12,12 @@ use std::{
 use reel_world::Frame;
 use serde_json::{Map, Value};
 
-use crate::{ImportError, ImportLoss, eval_client::DEBUG_TEXT, image, response::Raw};
+use crate::{
+    ImportError, ImportLoss,
+    eval_client::{DEBUG_TEXT, replay::BROKEN_OFF},
+    image,
+    response::Raw,
+};
 
 /// Deepest folder under the one given; the published layout has `<scene>/<task>/<model>`.
 const FOLDERS_MAX: usize = 8;
@@ -26,6 +31,7 @@ const SUMMARY: &str = "episode_summary.json";
 const CALL: &str = "tool_call.json";
 const DEBUG: &str = "debug_info.json";
 const TEXT: &str = "textual_observation.txt";
+const INFERENCE_ERROR: &str = "inference_error.txt";
 
 /// What lies in the folder of an episode.
 pub(crate) struct Files {
@@ -49,6 +55,8 @@ pub(crate) enum After {
     Nothing,
     /// The agent or the tool failed; the decision is not in the files.
     Fault,
+    /// The recording that the files were written from ends there: nothing failed.
+    BrokenOff,
     /// A step that has begun and is not in the files.
     Begun,
     /// A step that cannot be read.
@@ -176,7 +184,16 @@ impl Files {
         let failed = has("action_error.txt");
         let call = match object(&folder.join(CALL)) {
             Ok(Some(call)) => call,
-            Ok(None) if failed || has("inference_error.txt") => return Ok(Err(After::Fault)),
+            Ok(None) if failed => return Ok(Err(After::Fault)),
+            Ok(None) if has(INFERENCE_ERROR) => {
+                let why = self.text(&folder.join(INFERENCE_ERROR));
+                let broken_off = why.as_deref() == Some(BROKEN_OFF);
+                return Ok(Err(if broken_off {
+                    After::BrokenOff
+                } else {
+                    After::Fault
+                }));
+            }
             Ok(None) => return Ok(Err(After::Begun)),
             Err(error) => {
                 self.break_off(folder.join(CALL), error);

@@ -5,8 +5,8 @@
 use std::collections::BTreeMap;
 
 use reel_world::{
-    Digest, FrameDigests, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool,
-    WorldGraph,
+    Digest, ErrorCode, FrameDigests, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills,
+    Task, Tool, WorldGraph,
     record::{
         Backend, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState,
         StateDigests, StepInput, StepRecord, UserReply,
@@ -158,6 +158,8 @@ pub fn record(
         reply,
         frame,
     } = shown;
+    // What the server does not have is no tool, e.g. `ask` at the training server.
+    let tool = tool.filter(|_| outcome.error != Some(ErrorCode::UnknownTool));
     let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
     let changed = match (&before.graph, &after.graph) {
         (Some(before), Some(after)) => after.difference(before),

@@ -46,6 +46,8 @@ fn error(call: &ToolCall, tool: Option<&Tool>, text: &str) -> Option<ErrorCode> 
         let asked_wrongly = tool.is_none() || text.contains("KeyError: ");
         return Some(if asked_wrongly {
             ErrorCode::BadArguments
+        } else if ToolText::failure(text) == Some(ToolText::SkillFailed) {
+            ErrorCode::SkillFailed
         } else {
             ErrorCode::BackendError
         });
@@ -111,6 +113,18 @@ mod tests {
             ("grab", json!({}), "Action 'grab' not recognized.", ErrorCode::UnknownTool),
             ("pick", json!({}), asked_wrongly.as_str(), ErrorCode::BadArguments),
             ("pick", marker(), handler, ErrorCode::BackendError),
+            (
+                "open",
+                marker(),
+                "Error executing open: the gripper slipped off the handle.",
+                ErrorCode::SkillFailed,
+            ),
+            (
+                "finish_with_id",
+                json!({"task_id": "FDP/a"}),
+                "Task FDP/a can only be started by a session; this episode plays one task.",
+                ErrorCode::BadArguments,
+            ),
             ("pick", marker(), "The gripper is on strike.", ErrorCode::BackendError),
             ("", Value::Null, "No tool selected.", ErrorCode::UnparsableOutput),
         ];

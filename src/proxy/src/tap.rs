@@ -20,7 +20,7 @@ pub(crate) struct Call {
 /// A message of the agent.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum FromAgent {
-    /// No JSON, or no JSON-RPC.
+    /// No JSON, no JSON-RPC, or a call that MCP does not have.
     Strange,
     /// The agent says who it is.
     Hello(Option<String>),
@@ -50,7 +50,7 @@ pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
                 None => FromAgent::Other,
             },
             Some("tools/call") => {
-                call(&message).map_or(FromAgent::Other, |call| FromAgent::Calls(vec![call]))
+                call(&message).map_or(FromAgent::Strange, |call| FromAgent::Calls(vec![call]))
             }
             Some(_) => FromAgent::Other,
             None if message.get("result").or(message.get("error")).is_some() => FromAgent::Other,
@@ -80,6 +80,8 @@ fn name_in(client: Option<&Value>) -> Option<String> {
         .map(str::to_owned)
 }
 
+/// A call of a tool as MCP has it. With arguments that are no object it is none: a server refuses
+/// it before any tool is called.
 fn call(message: &Value) -> Option<Call> {
     if message.get("method")? != "tools/call" {
         return None;
@@ -87,15 +89,14 @@ fn call(message: &Value) -> Option<Call> {
     let id = message.get("id").filter(|id| !id.is_null())?.clone();
     let params = message.get("params")?;
     let name = params.get("name")?.as_str()?;
+    let arguments = match params.get("arguments") {
+        None | Some(Value::Null) => json!({}),
+        Some(arguments @ Value::Object(_)) => arguments.clone(),
+        Some(_) => return None,
+    };
     Some(Call {
         id,
-        call: ToolCall::new(
-            name,
-            params
-                .get("arguments")
-                .cloned()
-                .unwrap_or_else(|| json!({})),
-        ),
+        call: ToolCall::new(name, arguments),
     })
 }
 
@@ -262,7 +263,20 @@ mod tests {
         );
         assert_eq!(read(r#"{"id":1,"method":"tools/list"}"#), FromAgent::Other);
         assert_eq!(read(r#"{"id":1,"result":{}}"#), FromAgent::Other);
-        assert_eq!(read(r#"{"id":1,"method":"tools/call"}"#), FromAgent::Other);
+        assert_eq!(
+            read(r#"{"id":1,"method":"tools/call"}"#),
+            FromAgent::Strange
+        );
+        let with = |arguments: &str| {
+            read(&format!(
+                r#"{{"id":1,"method":"tools/call","params":{{"name":"pick","arguments":{arguments}}}}}"#
+            ))
+        };
+        assert!(matches!(with("null"), FromAgent::Calls(_)));
+        assert_eq!(
+            [with("[7]"), with("7"), with(r#""7""#)],
+            [FromAgent::Strange, FromAgent::Strange, FromAgent::Strange]
+        );
         assert_eq!(read(r#"{"a":1}"#), FromAgent::Strange);
         assert_eq!(read("\u{1}\u{2}"), FromAgent::Strange);
         let batch = r#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;

@@ -1,12 +1,12 @@
-//! Bounds of the reward of an episode whose record does not hold what the camera saw: robots and
-//! other servers tell what a text listed and what got a marker, never what was in the picture.
-//! Never guesses what was seen.
+//! What a record without a simulator leaves open of a reward: robots and other servers tell what a
+//! text listed and what got a marker, never what was in the picture, and some not even what a call
+//! acted on. Never guesses what was seen.
 
 use std::{fmt, sync::Arc};
 
 use reel_world::{
     ObjectInstance, Scene, Task,
-    record::{RewardTerm, StartRecord, StepRecord, VisibleObject},
+    record::{Backend, EpisodeHeader, RewardTerm, StartRecord, StepRecord, VisibleObject},
 };
 
 use crate::{
@@ -46,11 +46,21 @@ pub enum OpenReward {
         /// The first question that paid nothing.
         first_step: u32,
     },
+    /// No result shows the world: calls succeeded, and nothing tells what they acted on.
+    WorldUnknown {
+        /// The first such call.
+        first_step: u32,
+    },
 }
 
 impl fmt::Display for OpenReward {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            OpenReward::WorldUnknown { first_step } => write!(
+                f,
+                "no result shows the world, and from step {first_step} on success, completion and \
+                 reward depend on it: they are those of a world in which nothing changed"
+            ),
             OpenReward::Between(bounds) => bounds.fmt(f),
             OpenReward::AtLeast { first_step } => write!(
                 f,
@@ -60,6 +70,40 @@ impl fmt::Display for OpenReward {
             ),
         }
     }
+}
+
+/// What is open of the reward of a recorded episode under a preset; `None` where a simulator
+/// recorded it. The task counts as that of its file: no record says where it came from.
+pub fn open_reward_of_record(
+    preset: &Preset,
+    header: &EpisodeHeader,
+    task: &Task,
+    scene: &Scene,
+    start: &StartRecord,
+    steps: &[StepRecord],
+) -> Option<OpenReward> {
+    if header.backend == Backend::Sim {
+        return None;
+    }
+    world_unknown(steps)
+        .or_else(|| reward_bounds(preset, task, scene, start, steps).map(OpenReward::Between))
+}
+
+/// A call that changes the world succeeded, and neither what it acted on nor any change is shown.
+fn world_unknown(steps: &[StepRecord]) -> Option<OpenReward> {
+    if steps.iter().any(|step| !step.changes.registry.is_empty()) {
+        return None;
+    }
+    let acted = |step: &&StepRecord| {
+        matches!(step.tool_name(), "pick" | "place" | "open" | "close")
+            && step.outcome.is_ok()
+            && step.object.is_none()
+            && step.receptacle.is_none()
+    };
+    let first = steps.iter().find(acted)?;
+    Some(OpenReward::WorldUnknown {
+        first_step: first.step,
+    })
 }
 
 /// What is open of the reward of an episode whose record does not hold what the camera saw. `known`
@@ -72,6 +116,9 @@ pub fn open_reward(
     start: &StartRecord,
     steps: &[StepRecord],
 ) -> Option<OpenReward> {
+    if let Some(open) = world_unknown(steps) {
+        return Some(open);
+    }
     if known.iter().any(|known| known.task_id == task.task_id) {
         return reward_bounds(preset, task, scene, start, steps).map(OpenReward::Between);
     }

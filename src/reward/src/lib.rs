@@ -62,7 +62,7 @@ use std::fmt;
 use reel_world::record::{RewardTerm, StartRecord, StepRecord};
 
 pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
-pub use bounds::{OpenReward, RewardBounds, open_reward, reward_bounds};
+pub use bounds::{OpenReward, RewardBounds, open_reward, open_reward_of_record, reward_bounds};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{

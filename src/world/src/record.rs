@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::{
     AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId,
-    Skills, TokenLogprobs, ToolCall, WorldGraph,
+    Skills, TokenLogprobs, ToolCall, ToolSpec, WorldGraph,
 };
 
 /// Where an episode ran.
@@ -426,7 +426,10 @@ pub struct Metrics {
 impl StepRecord {
     /// The tool that was called: the paper's name, or the name as called where it is no tool.
     pub fn tool_name(&self) -> &str {
-        self.tool.as_deref().unwrap_or(&self.input.call.name)
+        let called = self.input.call.name.as_str();
+        self.tool
+            .as_deref()
+            .unwrap_or_else(|| ToolSpec::paper_name_of(called))
     }
 
     /// Sum of the reward terms.

@@ -103,6 +103,9 @@ texts! {
         "{}: arguments must be a JSON object, found {}", ": arguments must be a JSON object";
     MissingArgument = Some(E::BadArguments), "{}: missing argument '{}'", ": missing argument '";
     WrongType = Some(E::BadArguments), "{}: argument '{}' must be {}, found {}", ": argument '";
+    OtherTask = Some(E::BadArguments),
+        "Task {} can only be started by a session; this episode plays one task.",
+        "can only be started by a session";
     EpisodeOver = Some(E::EpisodeOver), "The episode is over.", "The episode is over";
 }
 

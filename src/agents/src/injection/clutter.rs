@@ -9,8 +9,8 @@ use super::choices;
 use crate::random;
 
 /// The task with one object more, of a category that it does not have, taken with its position from
-/// one of the other tasks (of the same scene) where it stands on a receptacle that is empty here;
-/// none where there is no such object.
+/// one of the other tasks of its scene, where it stands on a receptacle that is empty here; none
+/// where there is no such object.
 pub fn cluttered(task: &Task, scene: &Scene, others: &[Arc<Task>], seed: u64) -> Option<Task> {
     let mut rng = random::stream(seed, &format!("clutter/{}", task.task_id), 0);
     let fits = |object: &&ObjectInstance| {
@@ -24,6 +24,7 @@ pub fn cluttered(task: &Task, scene: &Scene, others: &[Arc<Task>], seed: u64) ->
     };
     let strangers: Vec<&ObjectInstance> = others
         .iter()
+        .filter(|other| other.scene_id == task.scene_id)
         .flat_map(|other| &other.objects)
         .filter(fits)
         .collect();

@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use reel_replay::seek;
-use reel_reward::{Preset, RewardBounds};
+use reel_reward::{OpenReward, Preset};
 use reel_trace::Trace;
-use reel_world::record::Backend;
 use serde_json::json;
 
 use crate::{ExitStatus, inputs};
@@ -31,7 +30,7 @@ pub struct Arguments {
     assets: inputs::Assets,
     #[command(flatten)]
     cache: inputs::Cache,
-    /// Print header, steps and end as JSON; with --at, the state
+    /// Print header, steps, end and what is open of the reward as JSON; with --at, the state
     #[arg(long)]
     json: bool,
 }
@@ -47,13 +46,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             arguments,
         );
     }
+    let open = open_reward(&trace).map(|open| open.to_string());
     if arguments.json {
-        let whole = json!({ "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end });
+        let whole = json!({
+            "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end,
+            "open_reward": open,
+        });
         println!("{whole}");
     } else {
         print!("{}", reel_view::transcript(&trace));
-        if let Some(bounds) = reward_bounds(&trace) {
-            println!("{bounds}");
+        if let Some(open) = open {
+            println!("{open}");
         }
     }
     if let Some(lost) = lost {
@@ -63,14 +66,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-/// Between which totals the reward of an episode lies whose camera nobody followed. None also
-/// where the preset is a file, which no trace holds.
-fn reward_bounds(trace: &Trace) -> Option<RewardBounds> {
-    if trace.header.backend == Backend::Sim {
-        return None;
-    }
-    reel_reward::reward_bounds(
+/// What the record leaves open of the reward under its preset. None also where the preset is a file,
+/// which no trace holds.
+fn open_reward(trace: &Trace) -> Option<OpenReward> {
+    reel_reward::open_reward_of_record(
         &Preset::parse(&trace.header.reward_preset)?,
+        &trace.header,
         &trace.task,
         &trace.scene,
         &trace.start,

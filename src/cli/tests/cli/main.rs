@@ -10,6 +10,8 @@ macro_rules! reel {
 
 #[cfg(feature = "service")]
 mod agents;
+#[cfg(feature = "analytics")]
+mod agreement;
 mod attribution;
 mod blame;
 mod branches;

@@ -7,11 +7,15 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use reel_trace::{Trace, TraceError, TraceFiles, encode_png};
 use reel_world::{
     DoorState, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Tool, ToolSpec, WorldGraph,
-    record::{EndReason, MarkerTarget, StepRecord},
+    record::{EndReason, MarkerTarget, PolicyOutput, StepRecord},
 };
 use serde_json::{Map, Value, json};
 
 use super::{Content, Decision, EvalDriver, ToolResult, result::DEBUG_TEXT, run::Stop};
+
+/// What stands where a recording ends whose episode was broken off: nothing failed, and the client
+/// has no word for that.
+pub(crate) const BROKEN_OFF: &str = "the recording ends here: the episode was broken off";
 
 /// Traces of one model, in the order of their episodes.
 #[derive(Debug)]
@@ -98,19 +102,19 @@ impl Playing {
         let Some(record) = self.trace.steps.get(self.next) else {
             return Err(match self.trace.end.as_ref().map(|end| end.reason) {
                 Some(EndReason::Horizon) => Stop::OutOfSteps,
+                Some(EndReason::Aborted) | None => Stop::Failed(BROKEN_OFF.to_owned()),
                 Some(reason) => Stop::Failed(format!("the recording ends here: {reason:?}")),
-                None => Stop::Failed("the recording breaks off here".to_owned()),
             });
         };
         self.next += 1;
         let policy = record.input.policy.as_ref();
-        let raw = policy
-            .map(|policy| policy.raw.as_str())
-            .filter(|raw| !raw.is_empty());
+        let (tool, args) = (tool(record), arguments(record));
         Ok(Decision {
-            tool: tool(record),
-            args: arguments(record),
-            raw: raw.map(Value::from),
+            raw: policy
+                .and_then(|policy| answer(policy, tool.as_deref(), &args))
+                .map(Value::from),
+            tool,
+            args,
             user_message: None,
             seconds: policy
                 .and_then(|policy| policy.latency_ns)
@@ -127,8 +131,15 @@ impl Playing {
             .and_then(|index| self.trace.steps.get(index))
             .ok_or("no call was decided")?;
         self.graph.apply(&record.changes.registry);
-        if let (Ok(Tool::NavTo { receptacle }), true) =
-            (Tool::parse(&record.input.call), record.outcome.is_ok())
+        let leads_there = match Tool::parse(&record.input.call) {
+            Ok(Tool::NavTo { .. } | Tool::WalkAround) => true,
+            // A look at a receptacle leads there in profile `paper` alone.
+            Ok(Tool::GazeAt { .. }) => !self.trace.header.profile.is_published(),
+            _ => false,
+        };
+        if let Some(receptacle) = &record.receptacle
+            && leads_there
+            && record.outcome.is_ok()
         {
             self.landmark = Some(receptacle.to_string());
         }
@@ -171,6 +182,37 @@ impl Playing {
         content.push(Content::Text(format!("{DEBUG_TEXT}{debug}")));
         Ok(content)
     }
+}
+
+/// What the model answered. The words of a policy that is no model are written as REAL's agents
+/// answer: no other file has a place for its History. `None` if it said nothing.
+fn answer(policy: &PolicyOutput, tool: Option<&str>, args: &Value) -> Option<String> {
+    let PolicyOutput {
+        raw,
+        reasoning,
+        history,
+        plan,
+        ..
+    } = policy;
+    if !raw.is_empty() {
+        return Some(raw.clone());
+    }
+    if reasoning.is_empty() && history.is_empty() && plan.is_empty() {
+        return None;
+    }
+    let plan = plan.strip_prefix("New Schedule: ").unwrap_or(plan);
+    let (schedule, subtask) = plan.split_once(" Current subtask: ").unzip();
+    let answer = json!({
+        "summary": {
+            "History": history,
+            "New Schedule": schedule.unwrap_or(plan),
+            "Current subtask": subtask.unwrap_or_default(),
+        },
+        "next action": { "tool_name": tool, "args": args },
+    });
+    Some(format!(
+        "<think>\n{reasoning}\n</think>\n```json\n{answer}\n```\n"
+    ))
 }
 
 /// The tool of a call under its canonical name; `None` if the agent named none.

@@ -9,10 +9,7 @@ use reel_import::{
 use reel_reward::{Preset, reward_bounds, rewards};
 use reel_trace::Trace;
 use reel_vectors::golden_traces;
-use reel_world::{
-    Scenes, Tool, ToolCall,
-    record::{EndReason, RewardTerm},
-};
+use reel_world::{Scenes, Tool, ToolCall, record::RewardTerm};
 use serde_json::{Map, Value, json};
 
 use crate::imported_with;
@@ -90,14 +87,9 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
             "{}",
             path.display()
         );
-        let ends = match end.reason {
-            reason @ (EndReason::Finished | EndReason::Horizon) => reason,
-            // The client knows no other end than that its agent failed.
-            _ => EndReason::Fault,
-        };
         assert_eq!(
             again.end.as_ref().unwrap().reason,
-            ends,
+            end.reason,
             "{}",
             path.display()
         );
@@ -118,6 +110,18 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
             steps.map(|step| !step.outcome.is_ok()).collect()
         };
         assert_eq!(failed(&again), failed(&trace), "{}", path.display());
+        // The rules of the taxonomy read the History.
+        let histories = |trace: &Trace| -> Vec<String> {
+            let policies = trace.steps.iter().map(|step| &step.input.policy);
+            policies
+                .map(|policy| {
+                    policy
+                        .as_ref()
+                        .map_or_else(String::new, |it| it.history.clone())
+                })
+                .collect()
+        };
+        assert_eq!(histories(&again), histories(&trace), "{}", path.display());
         // Rewards are those of the trace, under every preset, or lie where the import says.
         for preset in Preset::built_in() {
             let of = |trace: &Trace| -> Vec<Vec<(String, u64)>> {

@@ -65,17 +65,20 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
                 .collect::<Int32Array>(),
         )
     };
+    // As in table `blame`: nothing was decisive where an episode was broken off before it failed.
+    let unsuccessful = || {
+        rows.iter()
+            .map(|row| row.as_ref().filter(|row| row.success != Some(true)))
+    };
     let share = |of: fn(&Blame) -> f64| -> ArrayRef {
         Arc::new(
-            rows.iter()
-                .map(|row| row.as_ref().filter(|row| row.decisive.is_some()).map(of))
+            unsuccessful()
+                .map(|row| row.map(of))
                 .collect::<Float64Array>(),
         )
     };
-    let failed = |row: &Blame| row.decisive.as_ref().map(|_| row.repairable_at_end);
-    let repairable: BooleanArray = rows
-        .iter()
-        .map(|row| row.as_ref().and_then(failed))
+    let repairable: BooleanArray = unsuccessful()
+        .map(|row| row.map(|row| row.repairable_at_end))
         .collect();
     let columns: Vec<ArrayRef> = vec![
         number(|row| row.decisive.as_ref().map(|decisive| decisive.step)),
@@ -85,7 +88,7 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         text(&|decisive| decisive.explanation.clone()),
         text(&|decisive| decisive.advised_call.to_string()),
         number(|row| Some(row.wasted_steps)),
-        number(|row| row.point_of_no_return.filter(|_| row.decisive.is_some())),
+        number(|row| row.point_of_no_return),
         Arc::new(repairable),
         share(|row| row.shares.perception),
         share(|row| row.shares.communication),

@@ -1,8 +1,13 @@
 //! What a record without sight leaves open of a reward, and what it does not.
 
+use std::sync::Arc;
+
 use proptest::prelude::*;
-use reel_reward::{Preset, RewardBounds, reward_bounds, rewards};
-use reel_world::{Task, record::StepRecord};
+use reel_reward::{OpenReward, Preset, RewardBounds, open_reward, reward_bounds, rewards};
+use reel_world::{
+    Task,
+    record::{GraphChanges, StepRecord},
+};
 
 use crate::{
     REPLY, close,
@@ -45,6 +50,37 @@ fn a_question_is_open_unless_what_was_told_decides_it() {
     task.initial.remove(&"table_1".into(), &GREEN.into());
     task.goal.remove(&"table_1".into(), &GREEN.into());
     assert_eq!(of(&task, &[Nav("table_1"), Ask("Look closely.")]), None);
+}
+
+#[test]
+fn a_world_that_no_result_shows_leaves_everything_open() {
+    use Act::*;
+    let (task, scene) = task();
+    let script = [Look("table_1"), Pick(RED), Nav("fridge_0"), Finish];
+    let mut steps = Flat::play(&task, &script).steps;
+    let of = |steps: &[StepRecord]| {
+        let known = [Arc::new(task.clone())];
+        open_reward(
+            &Preset::paper(),
+            &known,
+            &task,
+            &scene,
+            &start(&task),
+            steps,
+        )
+    };
+    assert_eq!(of(&steps), None);
+    for step in &mut steps {
+        step.changes = GraphChanges::default();
+        (step.object, step.receptacle) = (None, None);
+    }
+    let open = of(&steps).unwrap();
+    assert_eq!(open, OpenReward::WorldUnknown { first_step: 1 });
+    assert_eq!(
+        open.to_string(),
+        "no result shows the world, and from step 1 on success, completion and reward depend on \
+         it: they are those of a world in which nothing changed"
+    );
 }
 
 fn any_act() -> impl Strategy<Value = Act> {

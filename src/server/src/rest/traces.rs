@@ -239,6 +239,7 @@ pub(super) async fn episode(
             "steps": trace.steps.len(),
             "images": trace.image_count(),
             "end": trace.end,
+            "open_reward": open_reward(Preset::parse(&trace.header.reward_preset).as_ref(), &trace),
         }))
     });
     answer.await.map(Json)
@@ -591,10 +592,25 @@ pub(super) async fn reward(
             .collect();
         let total: f64 = steps.iter().filter_map(|step| step["total"].as_f64()).sum();
         Ok(
-            json!({"trace": name, "preset": preset.name(), "version": preset.version(), "total": total, "steps": steps}),
+            json!({"trace": name, "preset": preset.name(), "version": preset.version(), "total": total, "steps": steps,
+                "open_reward": open_reward(Some(&preset), &trace)}),
         )
     });
     answer.await.map(Json)
+}
+
+/// What the record leaves open of the reward under a preset, in a sentence. None also where the
+/// preset is not known: no trace holds one that was a file.
+fn open_reward(preset: Option<&Preset>, trace: &Trace) -> Option<String> {
+    let open = reel_reward::open_reward_of_record(
+        preset?,
+        &trace.header,
+        &trace.task,
+        &trace.scene,
+        &trace.start,
+        &trace.steps,
+    )?;
+    Some(open.to_string())
 }
 
 #[cfg(test)]

@@ -437,6 +437,10 @@ fn print_summary(measured: &[MeasuredTrace]) {
     println!(
         "  in {better} the alternative succeeds{verified}, in {in_time} success was to be had to the end"
     );
+    // Nothing was lost for good where nobody failed.
+    if failed.is_empty() {
+        return;
+    }
     let shares = |share: fn(&Blame) -> f64| {
         failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len() as f64
     };
