@@ -89,7 +89,7 @@ def main():
             at = f"127.0.0.1:{scheduler}"
             start("scheduler", "--listen", at, "--identity", ours / "scheduler.pem")
             assert listens(scheduler), "no scheduler"
-            start("executor", "--scheduler", at, "--listen", f"127.0.0.1:{executor}", "--jobs", 1, "--identity", ours / "one.pem")
+            start("executor", "--scheduler", at, "--listen", f"127.0.0.1:{executor}", "--jobs", 1, "--identity", ours / "one.pem", "--stores", store)
             assert listens(executor), (folder / "1.log").read_text()
             for port in (scheduler, executor):
                 authority = ours / "authority.pem"

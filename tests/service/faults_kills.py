@@ -232,6 +232,9 @@ def fault_disk_full():
                 assert (status, answer["error"]["code"]) == (507, "disk_full"), (status, answer)
                 left = [name for name in os.listdir(disk) if "upload" in name]
                 assert not left, f"the upload left {left}"
+                branch = {"name": "branch", "at": 0, "policy": "oracle"}
+                status, answer = server.json("POST", f"/api/traces/{server.traces()[0].stem}/branches", branch)
+                assert (status, answer["error"]["code"]) == (507, "disk_full"), (status, answer)
                 filler.unlink()
                 assert server.json("GET", "/readyz")[0] == 200, "with room again it is ready"
                 assert "Task:" in agent.say("finish"), "with room again the next episode plays"

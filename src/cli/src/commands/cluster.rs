@@ -83,11 +83,12 @@ enum Command {
         /// ingest, and by the functions of SQL that do; without it, none
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         traces: Vec<PathBuf>,
-        /// Folders, also s3://bucket/folder, whose tables may be read; without it, any
+        /// Folders, also s3://bucket/folder, whose tables may be read; without it, any, which is not
+        /// to be had with --identity
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         stores: Option<Vec<PathBuf>>,
         /// File of identity (`reel cluster cert`), where the scheduler has one
-        #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY")]
+        #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY", requires = "stores")]
         identity: Option<PathBuf>,
         #[command(flatten)]
         assets: inputs::Assets,

@@ -479,12 +479,12 @@ pub(super) async fn branch(
         };
         let report = reel_counterfactual::branch::fork(&parent, body.at, None)
             .and_then(|fork| branch.play(&fork, Some(&record)));
-        let report = report.map_err(|error| {
-            if is_in_the_way(&error) {
-                taken()
-            } else {
-                wrong(error.to_string())
+        let report = report.map_err(|error| match of_trace(&error) {
+            Some(TraceError::PartExists { .. }) => taken(),
+            Some(refused) if let Some((_, cause)) = refused.refused() => {
+                ApiError::disk(cause.kind().into())
             }
+            _ => wrong(error.to_string()),
         })?;
         let made = Trace::read(&path).map_err(|error| wrong(error.to_string()))?;
         Ok(json!({
@@ -496,15 +496,12 @@ pub(super) async fn branch(
     answer.await.map(|made| (StatusCode::CREATED, Json(made)))
 }
 
-/// Whether somebody else is writing a trace of that name.
-fn is_in_the_way(error: &BranchError) -> bool {
-    let BranchError::Agent(AgentError::Trace { source, .. }) = error else {
-        return false;
-    };
-    matches!(
-        source.downcast_ref::<TraceError>(),
-        Some(TraceError::PartExists { .. })
-    )
+/// What was wrong with writing the trace of a branch, if that was it.
+fn of_trace(error: &BranchError) -> Option<&TraceError> {
+    match error {
+        BranchError::Agent(AgentError::Trace { source, .. }) => source.downcast_ref(),
+        _ => None,
+    }
 }
 
 #[derive(Deserialize, IntoParams)]
