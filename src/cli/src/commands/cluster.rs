@@ -88,7 +88,12 @@ enum Command {
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         stores: Option<Vec<PathBuf>>,
         /// File of identity (`reel cluster cert`), where the scheduler has one
-        #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY", requires = "stores")]
+        #[arg(
+            long,
+            value_name = "FILE",
+            env = "REEL_CLUSTER_IDENTITY",
+            requires = "stores"
+        )]
         identity: Option<PathBuf>,
         #[command(flatten)]
         assets: inputs::Assets,
