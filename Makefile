@@ -32,7 +32,7 @@ perf: ## measure what things cost in the lean release build, as ratios within on
 bench: ## time single operations: rendering, replay, rewards, parsing (divan; BENCH_ARGS filters)
 	cargo bench --locked --profile fast -p reel-cli --no-default-features --bench reel -- $(BENCH_ARGS)
 
-fuzz: ## feed each parser of outside bytes with mutated inputs, FUZZ_S seconds each (needs cargo-fuzz and nightly Rust)
+fuzz: ## feed each parser of outside bytes with mutated inputs, FUZZ_S seconds each or FUZZ_TOTAL_S in all (needs nightly Rust)
 	tests/fuzz.sh
 
 bench-sql: ## a million synthetic episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
@@ -146,6 +146,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/viewers.sh
 	tests/pages/large.sh
 	tests/cluster/run.sh
+	FUZZ_TOTAL_S=3600 tests/fuzz.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

@@ -23,6 +23,8 @@ mod wordings;
 
 pub use check::history_check;
 pub use error::AnnotateError;
+#[doc(hidden)]
+pub use model::parse_answer;
 pub use model::{AnnotatedEpisode, BATCH, HistoryCheck, ModelAnnotator, prompt_version};
 pub use privileged::PrivilegedFacts;
 pub use rules::{Annotation, annotate, episode_seed, version};

@@ -18,6 +18,7 @@ mod error;
 mod events;
 mod http;
 mod mapping;
+mod reading;
 mod report;
 mod session;
 mod sessions;
@@ -44,6 +45,8 @@ pub use bridge::Bridge;
 pub use error::ProxyError;
 pub use http::{Proxy, Upstream};
 pub use mapping::Mapping;
+#[doc(hidden)]
+pub use reading::read_connection;
 pub use reel_import::MappingError;
 pub use report::{Counts, PendingTraces, Report};
 pub use stdio::run_stdio;

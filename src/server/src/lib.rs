@@ -12,6 +12,7 @@ mod config;
 mod connections;
 mod files;
 mod gate;
+mod in_memory;
 #[cfg(feature = "tables")]
 mod jobs;
 mod metrics;
@@ -34,6 +35,8 @@ mod viewer;
 
 pub use audit::{AuditEntry, AuditLog};
 pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
+#[doc(hidden)]
+pub use in_memory::InMemoryServer;
 pub use mock_llm::{MockOptions, mock_llm};
 pub use reel_mcp::AskResponder;
 pub use rest::openapi;

@@ -22,6 +22,8 @@ use reel_llm::client::{Client, Message, ModelError, Reply, Request, Role};
 use reel_world::{Digest, FailureClass};
 use serde::{Deserialize, Serialize};
 
+#[doc(hidden)]
+pub use answer::parse as parse_answer;
 pub use error::JudgeError;
 pub use prompt::version as prompt_version;
 

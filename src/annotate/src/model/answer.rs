@@ -10,8 +10,9 @@ const TRIES_MAX: usize = 2000;
 /// Longest part of a note, in characters.
 const PART_CHARACTERS_MAX: usize = 6000;
 
-/// Every complete note with its step; of several for one step the last.
-pub(super) fn parse(text: &str) -> Vec<(usize, Annotation)> {
+/// Every complete note with its step; of several for one step the last. Public for the fuzz targets.
+#[doc(hidden)]
+pub fn parse(text: &str) -> Vec<(usize, Annotation)> {
     let answer = text
         .rsplit_once("</think>")
         .map_or(text, |(_, answer)| answer);

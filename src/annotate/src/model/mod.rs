@@ -16,6 +16,8 @@ use reel_llm::client::{Client, Message, Reply, Role};
 use reel_prompt::Prompt;
 use reel_world::Digest;
 
+#[doc(hidden)]
+pub use answer::parse as parse_answer;
 pub use prompt::version as prompt_version;
 
 use crate::{

@@ -26,5 +26,7 @@ pub use endpoint::{ApiKey, Endpoint};
 pub use error::ModelError;
 pub use log::{CallLog, LoggedCall};
 pub use reply::Reply;
+#[doc(hidden)]
+pub use reply::read_body;
 pub use request::{Message, Part, Request, Role};
 pub use requests::Client;

@@ -90,6 +90,14 @@ pub(crate) fn parse(body: &str, logprobs: bool) -> Result<Answer, InvalidReply> 
     })
 }
 
+/// Reads a body as the answer of a chat and as vectors. For the fuzz targets; requests are
+/// [`super::Client`]'s.
+#[doc(hidden)]
+pub fn read_body(body: &str) -> Option<Vec<Value>> {
+    let _ = parse_vectors(body, 2);
+    parse(body, true).ok().map(|answer| answer.calls)
+}
+
 /// The log-probabilities of a choice; `None` if it has none.
 fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, InvalidReply> {
     #[derive(Deserialize)]

@@ -24,7 +24,7 @@ impl Dice {
         self.below(times) == 0
     }
 
-    /// One of some.
+    /// One of these, each as likely.
     pub fn pick<'a, T>(&mut self, some: &'a [T]) -> &'a T {
         &some[self.below(some.len() as u64) as usize]
     }

@@ -34,9 +34,9 @@ struct State {
     dice: Dice,
     faults: DiskFaults,
     files: Vec<Content>,
-    /// What is where.
+    /// The file that each name means now.
     names: BTreeMap<PathBuf, usize>,
-    /// What would be where after the loss of power, but for `unsynced`.
+    /// The file that each name would mean after the loss of power, but for `unsynced`.
     synced: BTreeMap<PathBuf, usize>,
     /// Changes of names that no sync of the folder has put on the disk, in their order.
     unsynced: VecDeque<Renaming>,
@@ -59,7 +59,7 @@ struct Content {
 type Renaming = Vec<(PathBuf, Option<usize>)>;
 
 impl SimulatedDisk {
-    /// An empty disk.
+    /// A disk without files, whose accidents follow from the seed.
     pub fn new(seed: u64) -> Self {
         Self(Arc::new(Mutex::new(State {
             dice: Dice::new(seed, "disk"),

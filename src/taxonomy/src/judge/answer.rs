@@ -14,8 +14,9 @@ const COMMENT_CHARACTERS: usize = 2000;
 /// Most characters of a proposed name.
 const NAME_CHARACTERS: usize = 100;
 
-/// Reads an opinion on a case.
-pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
+/// Reads an opinion on a case. Public for the fuzz targets.
+#[doc(hidden)]
+pub fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
     let answer = text
         .rsplit_once("</think>")
         .map_or(text, |(_, answer)| answer);

@@ -117,9 +117,9 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ),
     (
         "rand_chacha",
-        &["sim", "tasks", "agents", "annotate", "cli", "query"],
+        &["sim", "tasks", "agents", "annotate", "cli", "query", "server"],
     ),
-    ("rand_core", &["sim", "tasks", "agents", "annotate"]),
+    ("rand_core", &["sim", "tasks", "agents", "annotate", "server"]),
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
     ("ureq", &["llm"]),

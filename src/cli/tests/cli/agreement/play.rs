@@ -37,7 +37,7 @@ pub(super) fn short() -> Vec<Batch> {
     let of = |profile, seed, plays: &dyn Fn(usize) -> Option<usize>| {
         let play = |(index, (policy, _)): (usize, &(&'static str, &str))| {
             let family = FAMILIES[plays(index)? % 4];
-            Some((*policy, format!("tasks/home/{family}")))
+            Some((*policy, format!("tasks/{}/{family}", super::SCENES[0])))
         };
         Batch {
             profile,

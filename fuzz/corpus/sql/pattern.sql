@@ -1,0 +1,1 @@
+SELECT task_id, sequence_match(steps, 'open[ok] .. pick*') AS m, steps[1].tool, replay(trace).verdict FROM episodes WHERE steps[1].markers[1].number > $n LIMIT 3

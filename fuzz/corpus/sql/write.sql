@@ -1,0 +1,1 @@
+COPY (SELECT 1) TO '/tmp/x'; CREATE TABLE t AS SELECT 1; DROP TABLE episodes
