@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate agreement conformance service real-contract docs lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -126,6 +126,15 @@ lint: ## check format, lints and documentation
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
+
+supply-chain: ## check dependencies (advisories, licences, duplicates) and list them in out/reel.cdx.json (needs the network, or OFFLINE=1)
+	tests/supply-chain.sh
+
+reproducible: ## build the release binary twice, in different folders: the same bytes (FULL=1: the whole binary, hours)
+	tests/reproducible.sh
+
+release: ## archive, list of packages, checksums and signature of the whole binary in out/release (needs REEL_SIGNING_KEY, or UNSIGNED=1)
+	tests/release.sh
 
 acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
 	tests/acceptance.sh

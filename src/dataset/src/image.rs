@@ -11,7 +11,11 @@ use std::{
     },
 };
 
-use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
+use fast_image_resize::{
+    Resizer,
+    images::{TypedImage, TypedImageRef},
+    pixels::U8x3,
+};
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
@@ -269,13 +273,16 @@ impl ImageOptions {
 }
 
 fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, String> {
-    let source =
-        ImageRef::new(from.0, from.1, rgb, PixelType::U8x3).map_err(|error| error.to_string())?;
-    let mut target = Image::new(to.0, to.1, PixelType::U8x3);
-    Resizer::new()
-        .resize(&source, &mut target, None)
+    let source = TypedImageRef::<U8x3>::from_buffer(from.0, from.1, rgb)
         .map_err(|error| error.to_string())?;
-    Ok(target.into_vec())
+    let mut resized = vec![0; to.0 as usize * to.1 as usize * 3];
+    let mut target = TypedImage::<U8x3>::from_buffer(to.0, to.1, &mut resized)
+        .map_err(|error| error.to_string())?;
+    // As `resize`, without the code of the other types of pixels, which differs from build to build.
+    Resizer::new()
+        .resize_typed(&source, &mut target, None)
+        .map_err(|error| error.to_string())?;
+    Ok(resized)
 }
 
 fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {

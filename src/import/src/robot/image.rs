@@ -2,7 +2,11 @@
 //! holds. A picture of another shape stands in the middle between black bars, as large as it fits.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
+use fast_image_resize::{
+    Resizer,
+    images::{TypedImage, TypedImageRef},
+    pixels::U8x3,
+};
 use reel_trace::{decode_png, encode_png, robot::CameraImage};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 use serde_json::Value;
@@ -180,18 +184,22 @@ fn fitted(rgb: Vec<u8>, width: usize, height: usize) -> Result<Vec<u8>, String> 
         false => ((width * FRAME_HEIGHT / height).max(1), FRAME_HEIGHT),
     };
     let refused = |error: &dyn std::fmt::Display| format!("it cannot be scaled ({error})");
-    let source = ImageRef::new(width as u32, height as u32, &rgb, PixelType::U8x3)
+    let source = TypedImageRef::<U8x3>::from_buffer(width as u32, height as u32, &rgb)
         .map_err(|error| refused(&error))?;
-    let mut scaled = Image::new(inner_width as u32, inner_height as u32, PixelType::U8x3);
+    let mut scaled = vec![0; inner_width * inner_height * 3];
+    let mut target =
+        TypedImage::<U8x3>::from_buffer(inner_width as u32, inner_height as u32, &mut scaled)
+            .map_err(|error| refused(&error))?;
+    // `resize` compiles every type of pixels, and LLVM writes the code of f32 differently in every build.
     Resizer::new()
-        .resize(&source, &mut scaled, None)
+        .resize_typed(&source, &mut target, None)
         .map_err(|error| refused(&error))?;
     let (left, top) = (
         (FRAME_WIDTH - inner_width) / 2,
         (FRAME_HEIGHT - inner_height) / 2,
     );
     let mut frame = vec![0; FRAME_WIDTH * FRAME_HEIGHT * 3];
-    for (row, pixels) in scaled.buffer().chunks_exact(inner_width * 3).enumerate() {
+    for (row, pixels) in scaled.chunks_exact(inner_width * 3).enumerate() {
         let at = ((top + row) * FRAME_WIDTH + left) * 3;
         frame[at..at + pixels.len()].copy_from_slice(pixels);
     }
