@@ -139,7 +139,7 @@ impl Ledger {
         upload.deleted = false;
     }
 
-    /// It was taken.
+    /// A sample was taken under a name, which nothing else may have had.
     pub fn uploaded(&mut self, name: &str, sample: usize) {
         let upload = self.uploads.entry(name.to_owned()).or_default();
         if let Some(before) = upload.kept.replace(sample) {
@@ -154,7 +154,7 @@ impl Ledger {
         self.uploads.entry(name.to_owned()).or_default().kept = None;
     }
 
-    /// It was deleted.
+    /// The trace of a name was deleted.
     pub fn deleted(&mut self, name: &str) {
         self.uploads.entry(name.to_owned()).or_default().deleted = true;
     }
