@@ -90,10 +90,10 @@ impl Archive {
     /// An existing, finished trace.
     pub fn existing(&self, name: &str) -> Result<PathBuf, ApiError> {
         let path = self.path(name)?;
-        if self.host.disk.exists(&path) {
+        if self.host.disk.is_file(&path) {
             return Ok(path);
         }
-        if self.host.disk.exists(&path.with_added_extension("part")) {
+        if self.host.disk.is_file(&part_of(&path)) {
             return Err(ApiError::conflict(
                 "recording",
                 format!("{name} is still being recorded"),
@@ -210,11 +210,12 @@ impl Archive {
             ApiError::conflict(
                 "exists",
                 format!(
-                    "trace {name} exists already, and traces are never replaced; choose another name"
+                    "trace {name} exists already or is being recorded, and traces are never replaced; choose another name"
                 ),
             )
         };
-        if self.host.disk.exists(&path) {
+        // The end of a recording replaces what has its name.
+        if self.host.disk.exists(&path) || self.host.disk.exists(&part_of(&path)) {
             return Err(taken());
         }
         let (disk, prefix) = (self.host.disk.clone(), self.folder.join(format!(".{name}")));
@@ -294,14 +295,24 @@ impl Upload {
     /// A new file, whose name begins so.
     fn begin(disk: Arc<dyn Disk>, prefix: &Path) -> io::Result<Self> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
-        let own = COUNT.fetch_add(1, Ordering::Relaxed);
-        let path = prefix.with_added_extension(format!("{}-{own}{UPLOAD}", process::id()));
-        let file = disk.create_new(&path)?;
-        Ok(Self { disk, path, file })
+        loop {
+            let own = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = prefix.with_added_extension(format!("{}-{own}{UPLOAD}", process::id()));
+            match disk.create_new(&path) {
+                Ok(file) => return Ok(Self { disk, path, file }),
+                // Another server has it: in containers, every server may be process 1.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
     }
 
     /// Gives it its name, which nothing else has; both are on the disk when this returns.
     fn keep(self, path: &Path) -> io::Result<()> {
+        // A recording of that name may have begun while the upload came.
+        if self.disk.exists(&part_of(path)) {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
         self.disk.rename_new(&self.path, path)?;
         self.disk
             .sync_folder(path.parent().unwrap_or(Path::new("")))
@@ -313,6 +324,11 @@ impl Drop for Upload {
         // It is not there any more where it was kept.
         let _ = self.disk.remove_file(&self.path);
     }
+}
+
+/// Where the recording of a trace lies that has not ended.
+fn part_of(path: &Path) -> PathBuf {
+    path.with_added_extension("part")
 }
 
 fn file_name(path: &Path) -> String {
@@ -327,6 +343,17 @@ mod tests {
     use futures_util::{FutureExt as _, stream};
 
     use super::*;
+
+    #[test]
+    fn an_upload_does_not_take_the_name_of_a_recording() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let archive = Archive::open(Host::default(), folder.path().to_owned()).expect("an archive");
+        std::fs::write(folder.path().join("a.mcap.part"), "").expect("a recording");
+        let body = stream::empty::<Result<Bytes, Infallible>>();
+        let received = archive.receive("a", 1, Duration::from_mins(1), body);
+        let refused = received.now_or_never().expect("it is refused at once");
+        assert!(refused.is_err(), "its end would replace the upload");
+    }
 
     /// The server drops the handling of a request when its client goes: at its first wait, the file
     /// is just being made on another thread.

@@ -65,7 +65,7 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
             () = closing.cancelled() => break,
         };
         let (stream, address) = tokio::select! {
-            // Where the system has no sockets left, it waits for some and accepts then.
+            // Out of file descriptors, axum's listener logs it and tries again a second later.
             accepted = listener.accept() => accepted,
             () = closing.cancelled() => break,
         };

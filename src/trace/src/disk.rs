@@ -77,6 +77,11 @@ pub trait Disk: fmt::Debug + Send + Sync {
     fn exists(&self, path: &Path) -> bool {
         self.metadata(path).is_ok()
     }
+
+    /// Whether there is a regular file of this name: no folder, and no pipe that nobody writes to.
+    fn is_file(&self, path: &Path) -> bool {
+        self.exists(path)
+    }
 }
 
 /// An open file of a [`Disk`].
@@ -134,17 +139,28 @@ impl Disk for LocalDisk {
         })
     }
 
+    fn is_file(&self, path: &Path) -> bool {
+        path.is_file()
+    }
+
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
     }
 
     fn rename_new(&self, from: &Path, to: &Path) -> io::Result<()> {
         match fs::hard_link(from, to) {
-            Ok(()) => fs::remove_file(from),
+            Ok(()) => {
+                // The file has its name. Its old one is the caller's to remove where this fails.
+                let _ = fs::remove_file(from);
+                Ok(())
+            }
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(error),
-            // A file has one name on some file systems: there it has to do to look before.
-            Err(_) if fs::symlink_metadata(to).is_ok() => Err(io::ErrorKind::AlreadyExists.into()),
-            Err(_) => fs::rename(from, to),
+            // Some file systems have no hard links. There an empty file takes the name first: looking
+            // and then renaming would replace what came between.
+            Err(_) => {
+                File::create_new(to)?;
+                fs::rename(from, to).inspect_err(|_| drop(fs::remove_file(to)))
+            }
         }
     }
 
@@ -195,5 +211,33 @@ impl DiskFile for File {
 
     fn try_clone(&self) -> io::Result<Box<dyn DiskFile>> {
         Ok(Box::new(File::try_clone(self)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_name_replaces_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let [from, to] = ["from", "to"].map(|name| folder.path().join(name));
+        fs::write(&from, "mine").unwrap();
+        fs::write(&to, "theirs").unwrap();
+        let refused = LocalDisk.rename_new(&from, &to).unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::AlreadyExists);
+        let read = |path| fs::read_to_string(path).unwrap();
+        assert_eq!((read(&from), read(&to)), ("mine".into(), "theirs".into()));
+        fs::remove_file(&to).unwrap();
+        LocalDisk.rename_new(&from, &to).unwrap();
+        assert_eq!(read(&to), "mine");
+        assert!(!LocalDisk.exists(&from));
+    }
+
+    #[test]
+    fn a_folder_is_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(LocalDisk.exists(folder.path()) && !LocalDisk.is_file(folder.path()));
+        LocalDisk.sync_folder(Path::new("")).unwrap();
     }
 }

@@ -331,7 +331,7 @@ impl Recorder {
             }
         };
         let files = TraceFiles::on(self.disk.clone());
-        // As long as it may be: what is finished of it is smaller.
+        // A part is as long as it became. The finished file, which is smaller, has the limit.
         let all = Limits {
             file_bytes: u64::MAX,
             ..Limits::default()

@@ -83,8 +83,8 @@ enum Command {
         /// ingest, and by the functions of SQL that do; without it, none
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         traces: Vec<PathBuf>,
-        /// Folders, also s3://bucket/folder, whose tables may be read; without it, any, which is not
-        /// to be had with --identity
+        /// Folders, also s3://bucket/folder, whose tables may be read; without it, any; --identity
+        /// requires it
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         stores: Option<Vec<PathBuf>>,
         /// File of identity (`reel cluster cert`), where the scheduler has one

@@ -431,7 +431,8 @@ pub(super) struct BranchBody {
 #[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces",
     params(("trace" = String, Path)), request_body = BranchBody,
     responses((status = 201, body = ref("#/components/schemas/Branch")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
-        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody),
+        (status = 507, body = ErrorBody)))]
 pub(super) async fn branch(
     State(app): State<Arc<App>>,
     PathParams(name): PathParams<String>,
@@ -482,7 +483,8 @@ pub(super) async fn branch(
         let report = report.map_err(|error| match of_trace(&error) {
             Some(TraceError::PartExists { .. }) => taken(),
             Some(refused) if let Some((_, cause)) = refused.refused() => {
-                ApiError::disk(cause.kind().into())
+                let code = cause.raw_os_error().map(std::io::Error::from_raw_os_error);
+                ApiError::disk(code.unwrap_or_else(|| cause.kind().into()))
             }
             _ => wrong(error.to_string()),
         })?;

@@ -277,7 +277,7 @@ impl Client {
             return;
         };
         let list = list.json();
-        let traces: Vec<&Value> = list.as_array().into_iter().flatten().collect();
+        let traces: Vec<&Value> = list["traces"].as_array().into_iter().flatten().collect();
         let whole: Vec<&str> = traces
             .into_iter()
             .filter(|trace| trace["recording"] == false)

@@ -18,7 +18,7 @@ pub struct Ledger {
     pub samples: Vec<Bytes>,
     /// Id of a task that is served.
     pub task: String,
-    /// Whether the disk does what it should.
+    /// Whether the disk may fail.
     pub faults: bool,
     calls: BTreeMap<String, Vec<SentCall>>,
     answers: usize,
@@ -34,6 +34,8 @@ pub struct SentCall {
     arguments: Value,
     /// What it was answered with, where the answer came and says that it is recorded.
     acknowledged: Option<String>,
+    /// Whether the power went after it, and calls are not synced.
+    may_be_lost: bool,
 }
 
 impl SentCall {
@@ -44,6 +46,7 @@ impl SentCall {
             name,
             arguments,
             acknowledged: None,
+            may_be_lost: false,
         }
     }
 }
@@ -115,6 +118,13 @@ impl Ledger {
         }
     }
 
+    /// The power went, and calls are not synced: those so far may be lost, and none after it.
+    pub fn power_lost(&mut self) {
+        for call in self.calls.values_mut().flatten() {
+            call.may_be_lost = true;
+        }
+    }
+
     /// How many calls were acknowledged.
     pub fn acknowledged(&self) -> usize {
         let calls = self.calls.values().flatten();
@@ -164,13 +174,11 @@ impl Ledger {
         self.events.finalize()
     }
 
-    /// Everything that may never be, after a look at the disk. Where the power went and nothing was
-    /// synced for each call, calls may be lost.
+    /// Everything that may never be, after a look at the disk.
     pub fn audit(
         &mut self,
         files: &TraceFiles,
         content: &BTreeMap<PathBuf, Vec<u8>>,
-        calls_may_be_lost: bool,
     ) -> Vec<String> {
         let mut recordings: BTreeMap<String, Vec<(String, String, Trace)>> = BTreeMap::new();
         for (path, bytes) in content {
@@ -215,7 +223,7 @@ impl Ledger {
         for (worker, calls) in &self.calls {
             let mut own = recordings.remove(worker).unwrap_or_default();
             own.sort_by(|one, other| (&one.0, &one.1).cmp(&(&other.0, &other.1)));
-            let problem = compare(calls, &own, calls_may_be_lost);
+            let problem = compare(calls, &own);
             self.violations
                 .extend(problem.map(|problem| format!("{worker}: {problem}")));
         }
@@ -256,11 +264,7 @@ impl Ledger {
 
 /// Whether the traces of a worker hold what it sent, in its order: all that was acknowledged, with the
 /// answers that it got, and nothing else.
-fn compare(
-    sent: &[SentCall],
-    traces: &[(String, String, Trace)],
-    may_be_lost: bool,
-) -> Option<String> {
+fn compare(sent: &[SentCall], traces: &[(String, String, Trace)]) -> Option<String> {
     let recorded: Vec<(&str, &StepRecord)> = traces
         .iter()
         .flat_map(|(policy, _, trace)| trace.steps.iter().map(|step| (policy.as_str(), step)))
@@ -284,7 +288,7 @@ fn compare(
             .filter(|at| is(at))
             .map(|at| at + 1)
             .collect();
-        if call.acknowledged.is_none() || may_be_lost {
+        if call.acknowledged.is_none() || call.may_be_lost {
             next.extend(&reached);
         }
         if next.is_empty() {
