@@ -220,7 +220,7 @@ impl Client {
                 .once_in(2)
                 .then(|| format!("{own}-{}", self.dice.below(2)));
             match self.dice.below(6) {
-                0 | 1 | 2 => {
+                0..=2 => {
                     let name = own.unwrap_or_else(|| format!("shared-{}", self.dice.below(2)));
                     self.upload(&name).await;
                 }
