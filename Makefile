@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
+.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -107,6 +107,10 @@ hostile-sql: ## 2,000 hostile questions in SQL by seeds, over REST: each ends wi
 simulate: ## `reel serve` in 10,000 worlds with faults of disk, wires and power: what was acknowledged is there (an hour)
 	REEL_SEEDS=$${REEL_SEEDS:-10000} $(SIMULATE) -- --nocapture what_was_acknowledged
 
+kills: ## 1,000 kills at random moments of serve, mcp, record, ingest, export and a cluster: nothing acknowledged is lost, no table torn (needs Python; an hour)
+	cargo build --locked --workspace --bin reel
+	REEL="$(CARGO_TARGET_DIR)/debug/reel" PYTHONDONTWRITEBYTECODE=1 python3 tests/service/kills.py $(KILLS_ARGS)
+
 conformance: ## the published MCP conformance suites against our stack and against `reel serve` (needs npm)
 	tests/conformance.sh
 
@@ -148,6 +152,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	$(MAKE) hostile-sql
 	$(MAKE) simulate
 	$(MAKE) agreement
+	$(MAKE) kills
 	tests/conformance.sh
 	tests/service.sh
 	tests/real-contract.sh

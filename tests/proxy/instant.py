@@ -1,4 +1,4 @@
-"""A tool server that answers every call at once with one result: over Streamable HTTP and HTTP+SSE in a thread, or over standard
+"""A tool server that answers every call at once with one result, or with what a function makes of the call: over Streamable HTTP and HTTP+SSE in a thread, or over standard
 input and output as a program (`instant.py ANSWER.json`). `endpoint` makes the address that HTTP+SSE names absolute."""
 
 import json
@@ -14,7 +14,8 @@ def answer(message, result):
         "initialize": {"protocolVersion": "2025-06-18", "capabilities": {"tools": {}}, "serverInfo": {"name": "instant", "version": "1"}},
         "tools/call": result,
     }
-    return {"jsonrpc": "2.0", "id": message["id"], "result": results.get(message["method"], {})}
+    said = results.get(message["method"], {})
+    return {"jsonrpc": "2.0", "id": message["id"], "result": said(message) if callable(said) else said}
 
 
 class Instant:

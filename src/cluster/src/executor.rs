@@ -20,8 +20,8 @@ use reel_trace::TraceFiles;
 use tonic::service::interceptor::InterceptedService;
 
 use crate::{
-    Address, ClusterError, Credentials, TraceJob, client::MESSAGE_BYTES, files, runtime,
-    work::Worker,
+    Address, ClusterError, Credentials, TraceJob, check_listen, client::MESSAGE_BYTES, files,
+    runtime, work::Worker,
 };
 
 /// An executor to be.
@@ -137,6 +137,7 @@ pub fn run(executor: &ExecutorOptions) -> Result<(), ClusterError> {
         .num_threads(executor.threads)
         .build_global()
         .map_err(|error| failed(error.to_string()))?;
+    check_listen(executor.listen).map_err(failed)?;
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
     runtime.block_on(executor.credentials.check(&executor.scheduler, PATIENCE))?;
     runtime

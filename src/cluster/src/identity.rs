@@ -205,8 +205,9 @@ impl Credentials {
             Err(status) if status.code() == Code::PermissionDenied => {
                 Err(Refusal::Denied(status.message().to_owned()))
             }
+            // What the transport says of itself would tell nobody more.
             Err(status) if std::error::Error::source(&status).is_some() => {
-                Err(Refusal::Silent(status.message().to_owned()))
+                Err(Refusal::Silent("it closed the connection".to_owned()))
             }
             // It spoke, if only to say that there is no such job.
             Err(_) => Ok(()),

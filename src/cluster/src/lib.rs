@@ -32,6 +32,14 @@ fn runtime() -> std::io::Result<Runtime> {
         .build()
 }
 
+/// Whether a process may listen there. Of an address that is taken the server below says
+/// "transport error", and that of an executor nothing.
+fn check_listen(address: std::net::SocketAddr) -> Result<(), String> {
+    std::net::TcpListener::bind(address)
+        .map(drop)
+        .map_err(|error| format!("cannot listen at {address}: {error}"))
+}
+
 /// Why there is no cluster.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]

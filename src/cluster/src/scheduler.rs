@@ -15,7 +15,9 @@ use reel_query::{TraceAccess, every_function};
 use reel_trace::TraceFiles;
 use tonic::service::interceptor::InterceptedService;
 
-use crate::{ClusterError, Credentials, client::MESSAGE_BYTES, files, runtime, work::Worker};
+use crate::{
+    ClusterError, Credentials, check_listen, client::MESSAGE_BYTES, files, runtime, work::Worker,
+};
 
 /// A scheduler to be.
 #[derive(Clone, Debug)]
@@ -66,6 +68,7 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
         })),
         ..SchedulerConfig::default()
     };
+    check_listen(scheduler.listen).map_err(failed)?;
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
     let serve = async {
         let cluster = BallistaCluster::new_from_config(&config).await?;

@@ -167,6 +167,32 @@ impl ImageStore {
         there
     }
 
+    /// Removes what a killed run left of the pictures that it was writing. Nobody else may write
+    /// here.
+    ///
+    /// # Errors
+    /// When a folder cannot be read, or a file not be removed.
+    pub fn sweep(&self) -> Result<(), DatasetError> {
+        let images = self.root.join("images");
+        let folders = match fs::read_dir(&images) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            folders => folders.map_err(DatasetError::io(&images))?,
+        };
+        for folder in folders {
+            let folder = folder.map_err(DatasetError::io(&images))?.path();
+            for file in fs::read_dir(&folder).map_err(DatasetError::io(&folder))? {
+                let file = file.map_err(DatasetError::io(&folder))?.path();
+                if file
+                    .extension()
+                    .is_some_and(|extension| extension == "part")
+                {
+                    fs::remove_file(&file).map_err(DatasetError::io(&file))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// How many pictures were put.
     pub fn count(&self) -> usize {
         self.written().len()

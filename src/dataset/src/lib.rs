@@ -33,7 +33,7 @@ pub use example::{
 };
 pub use format::Format;
 pub use image::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage};
-pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, files};
+pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, UNFINISHED, files};
 pub use privileged::{Leak, LeakKind, PrivilegedFacts, find_leak, strip};
 pub use refusal::{RefusalReason, RefusedDecision};
 pub use rollout::{Rollout, TASK_LIST, task_list};

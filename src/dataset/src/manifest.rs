@@ -17,6 +17,9 @@ use crate::{
 
 /// The manifest's name in a dataset's folder.
 pub const MANIFEST: &str = "manifest.json";
+/// The file that is in the folder of a dataset as long as an export writes there: a folder with
+/// it is not whole.
+pub const UNFINISHED: &str = ".export.jsonl";
 
 /// How many examples there are of each kind.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
@@ -131,7 +134,7 @@ impl Manifest {
     }
 }
 
-/// Every file under a folder but the manifest, sorted by path.
+/// Every file under a folder but the manifest and [`UNFINISHED`], sorted by path.
 ///
 /// # Errors
 /// When one cannot be read.
@@ -143,7 +146,7 @@ pub fn files(root: &Path) -> Result<Vec<FileEntry>, DatasetError> {
             let path = entry.map_err(DatasetError::io(&folder))?.path();
             if path.is_dir() {
                 folders.push(path);
-            } else if path != root.join(MANIFEST) {
+            } else if path != root.join(MANIFEST) && path != root.join(UNFINISHED) {
                 found.push(entry_of(root, &path)?);
             }
         }

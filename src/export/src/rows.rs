@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use reel_dataset::{
     DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, ImageStore,
     Manifest, PreparedRow, Source, Split, Step, StoredImage, Style, TASK_LIST, TokenizerFile,
-    examples, task_list,
+    UNFINISHED, examples, task_list,
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
@@ -64,6 +64,7 @@ pub(crate) fn write(
         }
         None => DatasetWriter::new(out, options.writer),
     };
+    writer.images().sweep()?;
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
     let mut known = TaskIndex::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
@@ -156,7 +157,6 @@ pub(crate) fn write(
         );
     }
     report.images = writer.images().count();
-    known_pictures.remove()?;
     if options.rollouts.is_some() {
         let path = out.join(TASK_LIST);
         fs::write(&path, task_list(task_ids.iter().map(String::as_str)))
@@ -171,7 +171,10 @@ pub(crate) fn write(
         table_version: store.version(),
         licence: options.licence.clone(),
     };
-    Ok(writer.finish(description)?)
+    let manifest = writer.finish(description)?;
+    // Last: until here the next run goes on.
+    known_pictures.remove()?;
+    Ok(manifest)
 }
 
 /// Makes the rows of episodes.
@@ -360,9 +363,6 @@ struct ImageIndexLine {
     picture: StoredImage,
 }
 
-/// Name of that file.
-const KNOWN_PICTURES: &str = ".export.jsonl";
-
 impl ImageIndex {
     /// Makes the folder ready: what is left of a run that was broken off, or of the same
     /// dataset, is taken up.
@@ -372,7 +372,7 @@ impl ImageIndex {
             path: out.to_path_buf(),
         };
         fs::create_dir_all(out).map_err(io_error)?;
-        let path = out.join(KNOWN_PICTURES);
+        let path = out.join(UNFINISHED);
         let how = serde_json::to_string(&options.writer.images).expect("plain data becomes JSON");
         let mut known = HashMap::new();
         let mut lines = match File::open(&path) {

@@ -93,8 +93,9 @@ impl<F: Fn(&Trace, &Graphs) -> Metrics> RestoreScorer for F {
 /// the recording is a trace itself; with `folder`, there instead of beside the recording. A file
 /// that is in place is never replaced: if it is a whole trace with all these steps, nothing is left
 /// to do. The recording is deleted only if it is a part, nothing of it was lost, and no folder was
-/// given. Without a recorded end the trace ends as [`EndReason::Aborted`] with the graphs that
-/// follow from the steps, and `score` gives its metrics from the trace so far and these graphs.
+/// given. Without a recorded end the trace ends as its last step ended it, else as
+/// [`EndReason::Aborted`], with the graphs that follow from the steps, and `score` gives its metrics
+/// from the trace so far and these graphs.
 ///
 /// A call that was under way did nothing in our simulator. Where the world is another one, it was
 /// passed on before the recording broke off: it is restored as a step that failed, its result not
@@ -327,11 +328,26 @@ fn aborted(trace: &Trace, score: impl RestoreScorer) -> EndRecord {
     }
     let metrics = score.metrics(trace, &graphs);
     EndRecord {
-        reason: EndReason::Aborted,
+        reason: ended(trace).unwrap_or(EndReason::Aborted),
         metrics,
         chain: trace.chain(),
         steps: trace.steps.len() as u32,
         graphs,
+    }
+}
+
+/// Why the last step ended the episode, if it did: in our simulator that follows from the records,
+/// and a replay comes to the same.
+fn ended(trace: &Trace) -> Option<EndReason> {
+    let last = trace.steps.last()?;
+    if trace.header.backend != Backend::Sim {
+        None
+    } else if last.outcome.error == Some(ErrorCode::PhysicsFault) {
+        Some(EndReason::Fault)
+    } else if last.tool.as_deref() == Some(Tool::Finish.paper_name()) {
+        Some(EndReason::Finished)
+    } else {
+        (trace.steps.len() >= trace.header.profile.horizon() as usize).then_some(EndReason::Horizon)
     }
 }
 

@@ -48,6 +48,12 @@ fn faults_have_clear_answers() {
     script("service/faults.py", &[&["--quick"], FAULTS].concat());
 }
 
+/// Twelve kills; `make kills` has a thousand.
+#[test]
+fn kills_lose_nothing_that_was_acknowledged() {
+    script("service/kills.py", &["--quick"]);
+}
+
 /// The published suites of the protocol against the service itself; `src/mcp` has the fixtures.
 #[test]
 fn the_conformance_suites_pass_where_they_apply() {

@@ -264,6 +264,14 @@ fn equal_stores_and_options_give_equal_bytes() {
     export(&before, &out, &how);
     assert!(one == files(&out), "the break shows");
 
+    // killed before it was whole: with its last files there, with a picture half written
+    std::fs::write(out.join(".export.jsonl"), "").unwrap();
+    std::fs::remove_file(out.join("manifest.json")).unwrap();
+    let picture = one.keys().find(|name| name.starts_with("images/")).unwrap();
+    std::fs::write(out.join(picture).with_file_name("7.part"), "half").unwrap();
+    export(&before, &out, &how);
+    assert!(one == files(&out), "the kill shows");
+
     // what is whole is not overwritten
     let error = reel_export::export(&before, &out, &how, &|_| (), &|_| ()).unwrap_err();
     assert!(matches!(error, ExportError::OtherDataset { .. }), "{error}");

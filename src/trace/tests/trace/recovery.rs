@@ -57,7 +57,14 @@ fn assert_first_steps(trace: &Trace, sample: &Sample, steps: usize) {
     assert_eq!(trace.steps, sample.steps[..steps]);
     let end = trace.end.as_ref().expect("a recovered trace has an end");
     if *end != sample.end {
-        assert_eq!((end.reason, end.steps), (EndReason::Aborted, steps as u32));
+        let error = trace.steps.last().and_then(|step| step.outcome.error);
+        let horizon = trace.header.profile.horizon() as usize;
+        let reason = match trace.header.backend {
+            Backend::Sim if error == Some(ErrorCode::PhysicsFault) => EndReason::Fault,
+            Backend::Sim if steps >= horizon => EndReason::Horizon,
+            _ => EndReason::Aborted,
+        };
+        assert_eq!((end.reason, end.steps), (reason, steps as u32));
         assert_eq!(end.metrics, score(trace, &end.graphs));
         let mut graphs = sample.start.graphs.clone();
         trace.steps.iter().for_each(|step| {
