@@ -305,7 +305,7 @@ class Cluster(Scene):
     def start(self, name):
         listen = f"127.0.0.1:{self.ports[name]}"
         if name == "scheduler":
-            command = ["scheduler", "--listen", listen, "--executor-timeout", "4"]
+            command = ["scheduler", "--listen", listen, "--executor-timeout", "10"]
         else:
             command = ["executor", "--scheduler", self.address(), "--listen", listen, "--jobs", "1", "--traces", self.folder / "traces"]
         with open(self.folder / f"{name}.log", "a") as log:
@@ -331,6 +331,8 @@ class Cluster(Scene):
         if (client.returncode, out) == self.expected[question]:
             return
         assert may_fail, f"{question}: {client.returncode} {out[-300:]} {err[-600:]}"
+        if client.returncode == 0:
+            raise Lost(f"{question}: answered {out[-600:]!r} in place of {self.expected[question][1][-600:]!r}")
         clear = client.returncode == 2 and err.startswith("reel:") and not any(raw in err for raw in RAW)
         assert clear, f"{question}: no clear error: {client.returncode} {err[-900:]}"
 

@@ -42,10 +42,12 @@ use datafusion_proto::protobuf::LogicalPlanNode;
 use futures_util::Stream;
 use tonic::transport::Endpoint;
 
-use crate::{Address, Credentials, client::MESSAGE_BYTES};
+use crate::{Address, Credentials, client::MESSAGE_BYTES, lost_work::LOST};
 
 /// How long the scheduler may take to hear that a job is called off, or to say that it is there.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// How many jobs a question may become, when executors are lost while they run.
+const JOBS_MAX: usize = 3;
 
 type OnCluster = DistributedQueryExec<LogicalPlanNode>;
 
@@ -199,9 +201,12 @@ impl ExecutionPlan for CancelOnDrop {
         partition: usize,
         context: Arc<TaskContext>,
     ) -> Result<SendableRecordBatchStream> {
-        let answer = self.planned.execute(partition, context)?;
+        let answer = self.planned.execute(partition, context.clone())?;
         Ok(Box::pin(ResultStream {
             answer,
+            partition,
+            context,
+            jobs: 1,
             planned: self.planned.clone(),
             address: self.address.clone(),
             credentials: self.credentials.clone(),
@@ -213,6 +218,10 @@ impl ExecutionPlan for CancelOnDrop {
 /// What comes of a plan, until somebody has had enough.
 struct ResultStream {
     answer: SendableRecordBatchStream,
+    partition: usize,
+    context: Arc<TaskContext>,
+    /// How many jobs were begun for it.
+    jobs: usize,
     planned: Arc<dyn ExecutionPlan>,
     address: Address,
     credentials: Arc<Credentials>,
@@ -223,7 +232,15 @@ impl Stream for ResultStream {
     type Item = Result<RecordBatch>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
-        let next = self.answer.as_mut().poll_next(context);
+        let mut next = self.answer.as_mut().poll_next(context);
+        // A job that lost an executor has no row, and another one does without it.
+        while matches!(&next, Poll::Ready(Some(Err(error))) if error.to_string().contains(LOST))
+            && self.jobs < JOBS_MAX
+        {
+            self.jobs += 1;
+            self.answer = self.planned.execute(self.partition, self.context.clone())?;
+            next = self.answer.as_mut().poll_next(context);
+        }
         self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
         next.map_err(|error| DataFusionError::Execution(failure(&self.address, &error)))
     }

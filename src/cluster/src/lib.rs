@@ -12,6 +12,7 @@ mod engine;
 mod executor;
 mod files;
 mod identity;
+mod lost_work;
 mod scheduler;
 mod work;
 

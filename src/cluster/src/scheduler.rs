@@ -10,13 +10,13 @@ use ballista_scheduler::{
     cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::create_scheduler,
 };
 use datafusion::prelude::SessionConfig;
-use datafusion_proto::protobuf::{LogicalPlanNode, PhysicalPlanNode};
 use reel_query::{TraceAccess, every_function};
 use reel_trace::TraceFiles;
 use tonic::service::interceptor::InterceptedService;
 
 use crate::{
-    ClusterError, Credentials, check_listen, client::MESSAGE_BYTES, files, runtime, work::Worker,
+    ClusterError, Credentials, check_listen, client::MESSAGE_BYTES, files, lost_work::Scheduler,
+    runtime, work::Worker,
 };
 
 /// A scheduler to be.
@@ -72,9 +72,9 @@ pub fn run(scheduler: &SchedulerOptions) -> Result<(), ClusterError> {
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
     let serve = async {
         let cluster = BallistaCluster::new_from_config(&config).await?;
-        let server =
-            create_scheduler::<LogicalPlanNode, PhysicalPlanNode>(cluster, Arc::new(config));
-        let service = SchedulerGrpcServer::new(server.await?)
+        let ended = cluster.job_state();
+        let server = create_scheduler(cluster, Arc::new(config)).await?;
+        let service = SchedulerGrpcServer::new(Scheduler { server, ended })
             .max_encoding_message_size(MESSAGE_BYTES)
             .max_decoding_message_size(MESSAGE_BYTES);
         let guarded = InterceptedService::new(service, scheduler.credentials.guard());

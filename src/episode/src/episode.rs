@@ -243,7 +243,10 @@ impl Episode {
         }
         let header = header(&config, simulator.stage());
         let graphs = simulator.graphs();
-        let mut episode = Episode {
+        let ended = steps
+            .last()
+            .and_then(|step| step.end_reason(config.profile));
+        Ok(Episode {
             header,
             simulator,
             user,
@@ -251,15 +254,9 @@ impl Episode {
             graphs,
             start,
             steps,
-            ended: None,
+            ended,
             config,
-        };
-        let tool = episode
-            .steps
-            .last()
-            .and_then(|step| episode.config.profile.tool(&step.input.call).ok());
-        episode.ended = episode.end_reason(tool.as_ref());
-        Ok(episode)
+        })
     }
 
     /// Another future of a recorded episode: `config.parent` says of which, `start` and `steps` are
@@ -403,7 +400,7 @@ impl Episode {
         observe(&mut self.user, &record);
         self.check_invariants();
         self.steps.push(record.clone());
-        self.ended = self.ended.or_else(|| self.end_reason(tool.as_ref()));
+        self.ended = self.ended.or(record.end_reason(self.config.profile));
         StepOutput {
             record,
             frame: result.frame,
@@ -532,17 +529,6 @@ impl Episode {
                     None,
                 )
             }
-        }
-    }
-
-    fn end_reason(&self, tool: Option<&Tool>) -> Option<EndReason> {
-        if self.simulator.fault() {
-            Some(EndReason::Fault)
-        } else if tool == Some(&Tool::Finish) {
-            Some(EndReason::Finished)
-        } else {
-            (self.steps.len() >= self.config.profile.horizon() as usize)
-                .then_some(EndReason::Horizon)
         }
     }
 

@@ -189,10 +189,9 @@ impl Setup {
             0 => self.folder.join(format!("{name}.mcap")),
             _ => self.folder.join(format!("{name}--{before}.mcap")),
         };
-        let taken = |path: &PathBuf| {
-            let disk = &self.host.disk;
-            disk.exists(path) || disk.exists(&path.with_added_extension("part"))
-        };
+        // A disk that does not say whether it is there refuses the recording when it begins.
+        let there = |path: &PathBuf| self.host.disk.exists(path).unwrap_or(false);
+        let taken = |path: &PathBuf| there(path) || there(&path.with_added_extension("part"));
         let mut names = (0..).map(|before| (path(before), before));
         names
             .find(|(path, _)| !taken(path))

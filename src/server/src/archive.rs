@@ -196,6 +196,14 @@ impl Archive {
         &self.folder
     }
 
+    /// Whether a trace or its recording has this path.
+    ///
+    /// # Errors
+    /// When the disk does not say.
+    pub fn is_taken(&self, path: &Path) -> io::Result<bool> {
+        Ok(self.host.disk.exists(path)? || self.host.disk.exists(&part_of(path))?)
+    }
+
     /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound
     /// trace. Never replaces one.
     pub async fn receive<E: std::fmt::Display>(
@@ -215,7 +223,7 @@ impl Archive {
             )
         };
         // The end of a recording replaces what has its name.
-        if self.host.disk.exists(&path) || self.host.disk.exists(&part_of(&path)) {
+        if self.is_taken(&path).map_err(ApiError::disk)? {
             return Err(taken());
         }
         let (disk, prefix) = (self.host.disk.clone(), self.folder.join(format!(".{name}")));
@@ -310,7 +318,7 @@ impl Upload {
     /// Gives it its name, which nothing else has; both are on the disk when this returns.
     fn keep(self, path: &Path) -> io::Result<()> {
         // A recording of that name may have begun while the upload came.
-        if self.disk.exists(&part_of(path)) {
+        if self.disk.exists(&part_of(path))? {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
         self.disk.rename_new(&self.path, path)?;

@@ -74,13 +74,20 @@ pub trait Disk: fmt::Debug + Send + Sync {
     fn canonicalize(&self, path: &Path) -> io::Result<PathBuf>;
 
     /// Whether there is something of this name.
-    fn exists(&self, path: &Path) -> bool {
-        self.metadata(path).is_ok()
+    ///
+    /// # Errors
+    /// As the system says, where it cannot be known.
+    fn exists(&self, path: &Path) -> io::Result<bool> {
+        match self.metadata(path) {
+            Ok(_) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error),
+        }
     }
 
     /// Whether there is a regular file of this name: no folder, and no pipe that nobody writes to.
     fn is_file(&self, path: &Path) -> bool {
-        self.exists(path)
+        self.metadata(path).is_ok()
     }
 }
 
@@ -231,13 +238,13 @@ mod tests {
         fs::remove_file(&to).unwrap();
         LocalDisk.rename_new(&from, &to).unwrap();
         assert_eq!(read(&to), "mine");
-        assert!(!LocalDisk.exists(&from));
+        assert!(!LocalDisk.exists(&from).unwrap());
     }
 
     #[test]
     fn a_folder_is_no_file() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(LocalDisk.exists(folder.path()) && !LocalDisk.is_file(folder.path()));
+        assert!(LocalDisk.exists(folder.path()).unwrap() && !LocalDisk.is_file(folder.path()));
         LocalDisk.sync_folder(Path::new("")).unwrap();
     }
 }

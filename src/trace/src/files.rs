@@ -25,7 +25,7 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
     let failed = |source: io::Error| {
         let part = with_suffix(path, PART);
-        if source.kind() == io::ErrorKind::NotFound && files.disk().exists(&part) {
+        if source.kind() == io::ErrorKind::NotFound && files.disk().exists(&part).unwrap_or(false) {
             return TraceError::Unfinished { part };
         }
         TraceError::Io {
@@ -61,6 +61,20 @@ pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<B
 /// Puts a file in its place at once: whoever looks finds what was there before, or all of it. The
 /// content is on the disk before the name is, and the name before this returns.
 pub(crate) fn publish(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    publish_by(disk, path, bytes, |from, to| disk.rename(from, to))
+}
+
+/// [`publish`] under a name that nothing has, also not since somebody looked.
+pub(crate) fn publish_new(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    publish_by(disk, path, bytes, |from, to| disk.rename_new(from, to))
+}
+
+fn publish_by(
+    disk: &dyn Disk,
+    path: &Path,
+    bytes: &[u8],
+    rename: impl FnOnce(&Path, &Path) -> io::Result<()>,
+) -> io::Result<()> {
     let temporary = with_suffix(path, TEMPORARY);
     // One that a killed process left.
     let _ = disk.remove_file(&temporary);
@@ -68,7 +82,7 @@ pub(crate) fn publish(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<
         let mut file = disk.create_new(&temporary)?;
         file.write_all(bytes)?;
         file.sync()?;
-        disk.rename(&temporary, path)
+        rename(&temporary, path)
     };
     write().inspect_err(|_| drop(disk.remove_file(&temporary)))?;
     sync_folder(disk, path)

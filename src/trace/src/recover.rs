@@ -238,7 +238,7 @@ pub fn recover_on(
             path: recovery.trace.clone(),
             source,
         };
-        files::publish(disk, &recovery.trace, &bytes).map_err(failed)?;
+        files::publish_new(disk, &recovery.trace, &bytes).map_err(failed)?;
     }
     if is_part && folder.is_none() && recovery.lost.is_empty() {
         disk.remove_file(source).map_err(|error| TraceError::Io {
@@ -340,15 +340,9 @@ fn aborted(trace: &Trace, score: impl RestoreScorer) -> EndRecord {
 /// and a replay comes to the same.
 fn ended(trace: &Trace) -> Option<EndReason> {
     let last = trace.steps.last()?;
-    if trace.header.backend != Backend::Sim {
-        None
-    } else if last.outcome.error == Some(ErrorCode::PhysicsFault) {
-        Some(EndReason::Fault)
-    } else if last.tool.as_deref() == Some(Tool::Finish.paper_name()) {
-        Some(EndReason::Finished)
-    } else {
-        (trace.steps.len() >= trace.header.profile.horizon() as usize).then_some(EndReason::Horizon)
-    }
+    (trace.header.backend == Backend::Sim)
+        .then(|| last.end_reason(trace.header.profile))
+        .flatten()
 }
 
 /// The pictures that are not the recorded ones, and why.
@@ -415,7 +409,12 @@ fn target(
         if path == source {
             continue;
         }
-        if !files.disk().exists(path) {
+        let exists = files.disk().exists(path).map_err(|source| TraceError::Io {
+            action: "look for",
+            path: path.clone(),
+            source,
+        })?;
+        if !exists {
             return Ok((path.clone(), false));
         }
         if holds(files, path, trace) {

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
-    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId,
-    Skills, TokenLogprobs, ToolCall, ToolSpec, WorldGraph,
+    AssetId, Digest, ErrorCode, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile,
+    ReceptacleId, Skills, TokenLogprobs, Tool, ToolCall, ToolSpec, WorldGraph,
 };
 
 /// Where an episode ran.
@@ -430,6 +430,18 @@ impl StepRecord {
         self.tool
             .as_deref()
             .unwrap_or_else(|| ToolSpec::paper_name_of(called))
+    }
+
+    /// Why the episode is over after this step, if it is. Only our simulator ends one for all three
+    /// reasons: a fault comes before `finish`, and `finish` before the horizon.
+    pub fn end_reason(&self, profile: Profile) -> Option<EndReason> {
+        if self.outcome.error == Some(ErrorCode::PhysicsFault) {
+            Some(EndReason::Fault)
+        } else if self.tool.as_deref() == Some(Tool::Finish.paper_name()) {
+            Some(EndReason::Finished)
+        } else {
+            (self.step + 1 >= profile.horizon()).then_some(EndReason::Horizon)
+        }
     }
 
     /// Sum of the reward terms.

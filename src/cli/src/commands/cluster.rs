@@ -51,8 +51,9 @@ enum Command {
         /// Name or address by which executors reach it; without it the one it listens at
         #[arg(long, value_name = "HOST")]
         advertise: Option<String>,
-        /// Seconds without a heartbeat after which an executor is dead and others do its tasks
-        #[arg(long = "executor-timeout", alias = "patience", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
+        /// Seconds without a heartbeat after which an executor is dead and others do its tasks. A
+        /// busy executor sends one every five seconds, so less than ten would take its tasks away
+        #[arg(long = "executor-timeout", alias = "patience", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(10..))]
         patience: u64,
         /// File of identity (`reel cluster cert`); without it, anyone may connect
         #[arg(long, value_name = "FILE", env = "REEL_CLUSTER_IDENTITY")]

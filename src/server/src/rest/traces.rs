@@ -448,7 +448,7 @@ pub(super) async fn branch(
                 format!("trace {} exists already; choose another name", body.name),
             )
         };
-        if path.exists() || path.with_added_extension("part").exists() {
+        if app.archive.is_taken(&path).map_err(ApiError::disk)? {
             return Err(taken());
         }
         let continuation = match (body.policy, body.parent_from) {

@@ -359,8 +359,10 @@ fn what_no_commit_of_the_episodes_names_is_not_there() {
     let path = |name: &str| dir.path().join(name);
     let first = success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None);
     let second = success("oracle", Family::FODP, 1).record_as(&path("b.mcap"), Images::None);
+    let bad = path("bad.mcap");
+    fs::write(&bad, "no trace").unwrap();
     let mut store = Store::open_or_create(&folder).unwrap();
-    ingest(&mut store, &[first, second.clone()]);
+    ingest(&mut store, &[first, second.clone(), bad.clone()]);
     assert_eq!(
         (rows(&store, Table::Episodes), rows(&store, Table::Tasks)),
         (2, 2)
@@ -377,7 +379,9 @@ fn what_no_commit_of_the_episodes_names_is_not_there() {
         ),
         (0, 0, 0)
     );
-    assert_eq!(ingest(&mut reopened, &[second]), (1, 0, 0, 0));
+    assert!(reopened.quarantine().unwrap().is_empty());
+    assert_eq!(ingest(&mut reopened, &[second, bad]), (1, 0, 0, 1));
+    assert_eq!(reopened.quarantine().unwrap().len(), 1);
     assert_eq!(
         (
             rows(&reopened, Table::Episodes),
