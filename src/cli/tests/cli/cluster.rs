@@ -94,7 +94,14 @@ fn a_cluster_gives_what_one_machine_gives() {
     let scheduler = free();
     let nobody = complaint(folder, 2, &format!("replay traces --cluster {scheduler}"));
     assert!(nobody.contains("no scheduler answers"), "{nobody}");
-    let _scheduler = start(folder, &scheduler, &["scheduler", "--patience", "4"]);
+    // A busy executor is heard of every five seconds.
+    let refused = complaint(folder, 2, "cluster scheduler --executor-timeout 4");
+    assert!(refused.contains("10.."), "{refused}");
+    let _scheduler = start(
+        folder,
+        &scheduler,
+        &["scheduler", "--executor-timeout", "10"],
+    );
     let (_one, two) = (executor(folder, &scheduler), executor(folder, &scheduler));
     let traces = folder.join("traces");
     let traces = traces.to_str().unwrap();
