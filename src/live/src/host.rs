@@ -42,8 +42,8 @@ impl Host {
 }
 
 impl Work {
-    /// Begins some work. Once begun it is done to its end, whoever stops waiting.
-    pub fn begin<T: Send + 'static>(
+    /// Begins some work, which is done to its end, whoever stops waiting.
+    pub fn spawn<T: Send + 'static>(
         self,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> JoinHandle<T> {

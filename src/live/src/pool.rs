@@ -221,7 +221,7 @@ impl SessionPool {
         }
         let (session, worker) = self.wait(&slot).await?;
         let pool = self.clone();
-        let done = self.setup.host.work.begin(move || {
+        let done = self.setup.host.work.spawn(move || {
             let _worker = worker;
             let mut used = SessionGuard { session, slot };
             let value = work(&mut used.session);
@@ -251,7 +251,7 @@ impl SessionPool {
     pub async fn render_frame(&self, name: &str) -> Result<Frame, LiveError> {
         let slot = self.found(name)?;
         let (session, worker) = self.wait(&slot).await?;
-        let looked = self.setup.host.work.begin(move || {
+        let looked = self.setup.host.work.spawn(move || {
             let _worker = worker;
             session.render_frame()
         });
@@ -345,7 +345,7 @@ impl SessionPool {
         for slot in slots {
             let session = slot.session.clone().lock_owned().await;
             let abort = move || SessionGuard { session, slot }.session.abort();
-            let left = self.setup.host.work.begin(abort).await;
+            let left = self.setup.host.work.spawn(abort).await;
             if !matches!(left, Ok(Ok(()))) {
                 tracing::warn!(
                     ?left,

@@ -116,7 +116,7 @@ impl Archive {
             disk.remove_file(&path)?;
             disk.sync_folder(path.parent().unwrap_or(Path::new("")))
         };
-        let deleted = self.host.work.begin(delete).await;
+        let deleted = self.host.work.spawn(delete).await;
         let deleted = deleted.map_err(io::Error::other).flatten();
         deleted.map_err(|error| match error.kind() {
             // Somebody else was faster.
@@ -184,7 +184,7 @@ impl Archive {
         &self,
         work: impl FnOnce() -> io::Result<T> + Send + 'static,
     ) -> Result<T, ApiError> {
-        let worked = self.host.work.begin(work).await;
+        let worked = self.host.work.spawn(work).await;
         worked
             .map_err(io::Error::other)
             .flatten()
@@ -258,7 +258,7 @@ impl Archive {
             .worked(move || upload.file.sync().map(|()| upload))
             .await?;
         let read = beside.clone();
-        let checked = self.host.work.begin(move || files.read(&read).map(drop));
+        let checked = self.host.work.spawn(move || files.read(&read).map(drop));
         let checked = checked.await;
         let checked = checked.map_err(|_| {
             ApiError::unprocessable(
@@ -271,7 +271,7 @@ impl Archive {
             return Err(ApiError::unprocessable("bad_trace", shown));
         }
         // Fails where somebody else was faster.
-        let kept = self.host.work.begin(move || upload.keep(&path)).await;
+        let kept = self.host.work.spawn(move || upload.keep(&path)).await;
         let kept = kept.map_err(io::Error::other).flatten();
         kept.map_err(|error| match error.kind() {
             io::ErrorKind::AlreadyExists => taken(),

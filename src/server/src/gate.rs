@@ -169,7 +169,7 @@ pub(crate) async fn admit(
             entry.status = Some(status.as_u16());
             let log = app.audit.clone();
             let work = app.pool.setup().host.work;
-            let kept = work.begin(move || log.append(&entry)).await;
+            let kept = work.spawn(move || log.append(&entry)).await;
             if let Err(error) = kept.map_err(io::Error::other).flatten() {
                 tracing::error!(%error, "the audit log cannot be written");
             }

@@ -56,7 +56,7 @@ pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, 
         .setup()
         .host
         .work
-        .begin(move || tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM]));
+        .spawn(move || tempfile::tempfile_in(folder)?.write_all(&vec![0; ROOM]));
     match tried.await.map_err(io::Error::other).flatten() {
         Ok(()) => {
             *looked = Some(Instant::now());

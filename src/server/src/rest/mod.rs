@@ -263,7 +263,7 @@ async fn analyse<T: Send + 'static>(
         let _place = place;
         work(&inner)
     };
-    match app.pool.setup().host.work.begin(working).await {
+    match app.pool.setup().host.work.spawn(working).await {
         Ok(answer) => answer.map_err(|error| told(app, error)),
         Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
         Err(_) => Err(ApiError::busy("the server is shutting down")),

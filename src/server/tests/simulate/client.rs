@@ -12,9 +12,9 @@ use hyper_util::rt::TokioIo;
 use serde_json::{Value, json};
 
 use crate::{
-    dice::Dice,
     ledger::{Ledger, SentCall},
     network::{Network, Wire},
+    rng::SeededRng,
 };
 
 /// How long a client waits for an answer.
@@ -30,7 +30,7 @@ const CATEGORIES: [&str; 3] = ["cup", "book", "alarm clock"];
 pub struct Client {
     pub network: Network,
     pub ledger: Arc<Mutex<Ledger>>,
-    pub dice: Dice,
+    pub rng: SeededRng,
     /// Whether the wires have faults.
     pub faults: bool,
 }
@@ -62,7 +62,7 @@ impl Client {
         body: impl Into<Bytes>,
     ) -> Option<Answer> {
         let wire = if self.faults {
-            Wire::any(&mut self.dice)
+            Wire::any(&mut self.rng)
         } else {
             Wire::GOOD
         };
@@ -118,7 +118,7 @@ impl Client {
 
     /// Plays in the session of a worker, and closes it at the end or does not.
     pub async fn play(mut self, worker: String, policy: String, calls: u64) {
-        if self.dice.once_in(3) {
+        if self.rng.once_in(3) {
             let lease =
                 json!({"worker": worker, "task_id": self.ledger().task.clone(), "rollouts": 3});
             let headers = [("content-type", "application/json")];
@@ -138,16 +138,16 @@ impl Client {
                 (id, left) = (id + 1, left - 1);
                 let sent = self.any_call(id == 1);
                 self.call(&worker, &session, &policy, id, sent).await;
-                if self.faults && self.dice.once_in(8) {
-                    tokio::time::sleep(Duration::from_secs(self.dice.below(50))).await;
+                if self.faults && self.rng.once_in(8) {
+                    tokio::time::sleep(Duration::from_secs(self.rng.below(50))).await;
                 }
-                if self.faults && self.dice.once_in(12) {
+                if self.faults && self.rng.once_in(12) {
                     tokio::time::sleep(FORGOTTEN_AFTER + Duration::from_secs(5)).await;
                     break;
                 }
             }
         }
-        if self.dice.once_in(2) {
+        if self.rng.once_in(2) {
             let path = format!("/api/sessions/w-{worker}");
             self.ask("DELETE", &path, &[], "").await;
         }
@@ -170,13 +170,13 @@ impl Client {
     }
 
     fn any_call(&mut self, first: bool) -> (&'static str, Value) {
-        match self.dice.below(10) {
+        match self.rng.below(10) {
             _ if first => ("finish", json!({})),
-            0 if self.dice.once_in(2) => ("finish", json!({})),
+            0 if self.rng.once_in(2) => ("finish", json!({})),
             1 => ("ask", json!({"question": "Which one do you mean?"})),
             2 => ("pick", json!({"marker_id": "1"})),
             3 => {
-                let category = *self.dice.pick(&CATEGORIES);
+                let category = *self.rng.pick(&CATEGORIES);
                 (
                     "show_object_by_category",
                     json!({"target_category": category}),
@@ -184,7 +184,7 @@ impl Client {
             }
             4 => ("walk_around", json!({})),
             _ => {
-                let receptacle = *self.dice.pick(&RECEPTACLES);
+                let receptacle = *self.rng.pick(&RECEPTACLES);
                 ("nav_to", json!({"receptacle_name": receptacle}))
             }
         }
@@ -216,12 +216,12 @@ impl Client {
     pub async fn keep_traces(mut self, own: String, times: u64) {
         for _ in 0..times {
             let own = self
-                .dice
+                .rng
                 .once_in(2)
-                .then(|| format!("{own}-{}", self.dice.below(2)));
-            match self.dice.below(6) {
+                .then(|| format!("{own}-{}", self.rng.below(2)));
+            match self.rng.below(6) {
                 0..=2 => {
-                    let name = own.unwrap_or_else(|| format!("shared-{}", self.dice.below(2)));
+                    let name = own.unwrap_or_else(|| format!("shared-{}", self.rng.below(2)));
                     self.upload(&name).await;
                 }
                 3 => {
@@ -231,7 +231,7 @@ impl Client {
                 }
                 4 => self.look().await,
                 _ => {
-                    let idle = Duration::from_millis(self.dice.below(2_000));
+                    let idle = Duration::from_millis(self.rng.below(2_000));
                     tokio::time::sleep(idle).await;
                 }
             }
@@ -241,12 +241,12 @@ impl Client {
     async fn upload(&mut self, name: &str) {
         let (content, mut bytes) = {
             let ledger = self.ledger.lock().expect("no thread died with it");
-            let content = self.dice.below(ledger.samples.len() as u64) as usize;
+            let content = self.rng.below(ledger.samples.len() as u64) as usize;
             (content, ledger.samples[content].clone())
         };
-        let whole = !self.dice.once_in(5);
+        let whole = !self.rng.once_in(5);
         if !whole {
-            let torn = self.dice.below(bytes.len() as u64) as usize;
+            let torn = self.rng.below(bytes.len() as u64) as usize;
             bytes.truncate(torn);
         }
         self.ledger().uploads(name, content);
@@ -283,7 +283,7 @@ impl Client {
             .filter(|trace| trace["recording"] == false)
             .filter_map(|trace| trace["trace"].as_str())
             .collect();
-        if let Some(name) = (!whole.is_empty()).then(|| *self.dice.pick(&whole)) {
+        if let Some(name) = (!whole.is_empty()).then(|| *self.rng.pick(&whole)) {
             self.ask("GET", &format!("/api/traces/{name}/episode"), &[], "")
                 .await;
         }

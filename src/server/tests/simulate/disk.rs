@@ -13,7 +13,7 @@ use std::{
 use reel_trace::{Disk, DiskFile, FileMetadata};
 use tokio::sync::Notify;
 
-use crate::dice::Dice;
+use crate::rng::SeededRng;
 
 /// A disk that is made up.
 #[derive(Clone)]
@@ -31,7 +31,7 @@ pub struct DiskFaults {
 }
 
 struct State {
-    dice: Dice,
+    rng: SeededRng,
     faults: DiskFaults,
     files: Vec<Content>,
     /// The file that each name means now.
@@ -62,7 +62,7 @@ impl SimulatedDisk {
     /// A disk without files, whose accidents follow from the seed.
     pub fn new(seed: u64) -> Self {
         Self(Arc::new(Mutex::new(State {
-            dice: Dice::new(seed, "disk"),
+            rng: SeededRng::new(seed, "disk"),
             faults: DiskFaults::default(),
             files: Vec::new(),
             names: BTreeMap::new(),
@@ -104,14 +104,14 @@ impl SimulatedDisk {
     pub fn power_lost(&self) {
         let mut state = self.lock();
         let State {
-            dice,
+            rng,
             files,
             synced,
             unsynced,
             names,
             ..
         } = &mut *state;
-        let kept = dice.below(unsynced.len() as u64 + 1) as usize;
+        let kept = rng.below(unsynced.len() as u64 + 1) as usize;
         unsynced
             .drain(..)
             .take(kept)
@@ -120,11 +120,11 @@ impl SimulatedDisk {
         for file in files {
             let rest = file.bytes.strip_prefix(&file.synced[..]).unwrap_or(&[]);
             let mut left = file.synced.clone();
-            let more = dice.below(rest.len() as u64 + 1) as usize;
+            let more = rng.below(rest.len() as u64 + 1) as usize;
             left.extend_from_slice(&rest[..more]);
-            if more > 0 && dice.once_in(2) {
+            if more > 0 && rng.once_in(2) {
                 // A sector that was given to the file and never written.
-                let lost = dice.below(more.min(512) as u64 + 1) as usize;
+                let lost = rng.below(more.min(512) as u64 + 1) as usize;
                 let end = left.len();
                 left[end - lost..].fill(0);
             }
@@ -170,7 +170,7 @@ impl State {
     ) -> io::Result<T> {
         let dies = self.step(what, path)?;
         // It dies before or after, and never knows.
-        if dies && self.dice.once_in(2) {
+        if dies && self.rng.once_in(2) {
             return Err(died());
         }
         let done = operation(self);
@@ -196,7 +196,7 @@ impl State {
             return Ok(true);
         }
         match self.faults.fails_once_in {
-            Some(times) if self.dice.once_in(times) => Err(io::Error::other("input/output error")),
+            Some(times) if self.rng.once_in(times) => Err(io::Error::other("input/output error")),
             _ => Ok(false),
         }
     }
@@ -374,8 +374,8 @@ impl Write for OpenFile {
         if count == 0 && !bytes.is_empty() {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        if dies || state.faults.fails_once_in.is_some() && state.dice.once_in(8) {
-            count = state.dice.below(count as u64 + 1) as usize;
+        if dies || state.faults.fails_once_in.is_some() && state.rng.once_in(8) {
+            count = state.rng.below(count as u64 + 1) as usize;
         }
         let content = &mut state.files[self.file].bytes;
         let (from, to) = (self.position as usize, self.position as usize + count);

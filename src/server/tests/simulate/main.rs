@@ -6,10 +6,10 @@
 //! same world again.
 
 mod client;
-mod dice;
 mod disk;
 mod ledger;
 mod network;
+mod rng;
 
 use std::{
     collections::BTreeMap,
@@ -34,10 +34,10 @@ use tokio::{runtime::Builder, sync::oneshot, task::JoinSet};
 
 use crate::{
     client::{Client, FORGOTTEN_AFTER},
-    dice::Dice,
     disk::{DiskFaults, SimulatedDisk},
     ledger::Ledger,
     network::network,
+    rng::SeededRng,
 };
 
 /// Worlds of a daily run.
@@ -51,7 +51,7 @@ const LAST_CALLS: u64 = 3;
 const TASK: &str = "SUL/home_0001";
 
 /// What is the same in all worlds.
-struct Given {
+struct Fixtures {
     folder: TempDir,
     samples: Vec<Bytes>,
 }
@@ -59,17 +59,17 @@ struct Given {
 /// One world, from the first process to the last.
 struct World<'g> {
     seed: u64,
-    given: &'g Given,
-    dice: Dice,
+    fixtures: &'g Fixtures,
+    rng: SeededRng,
     disk: SimulatedDisk,
     ledger: Arc<Mutex<Ledger>>,
     durability: &'static str,
-    told: Told,
+    counts: Counts,
 }
 
 /// What happened in worlds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-struct Told {
+struct Counts {
     processes: u64,
     killed: u64,
     powerless: u64,
@@ -95,19 +95,19 @@ enum Ending {
 }
 
 impl Ending {
-    fn any(dice: &mut Dice) -> Self {
-        match dice.below(6) {
-            0 => Self::Asked(Duration::from_millis(dice.below(200_000))),
-            1 => Self::Time(Duration::from_millis(dice.below(60_000))),
-            2 => Self::Turns(dice.below(2_000)),
-            _ => Self::Operation(1 + dice.below(250)),
+    fn any(rng: &mut SeededRng) -> Self {
+        match rng.below(6) {
+            0 => Self::Asked(Duration::from_millis(rng.below(200_000))),
+            1 => Self::Time(Duration::from_millis(rng.below(60_000))),
+            2 => Self::Turns(rng.below(2_000)),
+            _ => Self::Operation(1 + rng.below(250)),
         }
     }
 }
 
 #[test]
 fn what_was_acknowledged_is_on_the_disk() {
-    let given = given();
+    let fixtures = fixtures();
     let number = |name: &str| {
         env::var(name)
             .ok()
@@ -118,20 +118,20 @@ fn what_was_acknowledged_is_on_the_disk() {
         number("REEL_SEEDS").unwrap_or(DAILY),
     );
     let (next, begun) = (AtomicU64::new(first), Instant::now());
-    let (told, violations) = (Mutex::new(Told::default()), Mutex::new(Vec::new()));
+    let (counts, violations) = (Mutex::new(Counts::default()), Mutex::new(Vec::new()));
     let work = || {
         loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
             if seed >= first + count {
                 break;
             }
-            let world = || World::new(seed, &given).run();
+            let world = || World::new(seed, &fixtures).run();
             let Ok((happened, wrong, _)) = panic::catch_unwind(AssertUnwindSafe(world)) else {
                 println!("seed {seed}: it panicked");
                 violations.lock().unwrap().push(seed);
                 continue;
             };
-            told.lock().unwrap().add(happened);
+            counts.lock().unwrap().add(happened);
             for violation in wrong {
                 println!("seed {seed}: {violation}");
                 violations.lock().unwrap().push(seed);
@@ -147,9 +147,9 @@ fn what_was_acknowledged_is_on_the_disk() {
     };
     let workers = thread::available_parallelism().map_or(1, usize::from);
     thread::scope(|scope| (0..workers).for_each(|_| drop(scope.spawn(work))));
-    let told = told.into_inner().unwrap();
+    let counts = counts.into_inner().unwrap();
     println!(
-        "{count} worlds in {:.0} s: {told:?}",
+        "{count} worlds in {:.0} s: {counts:?}",
         begun.elapsed().as_secs_f64()
     );
     let mut violations = violations.into_inner().unwrap();
@@ -162,22 +162,22 @@ fn what_was_acknowledged_is_on_the_disk() {
     // A server that refuses everything keeps every promise.
     if count >= DAILY {
         assert!(
-            told.acknowledged > 0 && told.uploads > 0 && told.replayed > 0,
-            "nothing was acknowledged: {told:?}"
+            counts.acknowledged > 0 && counts.uploads > 0 && counts.replayed > 0,
+            "nothing was acknowledged: {counts:?}"
         );
     }
 }
 
 #[test]
 fn a_seed_gives_the_same_world_again() {
-    let given = given();
+    let fixtures = fixtures();
     for seed in 0..24 {
-        let [one, other] = [(); 2].map(|()| World::new(seed, &given).run());
+        let [one, other] = [(); 2].map(|()| World::new(seed, &fixtures).run());
         assert_eq!(one, other, "seed {seed}");
     }
 }
 
-fn given() -> Given {
+fn fixtures() -> Fixtures {
     let folder = TempDir::new().unwrap();
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
     let mut traces: Vec<PathBuf> = golden
@@ -193,13 +193,13 @@ fn given() -> Given {
     let samples = traces[..3]
         .iter()
         .map(|path| std::fs::read(path).unwrap().into());
-    Given {
+    Fixtures {
         samples: samples.collect(),
         folder,
     }
 }
 
-impl Told {
+impl Counts {
     fn add(&mut self, other: Self) {
         self.processes += other.processes;
         self.killed += other.killed;
@@ -214,45 +214,45 @@ impl Told {
 }
 
 impl<'g> World<'g> {
-    fn new(seed: u64, given: &'g Given) -> Self {
-        let mut dice = Dice::new(seed, "world");
+    fn new(seed: u64, fixtures: &'g Fixtures) -> Self {
+        let mut rng = SeededRng::new(seed, "world");
         Self {
             seed,
-            given,
+            fixtures,
             disk: SimulatedDisk::new(seed),
             ledger: Arc::new(Mutex::new(Ledger::new(
-                given.samples.clone(),
+                fixtures.samples.clone(),
                 TASK.to_owned(),
             ))),
-            durability: *dice.pick(&["write", "fsync"]),
-            dice,
-            told: Told::default(),
+            durability: *rng.pick(&["write", "fsync"]),
+            rng,
+            counts: Counts::default(),
         }
     }
 
     /// What happened, what may not have, and a digest of all of it.
-    fn run(mut self) -> (Told, Vec<String>, [blake3::Hash; 2]) {
+    fn run(mut self) -> (Counts, Vec<String>, [blake3::Hash; 2]) {
         let mut violations = Vec::new();
         let mut finished: BTreeMap<PathBuf, blake3::Hash> = BTreeMap::new();
-        for generation in 0..=self.dice.below(3) {
+        for generation in 0..=self.rng.below(3) {
             let mut faults = DiskFaults::default();
-            if self.dice.once_in(4) {
-                faults.room = Some(self.dice.below(400_000));
-                self.told.full += 1;
+            if self.rng.once_in(4) {
+                faults.room = Some(self.rng.below(400_000));
+                self.counts.full += 1;
             }
-            if self.dice.once_in(5) {
-                faults.fails_once_in = Some(20 + self.dice.below(200));
-                self.told.failing += 1;
+            if self.rng.once_in(5) {
+                faults.fails_once_in = Some(20 + self.rng.below(200));
+                self.counts.failing += 1;
             }
-            let ending = Ending::any(&mut self.dice);
+            let ending = Ending::any(&mut self.rng);
             if let Ending::Operation(operation) = ending {
                 faults.dies_at = Some(operation);
             }
             let killed = self.process(generation, faults, ending);
             if killed {
-                self.told.killed += 1;
-                if self.dice.once_in(2) {
-                    self.told.powerless += 1;
+                self.counts.killed += 1;
+                if self.rng.once_in(2) {
+                    self.counts.powerless += 1;
                     if self.durability == "write" {
                         self.ledger.lock().unwrap().power_lost();
                     }
@@ -277,18 +277,18 @@ impl<'g> World<'g> {
                 let Ok(trace) = files.read(path) else {
                     continue;
                 };
-                self.told.replayed += 1;
+                self.counts.replayed += 1;
                 let verdict = verify_trace(&trace);
                 if !verdict.is_exact() {
                     violations.push(format!("{}: {}", path.display(), verdict.name()));
                 }
             }
         }
-        self.told.acknowledged = ledger.acknowledged() as u64;
-        self.told.uploads = ledger.kept() as u64;
+        self.counts.acknowledged = ledger.acknowledged() as u64;
+        self.counts.uploads = ledger.kept() as u64;
         let digests = [ledger.events(), self.disk.history()];
         drop(ledger);
-        (self.told, violations, digests)
+        (self.counts, violations, digests)
     }
 
     /// What is finished stays as it is, byte for byte, as long as nobody deletes it.
@@ -319,25 +319,29 @@ impl<'g> World<'g> {
     }
 
     fn config(&mut self, generation: u64) -> Config {
-        let run = if self.dice.once_in(2) {
+        let run = if self.rng.once_in(2) {
             "sim".to_owned()
         } else {
             format!("sim{generation}")
         };
         Config {
-            data: self.given.folder.path().join(format!("data-{}", self.seed)),
+            data: self
+                .fixtures
+                .folder
+                .path()
+                .join(format!("data-{}", self.seed)),
             log_filter: "off".to_owned(),
             play: Play {
                 seed: 1,
                 run: Some(run),
-                images: self.dice.once_in(8),
+                images: self.rng.once_in(8),
                 durability: self.durability.to_owned(),
                 ..Play::default()
             },
             limits: Limits {
                 sessions: 6,
-                simulators: 1 + self.dice.below(3) as usize,
-                workers: 1 + self.dice.below(2) as usize,
+                simulators: 1 + self.rng.below(3) as usize,
+                workers: 1 + self.rng.below(2) as usize,
                 suspend_after_s: 10,
                 close_after_s: FORGOTTEN_AFTER.as_secs(),
                 ..Limits::default()
@@ -348,7 +352,7 @@ impl<'g> World<'g> {
 
     /// A process of the server with its clients; whether it was killed.
     fn process(&mut self, generation: u64, faults: DiskFaults, ending: Ending) -> bool {
-        self.told.processes += 1;
+        self.counts.processes += 1;
         let is_last = generation == LAST;
         self.ledger.lock().unwrap().faults = !is_last;
         self.disk.begin(faults);
@@ -362,11 +366,11 @@ impl<'g> World<'g> {
             disk: Arc::new(self.disk.clone()),
             work: Work::Tasks,
         };
-        let clients = if is_last { 1 } else { 1 + self.dice.below(4) };
+        let clients = if is_last { 1 } else { 1 + self.rng.below(4) };
         let client = |network, number: u64| Client {
             network,
             ledger: self.ledger.clone(),
-            dice: Dice::new(self.seed, &format!("client {generation} {number}")),
+            rng: SeededRng::new(self.seed, &format!("client {generation} {number}")),
             faults: !is_last,
         };
         let disk = self.disk.clone();
@@ -408,7 +412,7 @@ impl<'g> World<'g> {
         });
         // Nothing that is dropped now reaches the disk.
         self.disk.end();
-        self.told.operations += self.disk.operations();
+        self.counts.operations += self.disk.operations();
         drop(runtime);
         killed
     }

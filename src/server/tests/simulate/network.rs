@@ -10,7 +10,7 @@ use tokio::{
     sync::mpsc,
 };
 
-use crate::dice::Dice;
+use crate::rng::SeededRng;
 
 /// Where every client seems to be.
 const CLIENT: SocketAddr =
@@ -46,16 +46,16 @@ impl Wire {
     };
 
     /// A wire as it may be in a world with faults: good, slow, or one that ends in the midst.
-    pub fn any(dice: &mut Dice) -> Self {
+    pub fn any(rng: &mut SeededRng) -> Self {
         let mut wire = Self::GOOD;
-        if dice.once_in(4) {
-            wire.piece = 1 + dice.below(2_000) as usize;
-            wire.delay = Duration::from_millis(dice.below(40));
+        if rng.once_in(4) {
+            wire.piece = 1 + rng.below(2_000) as usize;
+            wire.delay = Duration::from_millis(rng.below(40));
         }
-        if dice.once_in(5) {
-            let direction = dice.below(2) as usize;
-            wire.ends_after[direction] = dice.below(1_500);
-            wire.breaks = !dice.once_in(4);
+        if rng.once_in(5) {
+            let direction = rng.below(2) as usize;
+            wire.ends_after[direction] = rng.below(1_500);
+            wire.breaks = !rng.once_in(4);
         }
         wire
     }

@@ -5,9 +5,9 @@ use rand_core::{Rng as _, SeedableRng as _};
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
-pub struct Dice(ChaCha8Rng);
+pub struct SeededRng(ChaCha8Rng);
 
-impl Dice {
+impl SeededRng {
     /// The stream of a seed and a purpose; streams of other purposes do not depend on it.
     pub fn new(seed: u64, purpose: &str) -> Self {
         let digest = blake3::hash(format!("{seed}/{purpose}").as_bytes());
