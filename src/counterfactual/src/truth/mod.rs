@@ -8,18 +8,20 @@
 //! - The *harm* is `world` if an object or a door is wrong at the end that was not so at the start
 //!   (the target in the hand is no such object), else `ending` if the policy finished, else `time`.
 //! - The *strict* decisive call is, for `world`, the first successful pick, place, open or close of
-//!   the cause after which the oracle never again needs as few calls as before it; for `ending`, the
-//!   finish; for `time`, the cause's onset. *Fair* are besides: the onset, where the harm is
-//!   `world` or `ending`; the first call from the onset on that brought the oracle no nearer (an
-//!   operator may begin with what was due anyway), and the first with which one that repeats calls
-//!   or places repeats itself; where the harm is `world` and the decisive call
-//!   picks the target itself, the call that places it; where the harm is `ending`, a change of the
-//!   world by the same measure as for `world` (who took the target up again and finished); and,
-//!   where the harm is `time`, the last call from which the oracle still succeeded.
+//!   the cause that brought the oracle no nearer, and after which it never again was as near as it
+//!   had been at best; where there is none (the oracle itself would have put the thing down there on
+//!   its way), the change that left the thing as it is at the end. For `ending` it is the finish, for
+//!   `time` the onset of the primary cause.
+//! - *Fair* are besides, of every cause: its onset; the first call from there on that brought the
+//!   oracle no nearer (an operator may begin with what was due anyway); the first with which one that
+//!   repeats calls or places repeats itself. Where the harm is `world` and the decisive call picks
+//!   the target itself, the call that places it; where the harm is `ending`, a change of the world by
+//!   the same measure as for `world` (who took the target up again and finished); and, where the
+//!   harm is `time`, the last call from which the oracle still succeeded.
 //!
 //! Never blame or a rule of the taxonomy: this judges them.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, ops::Range};
 
 use reel_agents::{
     AgentError, EpisodeReport, Policy, RecordTo, RunningEpisode,
@@ -29,7 +31,7 @@ use reel_episode::EpisodeConfig;
 use reel_replay::Fork;
 use reel_trace::Trace;
 use reel_world::{
-    Skills,
+    InstanceId, ObjectInstance, ReceptacleId, Skills, WorldGraph,
     record::{EndReason, StepRecord},
 };
 use serde::{Deserialize, Serialize};
@@ -206,22 +208,28 @@ fn failure(
         .map(|call| call as u32);
     let last = trace.steps.len().saturating_sub(1) as u32;
     let damage = damage(trace, &costs, onset);
-    let placing = damage.and_then(|damage| placing_of_target(trace, damage));
-    let (decisive, others) = match harm {
-        HarmKind::World => (damage, [Some(onset), placing]),
-        HarmKind::Ending => (Some(last), [Some(onset), damage]),
-        HarmKind::Time => (Some(onset), [last_chance, None]),
+    let (decisive, other) = match harm {
+        HarmKind::World => {
+            let decisive = damage.or_else(|| last_change_of_wrong(trace));
+            let placing = decisive.and_then(|call| placing_of_target(trace, call));
+            (decisive, placing)
+        }
+        HarmKind::Ending => (Some(last), damage),
+        HarmKind::Time => (Some(onset), last_chance),
     };
-    let others = others.into_iter().chain([
-        first_loss(&costs, onset),
-        first_repetition(trace, policy, primary),
-    ]);
+    let of_causes = causes.iter().flat_map(|cause| {
+        let onset = truth.events[*cause].onset;
+        let loss = onset.and_then(|onset| first_loss(&costs, onset));
+        [onset, loss, first_repetition(trace, policy, *cause)]
+    });
+    let fair_decisive = [decisive, other].into_iter().chain(of_causes);
+    let fair_decisive = fair_decisive.flatten().collect();
     Ok(Failure {
         label,
         fair: fair.into_iter().collect(),
         harm,
         decisive,
-        fair_decisive: decisive.into_iter().chain(others.flatten()).collect(),
+        fair_decisive,
         contributing: acted
             .iter()
             .copied()
@@ -261,12 +269,26 @@ fn is_change(step: &StepRecord, tool: &str) -> bool {
 
 /// What kind of harm the episode ended in.
 fn harm(trace: &Trace) -> HarmKind {
-    let (task, start) = (&trace.task, &trace.start.graphs.physics);
     let Some(end) = &trace.end else {
         return HarmKind::Time;
     };
-    let graph = &end.graphs.physics;
-    let is_wrong = |object: &reel_world::ObjectInstance| {
+    let (objects, doors) = left_wrong(trace, &end.graphs.physics);
+    if !objects.is_empty() || !doors.is_empty() {
+        HarmKind::World
+    } else if end.reason == EndReason::Finished {
+        HarmKind::Ending
+    } else {
+        HarmKind::Time
+    }
+}
+
+/// The objects and the doors that are wrong at the end and were not so at the start.
+fn left_wrong<'t>(
+    trace: &'t Trace,
+    graph: &WorldGraph,
+) -> (Vec<&'t InstanceId>, Vec<&'t ReceptacleId>) {
+    let (task, start) = (&trace.task, &trace.start.graphs.physics);
+    let is_wrong = |object: &&ObjectInstance| {
         let now = graph.receptacle_of(&object.instance);
         let right = [
             start.receptacle_of(&object.instance),
@@ -278,19 +300,35 @@ fn harm(trace: &Trace) -> HarmKind {
     // Put back where it was counts as placed wrongly, as it was moved.
     let put_back = trace.steps.iter().any(|step| is_change(step, "place"))
         && graph.receptacle_of(&task.target) == start.receptacle_of(&task.target);
+    let objects = task.objects.iter().filter(is_wrong);
+    let objects = objects
+        .map(|object| &object.instance)
+        .chain(put_back.then_some(&task.target));
     // A door that the goal does not move may stay open: success does not need it closed.
-    let door_is_wrong = graph
-        .receptacles
-        .keys()
-        .filter(|id| task.goal.door(id) != task.initial.door(id))
-        .any(|id| graph.door(id) != task.goal.door(id));
-    if task.objects.iter().any(is_wrong) || put_back || door_is_wrong {
-        HarmKind::World
-    } else if end.reason == EndReason::Finished {
-        HarmKind::Ending
-    } else {
-        HarmKind::Time
+    let moved = |id: &&ReceptacleId| task.goal.door(id) != task.initial.door(id);
+    let doors = start.receptacles.keys().filter(moved);
+    let doors = doors.filter(|id| graph.door(id) != task.goal.door(id));
+    (objects.collect(), doors.collect())
+}
+
+/// The last change of what is wrong at the end.
+fn last_change_of_wrong(trace: &Trace) -> Option<u32> {
+    let (objects, doors) = left_wrong(trace, &trace.end.as_ref()?.graphs.physics);
+    let mut graph = trace.start.graphs.physics.clone();
+    let state = |graph: &WorldGraph| {
+        let places = objects.iter().map(|id| graph.receptacle_of(id).cloned());
+        let doors = doors.iter().map(|id| graph.door(id));
+        (places.collect::<Vec<_>>(), doors.collect::<Vec<_>>())
+    };
+    let mut last = None;
+    for step in &trace.steps {
+        let before = state(&graph);
+        graph.apply(&step.changes.physics);
+        if state(&graph) != before {
+            last = Some(step.step);
+        }
     }
+    last
 }
 
 /// By call: how many calls the oracle needs that takes over there; none where it fails.
@@ -342,15 +380,18 @@ fn placing_of_target(trace: &Trace, call: u32) -> Option<u32> {
     Some(placing.step)
 }
 
-/// The first change of the world from the onset on that was never made good.
+/// The first change of the world from the onset on that brought the oracle no nearer, and was never
+/// made good: what led up to it (a look at the wrong object) may have cost something, too.
 fn damage(trace: &Trace, costs: &[Option<u32>], onset: u32) -> Option<u32> {
     let needs = |call: usize| costs.get(call).copied().flatten().unwrap_or(u32::MAX);
+    let least = |calls: Range<usize>| calls.map(needs).min().unwrap_or(u32::MAX);
     let changes = ["pick", "place", "open", "close"];
     let mut found = trace.steps.iter().filter(|step| step.step >= onset);
     let step = found.find(|step| {
         let call = step.step as usize;
-        let later = (call + 1..costs.len()).map(needs).min().unwrap_or(u32::MAX);
-        changes.iter().any(|tool| is_change(step, tool)) && later >= needs(call)
+        changes.iter().any(|tool| is_change(step, tool))
+            && needs(call + 1) >= needs(call)
+            && least(call + 1..costs.len()) >= least(0..call + 1)
     });
     step.map(|step| step.step)
 }
