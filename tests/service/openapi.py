@@ -35,7 +35,7 @@ read_timeout_s = 3
 body_mib = 1
 upload_mib = 1
 requests_per_s = 1
-burst = 60
+burst = 200
 sql_rows = 1
 sql_timeout_s = 8
 analyses = 1
@@ -490,6 +490,14 @@ def narrow_server(folder, seen, made, episodes):
         finally:
             (data / "definitions").unlink()
             (data / "elsewhere").rename(data / "definitions")
+
+        # A disk that cannot say whether there is a trace of that name.
+        (data / "traces" / "round.mcap").symlink_to("round.mcap")
+        try:
+            branch = {"at": 0, "policy": "oracle", "name": "round"}
+            admin.expect(507, "POST", "/api/traces/{trace}/branches", branch, trace=episodes[0]["trace"])
+        finally:
+            (data / "traces" / "round.mcap").unlink()
 
         (data / "traces").rename(data / "elsewhere")
         try:

@@ -13,8 +13,8 @@
 //!   its way), the change that left the thing as it is at the end. For `ending` it is the finish, for
 //!   `time` the onset of the primary cause.
 //! - *Fair* are besides, of every cause: its onset; the first call from there on that brought the
-//!   oracle no nearer (an operator may begin with what was due anyway); the first with which one that
-//!   repeats calls or places repeats itself. Where the harm is `world` and the decisive call picks
+//!   oracle no nearer (an operator may begin with what was due anyway); of one that repeats calls or
+//!   places, those of its first round, with the first repetition. Where the harm is `world` and the decisive call picks
 //!   the target itself, the call that places it; where the harm is `ending`, a change of the world by
 //!   the same measure as for `world` (who took the target up again and finished); and, where the
 //!   harm is `time`, the last call from which the oracle still succeeded.
@@ -220,10 +220,11 @@ fn failure(
     let of_causes = causes.iter().flat_map(|cause| {
         let onset = truth.events[*cause].onset;
         let loss = onset.and_then(|onset| first_loss(&costs, onset));
-        [onset, loss, first_repetition(trace, policy, *cause)]
+        let round = first_round(trace, policy, *cause);
+        [onset, loss].into_iter().flatten().chain(round)
     });
-    let fair_decisive = [decisive, other].into_iter().chain(of_causes);
-    let fair_decisive = fair_decisive.flatten().collect();
+    let fair_decisive = [decisive, other].into_iter().flatten().chain(of_causes);
+    let fair_decisive = fair_decisive.collect();
     Ok(Failure {
         label,
         fair: fair.into_iter().collect(),
@@ -355,17 +356,22 @@ fn first_loss(costs: &[Option<u32>], onset: u32) -> Option<u32> {
         .map(|call| call as u32)
 }
 
-/// The first call with which an operator that repeats calls or places repeated itself.
-fn first_repetition(trace: &Trace, policy: &Perturbed, operator: usize) -> Option<u32> {
+/// The calls of an operator that repeats calls or places, up to the first with which it repeats
+/// itself: where in its first round it goes wrong is a matter of taste.
+fn first_round(trace: &Trace, policy: &Perturbed, operator: usize) -> Vec<u32> {
     let repeats = [OperatorFamily::Repetition, OperatorFamily::Wandering];
     if !repeats.contains(&policy_kind(policy, operator).family()) {
-        return None;
+        return Vec::new();
     }
-    let mut made = BTreeSet::new();
+    let (mut made, mut round) = (BTreeSet::new(), Vec::new());
     let steps = trace.steps.iter().zip(policy.made_by());
-    let mut own = steps.filter(|(_, by)| **by == Some(operator));
-    own.find(|(step, _)| !made.insert(step.input.call.to_string()))
-        .map(|(step, _)| step.step)
+    for (step, _) in steps.filter(|(_, by)| **by == Some(operator)) {
+        round.push(step.step);
+        if !made.insert(step.input.call.to_string()) {
+            return round;
+        }
+    }
+    Vec::new()
 }
 
 /// Where a call picks the target, the next one that places it.
