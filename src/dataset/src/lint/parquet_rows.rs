@@ -7,10 +7,12 @@ use std::{fs::File, path::Path, vec};
 
 use arrow::{
     array::{Array, ArrayRef, AsArray, RecordBatch},
-    datatypes::{DataType, Schema},
+    datatypes::DataType,
     json::ArrayWriter,
 };
-use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
+use parquet::arrow::arrow_reader::{
+    ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
+};
 use serde_json::{Map, Value};
 
 use crate::lint::{Image, ImageSource, LintError, example::FormatWarning, formats::format_warning};
@@ -93,7 +95,7 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<FormatWarning>, LintError>
         .map(|field| field.name().as_str())
         .collect();
     let mut notes = Vec::new();
-    let features = features(schema);
+    let features = features(&builder);
     if let Some(features) = &features {
         let missing: Vec<&str> = schema
             .fields()
@@ -140,15 +142,21 @@ fn builder(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, LintErr
         path: path.to_owned(),
         source,
     })?;
-    ParquetRecordBatchReaderBuilder::try_new(file).map_err(|source| LintError::Parquet {
-        path: path.to_owned(),
-        source,
+    // The Arrow schema that writers store beside Parquet's own is not needed, and reading a damaged
+    // one panics.
+    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
+    ParquetRecordBatchReaderBuilder::try_new_with_options(file, options).map_err(|source| {
+        LintError::Parquet {
+            path: path.to_owned(),
+            source,
+        }
     })
 }
 
-fn features(schema: &Schema) -> Option<Map<String, Value>> {
-    let text = schema.metadata().get("huggingface")?;
-    let metadata: Value = serde_json::from_str(text).ok()?;
+fn features(builder: &ParquetRecordBatchReaderBuilder<File>) -> Option<Map<String, Value>> {
+    let entries = builder.metadata().file_metadata().key_value_metadata()?;
+    let text = entries.iter().find(|entry| entry.key == "huggingface")?;
+    let metadata: Value = serde_json::from_str(text.value.as_deref()?).ok()?;
     metadata.get("info")?.get("features")?.as_object().cloned()
 }
 
