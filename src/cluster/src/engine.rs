@@ -302,7 +302,21 @@ impl Drop for ResultStream {
 
 #[cfg(test)]
 mod tests {
-    use std::net::TcpListener;
+    use std::{
+        net::TcpListener,
+        sync::atomic::{AtomicUsize, Ordering::Relaxed},
+    };
+
+    use datafusion::{
+        arrow::datatypes::Schema,
+        common::exec_err,
+        physical_plan::{
+            collect,
+            stream::RecordBatchStreamAdapter,
+            streaming::{PartitionStream, StreamingTableExec},
+        },
+    };
+    use futures_util::stream;
 
     use super::*;
 
@@ -326,5 +340,58 @@ mod tests {
                 && !said.contains("tonic"),
             "{said}"
         );
+    }
+
+    /// A plan on a cluster that loses executors, so often.
+    #[derive(Debug)]
+    struct Losing {
+        schema: SchemaRef,
+        left: AtomicUsize,
+    }
+
+    impl PartitionStream for Losing {
+        fn schema(&self) -> &SchemaRef {
+            &self.schema
+        }
+
+        fn execute(&self, _: Arc<TaskContext>) -> SendableRecordBatchStream {
+            let fewer = |left: usize| left.checked_sub(1);
+            let lost = self.left.fetch_update(Relaxed, Relaxed, fewer).is_ok();
+            let answer = match lost {
+                true => exec_err!("Job 7 failed: {LOST}"),
+                false => Ok(RecordBatch::new_empty(self.schema.clone())),
+            };
+            let stream = stream::iter([answer]);
+            Box::pin(RecordBatchStreamAdapter::new(self.schema.clone(), stream))
+        }
+    }
+
+    #[tokio::test]
+    async fn a_job_that_lost_an_executor_is_begun_anew_twice() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = Address::parse(&listener.local_addr().unwrap().to_string()).unwrap();
+        let ask = async |losses: usize| {
+            let schema = SchemaRef::new(Schema::empty());
+            let left = AtomicUsize::new(losses);
+            let losing: Arc<dyn PartitionStream> = Arc::new(Losing {
+                schema: schema.clone(),
+                left,
+            });
+            let planned =
+                StreamingTableExec::try_new(schema, vec![losing], None, [], false, None).unwrap();
+            let plan = CancelOnDrop {
+                planned: Arc::new(planned),
+                address: address.clone(),
+                credentials: Arc::new(Credentials {
+                    identity: None,
+                    build: String::new(),
+                }),
+            };
+            collect(Arc::new(plan), Arc::default()).await
+        };
+        assert_eq!(ask(0).await.unwrap().len(), 1);
+        assert_eq!(ask(2).await.unwrap().len(), 1);
+        let failed = ask(3).await.unwrap_err().to_string();
+        assert!(failed.contains(LOST), "{failed}");
     }
 }

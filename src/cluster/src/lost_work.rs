@@ -154,7 +154,7 @@ mod tests {
     use ballista_core::{
         extension::SessionConfigExt as _,
         serde::{
-            protobuf::{ShuffleWritePartition, SuccessfulTask, TaskStatus},
+            protobuf::{FetchPartitionError, ShuffleWritePartition, SuccessfulTask, TaskStatus},
             scheduler::{
                 ExecutorMetadata, ExecutorOperatingSystemSpecification, ExecutorSpecification,
                 TaskKey,
@@ -162,10 +162,14 @@ mod tests {
         },
     };
     use ballista_scheduler::{
+        cluster::BallistaCluster,
+        config::SchedulerConfig,
         planner::DefaultDistributedPlanner,
+        scheduler_process::create_scheduler,
         state::{
             execution_graph::{
-                ExecutionGraph as _, StaticExecutionGraph, TaskDescription, create_task_info,
+                ExecutionGraph as _, ExecutionGraphBox, StaticExecutionGraph, TaskDescription,
+                create_task_info,
             },
             execution_stage::TaskInfo,
         },
@@ -249,16 +253,21 @@ mod tests {
                 ..ShuffleWritePartition::default()
             })
             .collect();
+        let end = TaskEnd::Successful(SuccessfulTask {
+            executor_id: id.to_owned(),
+            partitions,
+            ..SuccessfulTask::default()
+        });
+        end_task(job, task, id, end);
+    }
+
+    fn end_task(job: &mut StaticExecutionGraph, task: &TaskDescription, id: &str, end: TaskEnd) {
         let status = TaskStatus {
             task_id: task.key.task_id as u32,
             job_id: "job".to_owned(),
             stage_id: task.key.stage_id as u32,
             stage_attempt_num: task.stage_attempt_num as u32,
-            status: Some(TaskEnd::Successful(SuccessfulTask {
-                executor_id: id.to_owned(),
-                partitions,
-                ..SuccessfulTask::default()
-            })),
+            status: Some(end),
             ..TaskStatus::default()
         };
         job.update_task_status(&executor(id), vec![status], 4, 4)
@@ -283,22 +292,26 @@ mod tests {
         results.map(Vec::len).sum()
     }
 
+    /// A job that counts three rows of which two executors did a part, until one of them is lost.
+    async fn disturbed() -> StaticExecutionGraph {
+        let mut job = job().await;
+        // Each has done a part of the first stage, and one of them a part of the second.
+        for id in ["one", "other", "one"] {
+            let task = take(&mut job, id).unwrap();
+            done(&mut job, &task, id);
+        }
+        assert!(!was_redone(job.stages()));
+        job.reset_stages_on_lost_executor("other").unwrap();
+        job
+    }
+
     #[tokio::test]
     async fn an_executor_that_is_lost_doubles_rows_and_its_job_does_not_count() {
         let mut undisturbed = job().await;
         do_rest(&mut undisturbed, "one");
         assert!(!was_redone(undisturbed.stages()));
 
-        let mut disturbed = job().await;
-        // Each has done a part of the first stage, and one of them a part of the second.
-        for id in ["one", "other"] {
-            let task = take(&mut disturbed, id).unwrap();
-            done(&mut disturbed, &task, id);
-        }
-        let task = take(&mut disturbed, "one").unwrap();
-        done(&mut disturbed, &task, "one");
-        assert!(!was_redone(disturbed.stages()));
-        disturbed.reset_stages_on_lost_executor("other").unwrap();
+        let mut disturbed = disturbed().await;
         assert!(was_redone(disturbed.stages()));
         do_rest(&mut disturbed, "one");
         assert!(was_redone(disturbed.stages()));
@@ -315,5 +328,50 @@ mod tests {
         take(&mut disturbed, "other").unwrap();
         disturbed.reset_stages_on_lost_executor("other").unwrap();
         assert!(was_redone(disturbed.stages()));
+    }
+
+    #[tokio::test]
+    async fn a_stage_that_is_begun_anew_is_noticed_where_no_task_was_lost() {
+        let mut disturbed = job().await;
+        for _ in 0..2 {
+            let task = take(&mut disturbed, "one").unwrap();
+            done(&mut disturbed, &task, "one");
+        }
+        let task = take(&mut disturbed, "one").unwrap();
+        let missing = FetchPartitionError {
+            executor_id: "nobody any more".to_owned(),
+            map_stage_id: 1,
+            ..FetchPartitionError::default()
+        };
+        let end = TaskEnd::Failed(FailedTask {
+            failed_reason: Some(FailedReason::FetchPartitionError(missing)),
+            ..FailedTask::default()
+        });
+        end_task(&mut disturbed, &task, "one", end);
+        assert!(was_redone(disturbed.stages()));
+    }
+
+    #[tokio::test]
+    async fn who_asks_for_a_job_that_lost_an_executor_hears_that_it_failed() {
+        for (mut job, lost) in [(job().await, false), (disturbed().await, true)] {
+            do_rest(&mut job, "one");
+            job.succeed_job().unwrap();
+            let config = SchedulerConfig::default();
+            let cluster = BallistaCluster::new_from_config(&config).await.unwrap();
+            let (id, ended) = (JobId::from("job"), cluster.job_state());
+            let job: ExecutionGraphBox = Box::new(job);
+            ended.accept_job(&id, "", 0).unwrap();
+            ended.submit_job(id.clone(), &job, None).await.unwrap();
+            ended.save_job(&id, &job).await.unwrap();
+            let server = create_scheduler(cluster, Arc::new(config)).await.unwrap();
+            let scheduler = Scheduler { server, ended };
+            let asked = Request::new(GetJobStatusParams { job_id: id.into() });
+            let answer = scheduler.get_job_status(asked).await.unwrap().into_inner();
+            match answer.status.unwrap().status.unwrap() {
+                JobEnd::Failed(failed) if lost => assert_eq!(failed.error, LOST),
+                JobEnd::Successful(_) if !lost => {}
+                other => panic!("lost: {lost}, {other:?}"),
+            }
+        }
     }
 }

@@ -14,10 +14,10 @@
 //!   `time` the onset of the primary cause.
 //! - *Fair* are besides, of every cause: its onset; the first call from there on that brought the
 //!   oracle no nearer (an operator may begin with what was due anyway); of one that repeats calls or
-//!   places, those of its first round, with the first repetition. Where the harm is `world` and the decisive call picks
-//!   the target itself, the call that places it; where the harm is `ending`, a change of the world by
-//!   the same measure as for `world` (who took the target up again and finished); and, where the
-//!   harm is `time`, the last call from which the oracle still succeeded.
+//!   places, those of its first round, with the first repetition. Where the harm is `world` and the
+//!   decisive call picks the target itself, the call that places it; where the harm is `ending`, a
+//!   change of the world by the same measure as for `world` (who took the target up again and
+//!   finished); and, where the harm is `time`, the last call from which the oracle still succeeded.
 //!
 //! Never blame or a rule of the taxonomy: this judges them.
 

@@ -543,6 +543,15 @@ fn labels_of_two_at_a_time_stay() {
     // the labels of an earlier version are still those of that version
     let before = Store::open_at(folder, store.version() - 1).unwrap();
     assert_eq!(before.labels().unwrap().len(), 11);
+    // who takes all of them out and is killed before that is named has not done it, and can
+    let mut store = store;
+    store.change_labels(|_| Vec::new()).unwrap();
+    let newest = format!("episodes/_delta_log/{:020}.json", store.version());
+    fs::remove_file(folder.join(newest)).unwrap();
+    let mut reopened = Store::open(folder).unwrap();
+    assert_eq!(reopened.labels().unwrap().len(), 12);
+    reopened.change_labels(|_| Vec::new()).unwrap();
+    assert!(reopened.labels().unwrap().is_empty());
 }
 
 #[test]
