@@ -86,7 +86,7 @@ eval-insight: ## how often taxonomy and blame are right on perturbed competent p
 scale: ## ten million synthetic episodes: made, compacted, asked; and read by third-party readers (needs Python; 20 GB; an hour)
 	tests/bench/scale.sh
 
-cluster: ## scheduler and executors on machines of their own, with a bucket: same answers, dying machines, growth (needs Python; half an hour)
+cluster: ## scheduler and executors on machines of their own, with a bucket: same answers, node failure, growth (needs Python; half an hour)
 	tests/cluster/run.sh
 
 load: ## a thousand sessions in one server, 200 acting, beside a server that does nothing (ten minutes)

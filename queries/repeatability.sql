@@ -8,8 +8,8 @@
 --   trials                         how often it was measured
 --   odometry_cm, odometry_sd_cm    distance to the wanted position, centimetres: mean and deviation
 --   yaw_deg, yaw_sd_deg            difference in heading, degrees
---   shift_px, shift_sd_px          shift of the picture, pixels
---   rmse_px                        error of the picture's registration, pixels: root mean square
+--   shift_px, shift_sd_px          shift of the image, pixels
+--   rmse_px                        error of the image's registration, pixels: root mean square
 --
 -- Parameters:
 --   $policy = %  who decided, as in LIKE; %: any

@@ -52,6 +52,8 @@ rebuild() {
 }
 timed "tasks real-bench" rebuild
 timed "task check" "$daily" task check "$bench/tasks"
+mkdir "$work/vocabulary"
+timed "open vocabulary" python3 tests/vocabulary/argmax.py "$daily" "$bench/tasks" "$work/vocabulary"
 
 record() {
   "$daily" run --tasks "$bench/tasks" --policy "$1" --seed "$seed" --out "$out/$1" --jobs "$jobs" | tee "$work/$1.txt"
@@ -77,7 +79,7 @@ for policy in oracle wrong-object wrong-receptacle no-ask oscillating forgets-do
   figures+=("$(printf '%-44s %9d of %d task files, %d bytes each' "traces of $policy" "$recorded" "$tasks" "$(($(bytes "$out/$policy") / recorded))")")
 done
 
-# Pictures dropped and drawn again, over more than 200 episodes: the same bytes.
+# Images dropped and drawn again, over more than 200 episodes: the same bytes.
 for policy in oracle no-ask; do
   timed "compact, $policy" "$daily" trace compact "$out/$policy" --out "$work/lean/$policy" --jobs "$jobs"
   timed "expand, $policy" "$daily" trace expand "$work/lean/$policy" --out "$work/expanded/$policy" --jobs "$jobs"

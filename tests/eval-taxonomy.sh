@@ -35,4 +35,4 @@ evaluate() {
 evaluate "single faults" single "$count" "$seed"
 evaluate "combinations and repaired faults" combined $((count / 2)) $((seed + 500000)) --double-share 0.7 --repaired-share 0.35 --detour-share 0.5
 evaluate "the paper's hundred episodes" paper 100 $((seed + 800000)) --paper
-echo "pictures and stores: $work"
+echo "images and stores: $work"

@@ -121,7 +121,7 @@ row() { printf '%-42s %10s %10s   %s\n' "$1" "$(figure reel "$2")" "$(figure idl
 session_mb=$(figure reel session_mb)
 echo
 row 'calls a second' calls_per_s
-row 'mean picture, kB' picture_kb
+row 'mean image, kB' image_kb
 row 'cores busy, server' server_cores
 row 'cores busy, clients' client_cores
 row 'cores busy, anything else on the machine' others_cores

@@ -1,5 +1,5 @@
-"""Measures `reel export sft` beside the Python script of the same work: traces recorded with pictures and without into rows
-without pictures, and into rows with them; then its memory as traces become more. Before that the rows of both are compared.
+"""Measures `reel export sft` beside the Python script of the same work: traces recorded with frames and without into rows
+without frames, and into rows with them; then its memory as traces become more. Before that the rows of both are compared.
 
 The script verifies the traces it reads, refuses privileged text, counts tokens and writes a manifest, as the export does; what
 it does less is told in `export_python.py`. What it takes without all that stands beside it (`unchecked`).
@@ -36,7 +36,7 @@ COMPARED = 60
 UNVERIFIED = ("--no-replay", "--allow-unverified")
 # What only a store knows.
 LEFT_OUT = ("preset_digest", "table_version")
-# Two ways to scale a picture differ by so much of 255, on average.
+# Two ways to scale an image differ by so much of 255, on average.
 MEAN_DIFFERENCE_MAX = 0.5
 # What the script's manifest tells as ours does.
 COUNTED = (("counts", "examples"), ("counts", "families"), ("counts", "tools"), ("counts", "policies"), ("excluded",)) + tuple(
@@ -55,7 +55,7 @@ SCRIPTS = (
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--full", required=True, type=Path, help="folder of traces with pictures")
+    parser.add_argument("--full", required=True, type=Path, help="folder of traces with images")
     parser.add_argument("--lean", required=True, type=Path, help="folder of traces without")
     parser.add_argument("--reel", required=True)
     parser.add_argument("--work", required=True, type=Path)
@@ -66,7 +66,7 @@ def main():
     bench = Bench(options.reel, options.work)
     full, lean = (sorted(map(str, folder.glob("*.mcap")), key=in_order) for folder in (options.full, options.lean))
     check_leaks()
-    kinds = (("recorded with pictures", full, False), ("recorded without", lean, False), ("recorded with pictures", full, True))
+    kinds = (("recorded with images", full, False), ("recorded without", lean, False), ("recorded with images", full, True))
     for name, traces, images in kinds:
         bench.check(name, traces, images)
     if options.check:
@@ -101,7 +101,7 @@ class Bench:
         for told, way in scripts(images):
             self.script(traces, way, images)
             theirs = rows(self.python_out)
-            # the script counts no tokens of pictures
+            # the script counts no tokens of images
             if "--unchecked" not in way and not images:
                 other = json.loads((self.python_out / "manifest.json").read_text())
                 differing = [path for path in COUNTED if at(manifest, path) != at(other, path)]
@@ -111,12 +111,12 @@ class Bench:
                 sys.exit(f"{name}: {len(ours)} and {len(theirs)} rows, none or others")
             for mine, other in zip(ours, theirs):
                 differing = [column for column in mine if mine[column] != other[column] and column not in (*LEFT_OUT, "images")]
-                pictures = zip(mine["images"], other["images"], strict=True)
+                frames = zip(mine["images"], other["images"], strict=True)
                 # the first decision of an episode shows no image
                 expected = images and mine["call"] > 0
-                if differing or len(mine["images"]) != expected or not all(alike(*pair) for pair in pictures):
-                    sys.exit(f"{name}: example {mine['example']} differs: {', '.join(differing) or 'pictures'}")
-        shown = "rows with pictures" if images else "rows without"
+                if differing or len(mine["images"]) != expected or not all(alike(*pair) for pair in frames):
+                    sys.exit(f"{name}: example {mine['example']} differs: {', '.join(differing) or 'images'}")
+        shown = "rows with images" if images else "rows without"
         print(f"traces {name}, {shown}: {len(ours)} rows of {len(traces)} traces are the same", flush=True)
 
     def compare(self, name, traces, images):
@@ -136,8 +136,8 @@ class Bench:
             return (counts[0] - counts[1]) / (all_ - one)
 
         rates = {told: rate(*(part[told] for part in seconds)) for told in seconds[0]}
-        with_pictures = "with pictures" if images else "without pictures"
-        print(f"{len(traces)} traces {name}, {counts[0]} rows {with_pictures}: examples a CPU second")
+        with_frames = "with images" if images else "without images"
+        print(f"{len(traces)} traces {name}, {counts[0]} rows {with_frames}: examples a CPU second")
         for told, theirs in rates.items():
             ratios = f"reel: {rates[ALONE] / theirs:.1f} times it, with ingest {rates[TOGETHER] / theirs:.1f} times"
             print(f"  {told:40} {theirs:9.0f} {'' if told in (ALONE, TOGETHER) else ratios}", flush=True)
@@ -160,8 +160,8 @@ class Bench:
 
     def export_run(self, images, *more):
         shutil.rmtree(self.out, ignore_errors=True)
-        pictures = "png" if images else "none"
-        how = ["--format", "parquet", "--annotations", "recorded", "--images", pictures, *more]
+        frames = "png" if images else "none"
+        how = ["--format", "parquet", "--annotations", "recorded", "--images", frames, *more]
         return run([self.reel, "export", "sft", "--store", self.store, "--out", self.out, *how])
 
     def script(self, traces, way, images):
@@ -174,7 +174,7 @@ class Bench:
 
 
 def scripts(images):
-    """With pictures the ways of the script differ by little, and one stands for all."""
+    """With images the ways of the script differ by little, and one stands for all."""
     return SCRIPTS[1:2] if images else SCRIPTS
 
 
@@ -214,8 +214,8 @@ def rows(folder):
 
 
 def alike(mine, other):
-    """Whether two pictures are of one size, and nearly of one content."""
-    mine, other = (Image.open(BytesIO(picture["bytes"])) for picture in (mine, other))
+    """Whether two images are of one size, and nearly of one content."""
+    mine, other = (Image.open(BytesIO(frame["bytes"])) for frame in (mine, other))
     return mine.size == other.size and max(ImageStat.Stat(ImageChops.difference(mine, other)).mean) <= MEAN_DIFFERENCE_MAX
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make bench-export`: the same training set by `reel export sft` and by PyPI mcap + datasets, without pictures and with them
+# `make bench-export`: the same training set by `reel export sft` and by PyPI mcap + datasets, without images and with them
 # (Pillow); then the memory of the export from 1,000 to 50,000 traces. TRACES_MAX (default 50000).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

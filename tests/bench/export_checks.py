@@ -1,6 +1,6 @@
 """What `reel export sft` looks for in every text before it becomes a row, for `export_python.py`: signs of privileged text, the
 words of the task that an agent must not know, JSON that tells a world graph or a plan, all that in disguise, and tags that
-trainers take for turns or pictures.
+trainers take for turns or images.
 
 The signs are read from where they stand (`src/dataset/src/privileged.rs`). RE2 looks for them all at once, two hundred times
 faster than `re`; the texts of an episode are looked at together, and one by one only where that finds something.

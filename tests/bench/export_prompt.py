@@ -21,10 +21,8 @@ SOURCES = Path(__file__).parents[2] / "src"
 CALLS_KEPT = 65536
 # As `src/prompt/src` has it.
 MAX_TURNS, ASKS_PER_TURN = 50, 0.15
-OUTCOME_LENGTH_MAX = 120
 RAW_LENGTH_MAX = 100
-NOTHING_YET = "I have not done anything yet."
-UNTOLD_CALL = "I called a tool."
+NOTHING_NEW = "I noted nothing new."
 LEGACY_TOOLS = {"place_on_top": "place"}
 REPORTED_ERRORS = (
     "[[internal error]]", "error executing", "traceback", "no object in the inventory", "cannot place object into a closed",
@@ -99,7 +97,7 @@ class Decisions:
     def __init__(self, values):
         self.values = values
         # of the Histories in the answers
-        self.history, self.lines, self.line_count, self.told_before, self.log = "", "", 0, "", None
+        self.history, self.lines, self.line_count, self.told_before = "", "", 0, ""
         # what the trainer remembers
         self.progress, self.progress_lines, self.last_action = "", 0, "{}"
         # what it shows of the call before: its text, none before the first
@@ -138,8 +136,8 @@ class Decisions:
             self.last_action = call.shown
         return answer
 
-    def observe(self, step, category, untold):
-        """Takes in what came of the call: the category that is held then, and whether no History may tell of it."""
+    def observe(self, step, category):
+        """Takes in what came of the call, and the category that is held then."""
         call, wording = call_of(step.name, step.args), prompts().wording
         text = step.outcome.strip()
         shown = "" if text.startswith(("{", "Debug Info:")) else text
@@ -150,7 +148,6 @@ class Decisions:
             if not any(error in lower for error in REPORTED_ERRORS):
                 self.occupied = call.tool == "pick"
         self.held = category
-        self.log = UNTOLD_CALL if untold else f"{call.action}: {' '.join(text.split())[:OUTCOME_LENGTH_MAX]}"
 
     def next_history(self, told):
         """Makes the History of the next decision out of its prose; gives its last line, without the number."""
@@ -160,13 +157,18 @@ class Decisions:
             return NUMBERED.fullmatch(lines[-1])[1]
         new = " ".join(told[shared_sentences(self.told_before, told) :].lstrip(BREAK).split())
         self.told_before = told
-        line = new or self.log or NOTHING_YET
+        if not told.strip():  # nobody wrote one
+            self.history = ""
+            return ""
+        line = new or NOTHING_NEW
         before = f"{self.lines}\n" if self.lines else ""
         self.history = self.lines = f"{before}{self.line_count}) {line}"
         self.line_count += 1
         return line
 
     def remember(self, line):
+        if not line:
+            return
         before = f"{self.progress}\n" if self.progress else ""
         self.progress = f"{before}{self.progress_lines}) {line.strip()}"
         self.progress_lines += 1

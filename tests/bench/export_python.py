@@ -8,7 +8,7 @@ way that the documentation of datasets names for more data than memory holds.
 
 A row is what ours is: the decisions of episodes that succeeded, mistakes left out, as prompt and answer in the form of REAL's
 trainer (`export_prompt.py`) with the words that were recorded, and the columns of provenance. `export.py` compares them. With
-`--images` the latest picture before a decision, the first one excepted, is decoded from the trace, scaled to the pixel budget
+`--images` the frame of the result before a decision, the first one excepted, is decoded from the trace, scaled to the pixel budget
 and encoded as PNG.
 
 It does what `reel export sft` does beside: whole traces are decoded and their hash chains verified, as rows say where they come
@@ -44,18 +44,18 @@ import orjson
 import pyarrow as pa
 from blake3 import blake3
 from datasets import Dataset, Features, Image, List, Value
-from PIL import Image as Picture
+from PIL import Image as Frame
 
 from export_checks import NO_SECRETS, Secrets, clean, refused, strip
 from export_prompt import Decisions, prompts, tools, values_of
 from ingest_python import READERS, TAKERS, Trace, cpu_seconds, files_of
 from ingest_rows import arguments_of
 
-# Rows of a file, without pictures and with them.
+# Rows of a file, without images and with them.
 ROWS = {False: 5000, True: 500}
 PIXELS_MAX = 100_352
-# Encoded pictures that are kept: episodes of a task begin with the same one.
-PICTURES_KEPT = 64
+# Encoded images that are kept: episodes of a task begin with the same one.
+FRAMES_KEPT = 64
 # Tasks whose part of the prompt is kept.
 TASKS_KEPT = 1024
 
@@ -172,7 +172,7 @@ def reader_of(name, images, made):
     topics = TAKERS if made else ("/episode", "/tool/call", "/tool/result", "/policy/output")
     takers = {topic: TAKERS[topic] for topic in topics}
     if images:
-        takers["/camera/head"] = taking_pictures
+        takers["/camera/head"] = taking_frames
 
     class Chosen(READERS[name]):
         """Decodes only what rows are made of, where nothing is verified."""
@@ -196,12 +196,12 @@ def reader_of(name, images, made):
     return Chosen(check_chain=bool(made))
 
 
-def taking_pictures(decode, trace):
+def taking_frames(decode, trace):
     """By the number of calls before it; decoded only where a row shows it."""
-    trace.pictures = {}
+    trace.frames = {}
 
     def take(data, offset):
-        trace.pictures[len(trace.calls)] = lambda: decode(data).data
+        trace.frames[len(trace.calls)] = lambda: decode(data).data
 
     return take
 
@@ -237,39 +237,37 @@ def decisions(trace, told, made):
     episode = start.episode_id, start.task_id, start.family, start.scene_id, start.policy.name
     source = trace.path, trace.end.chain.hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
     steps = [*steps_of(trace)]
-    refused, untold = refusals(steps, told) if made else ((), ())
-    pictures = getattr(trace, "pictures", {})
-    turn, view, rows = Decisions(told.values), None, []
+    refused = refusals(steps, told) if made else ()
+    frames = getattr(trace, "frames", {})
+    turn, rows = Decisions(told.values), []
     for number, step in enumerate(steps):
-        view = pictures.get(number, view)
         if step.tool in tools() and not step.mistake and number not in refused:
             example = f"{start.episode_id}/{number}"
             # REAL's first prompt holds no observation yet, and so no image
-            shown = view if number else None
+            shown = frames.get(number) if number else None
             user = told.text + turn.prompt(bool(shown))
             answer = turn.answer(step)
-            images = [(picture(shown()), f"{example}.png")] if shown else []
+            images = [(frame(shown()), f"{example}.png")] if shown else []
             rows.append((example, *episode, step.tool, *source, number, 0, prompts().digest, (user, answer), images))
         else:
             turn.answer(step)
             if made:
                 reason = "decisions that were mistakes" if step.mistake else "episodes and decisions refused"
                 made.left_out["decisions that call no tool" if step.tool not in tools() else reason] += 1
-        turn.observe(step, task.objects[step.held]["category"] if step.held in task.objects else None, number in untold)
+        turn.observe(step, task.objects[step.held]["category"] if step.held in task.objects else None)
     return rows
 
 
 def refusals(steps, told):
-    """The decisions that may not go out, for a text of theirs, a History up to theirs or the call before; and the calls that no
-    History may tell of."""
+    """The decisions that may not go out, for a text of theirs, a History up to theirs or the call before."""
     everything = range(len(steps))
     if told.refused:
-        return everything, everything
+        return everything
     texts = (
         (step.reasoning, step.history, step.schedule, step.subtask, step.name, step.args, step.outcome) for step in steps
     )
     if clean(chain.from_iterable(texts), told.secrets):
-        return (), ()
+        return ()
 
     def bad(*texts):
         return any(refused(text, told.secrets) for text in texts)
@@ -278,7 +276,7 @@ def refusals(steps, told):
     remembered = [*accumulate((bad(step.history) for step in steps), lambda before, now: before or now)]
     called = [bad(step.name, step.args) for step in steps]
     untold = {at for at, step in enumerate(steps) if called[at] or bad(step.outcome)}
-    return {at for at in everything if said[at] or remembered[at] or called[at] or at - 1 in untold}, untold
+    return {at for at in everything if said[at] or remembered[at] or called[at] or at - 1 in untold}
 
 
 class Counts:
@@ -366,13 +364,13 @@ def told_of(task, scene, checked):
     return Told(text, values, tokens(text), secrets, bad)
 
 
-@functools.lru_cache(PICTURES_KEPT)
-def picture(file):
-    """A picture as PNG within the pixel budget."""
-    image = Picture.open(BytesIO(file)).convert("RGB")
+@functools.lru_cache(FRAMES_KEPT)
+def frame(file):
+    """An image as PNG within the pixel budget."""
+    image = Frame.open(BytesIO(file)).convert("RGB")
     scale = math.sqrt(PIXELS_MAX / (image.width * image.height))
     if scale < 1:
-        image = image.resize((int(image.width * scale), int(image.height * scale)), Picture.Resampling.LANCZOS)
+        image = image.resize((int(image.width * scale), int(image.height * scale)), Frame.Resampling.LANCZOS)
     out = BytesIO()
     image.save(out, "PNG", compress_level=1)
     return out.getvalue()

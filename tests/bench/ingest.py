@@ -1,4 +1,4 @@
-"""Measures `reel ingest` beside the Python script of the same work and a loop that only decodes, on traces with pictures (as
+"""Measures `reel ingest` beside the Python script of the same work and a loop that only decodes, on traces with images (as
 they are recorded by default) and without; then its memory as traces become more.
 
 CPU time of the work, the least of five: of Python's process without its imports, of ours without what it takes to start and
@@ -68,7 +68,7 @@ def copies(binary, traces, folder, count):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--full", required=True, type=Path, help="folder of traces with pictures")
+    parser.add_argument("--full", required=True, type=Path, help="folder of traces with images")
     parser.add_argument("--lean", required=True, type=Path, help="folder of traces without")
     parser.add_argument("--reel", required=True)
     parser.add_argument("--decode", required=True)
@@ -77,7 +77,7 @@ def main():
     parser.add_argument("--traces-max", type=int, default=50_000)
     options = parser.parse_args()
     store = options.work / "ingest-store"
-    for name, folder in (("with pictures", options.full), ("lean", options.lean)):
+    for name, folder in (("with images", options.full), ("lean", options.lean)):
         traces = sorted(map(str, folder.glob("*.mcap")))
         start = ours(options.reel, traces[:1], store)
         compare(options, name, traces, ours(options.reel, traces, store) - start)

@@ -1,7 +1,7 @@
 """The work of `reel ingest` in Python: MCAP traces into Parquet with PyPI mcap, protobuf and pyarrow.
 
 The yardstick that ingest is measured against, tuned as its users would tune it: every file is read once, every
-checksum is verified, pictures and viewers' channels are skipped undecoded, messages are decoded by upb with the
+checksum is verified, images and viewers' channels are skipped undecoded, messages are decoded by upb with the
 schemas of the file, the hash chain and the digests of task and scene are computed anew, columns are made of flat
 tuples, and rows leave in batches. mcap's own reader would take most of the time then: by default this script goes
 through the records itself and leaves it the parsing of chunk headers, attachments, schemas and channels. The rows are

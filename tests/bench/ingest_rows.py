@@ -226,8 +226,9 @@ class Rows:
         steps["listed_objects"] = Nested(self.listed_counts, self.listed)
         steps["logprobs"] = Nested(self.logprob_counts, columns_of(("policy", "logprobs"), self.logprobs))
         steps["contradictions"] = [0] * len(self.steps)
-        # What an answer means is not read again here.
-        steps["settles"] = [None] * len(self.steps)
+        # What an answer or a query means is not read again here.
+        for name in ("settles", "match_source", "match_categories", "query_known"):
+            steps[name] = [None] * len(self.steps)
         # Clocks of servers and robots: the simulator's traces have none.
         steps["duration_ns"] = [None] * len(self.steps)
         steps["new_objects"] = Nested(self.new_object_counts, self.new_objects)

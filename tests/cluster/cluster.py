@@ -257,9 +257,9 @@ def results(lab, count):
         lab.run("ingest", place, "--store", lab.work / f"store-{name}")
         lab.must("export", "sft", "--store", lab.work / f"store-{name}", "--out", lab.work / f"dataset-{name}", "--format", "trl")
         manifest = json.loads((lab.work / f"dataset-{name}" / "manifest.json").read_text())
-        pictures = sorted(entry["blake3"] for entry in manifest["files"] if "images/" in entry["path"])
-        counted.append((manifest["counts"], pictures))
-    lab.check("export of traces in the bucket: same examples and pictures, verified by replay", counted[0] == counted[1] and counted[0][1], counted)
+        images = sorted(entry["blake3"] for entry in manifest["files"] if "images/" in entry["path"])
+        counted.append((manifest["counts"], images))
+    lab.check("export of traces in the bucket: same examples and images, verified by replay", counted[0] == counted[1] and counted[0][1], counted)
     for arguments in [["replay", traces, "--json"], ["replay", traces / "broken"], ["replay", traces / "broken", "--outcomes"], ["blame", traces, "--no-alternatives", "--json"]]:
         begin = time.monotonic()
         local = lab.run(*arguments)
@@ -278,7 +278,7 @@ def results(lab, count):
 
 
 def faults(lab, count):
-    """Acceptance: dying machines and a bad store."""
+    """Acceptance: node failure and a bad store."""
     traces = lab.record(count)
     expected = lab.run("replay", traces, "--json")
     lab.must("trace", "copy", traces, "s3://reel/traces")

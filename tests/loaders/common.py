@@ -1,7 +1,7 @@
 """What the loaders' tests share: the manifest of the dataset in the working folder, and what must hold of its rows.
 
-Where REEL_FRAMES names a file, the pictures of all rows have to be equal to what it holds: their pixels (8-bit RGB, row by
-row), one picture after the other.
+Where REEL_FRAMES names a file, the frames of all rows have to be equal to what it holds: their pixels (8-bit RGB, row by
+row), one frame after the other.
 """
 
 import json
@@ -25,7 +25,7 @@ def splits():
 
 
 def check_image(image):
-    """A picture decodes, within the budget."""
+    """An image decodes, within the budget."""
     image.load()
     budget = MANIFEST["writer"]["images"]["pixels_max"]
     assert image.width > 0 and (budget is None or image.width * image.height <= budget), image.size
@@ -35,7 +35,7 @@ def check_image(image):
 
 
 def check_path(path):
-    """A picture's file decodes."""
+    """An image's file decodes."""
     from PIL import Image
 
     with Image.open(path) as image:
@@ -43,7 +43,7 @@ def check_path(path):
 
 
 def check_total(rows, images):
-    """All rows and pictures that the manifest promises came."""
+    """All rows and images that the manifest promises came."""
     assert rows == MANIFEST["counts"]["examples"], (rows, MANIFEST["counts"]["examples"])
     assert images == MANIFEST["counts"]["images"], (images, MANIFEST["counts"]["images"])
     assert not (FRAMES and FRAMES.read(1)), "frames that no row showed"

@@ -1,4 +1,4 @@
-"""Hugging Face datasets, versions 3 and 5: rows, features, pictures."""
+"""Hugging Face datasets, versions 3 and 5: rows, features, images."""
 
 import json
 
@@ -17,13 +17,13 @@ for split, promised in splits().items():
         loaded = loaded.cast_column(column, many(datasets.Image()))
     for row in loaded:
         rows += 1
-        pictures = row.get(column) or []
-        images += len(pictures)
-        for picture in pictures:
-            check_image(picture)
+        frames = row.get(column) or []
+        images += len(frames)
+        for frame in frames:
+            check_image(frame)
         if kind == "json":
             check_provenance(row)
             rest = json.dumps({key: value for key, value in row.items() if key != column})
             tags = rest.count('"type": "image"') if format == "trl" else rest.count("<image>")
-            assert tags == len(pictures), (tags, len(pictures))
+            assert tags == len(frames), (tags, len(frames))
 check_total(rows, images)

@@ -1,4 +1,4 @@
-"""The openai package's types of a request, every message and tool validated strictly; pictures as data URLs."""
+"""The openai package's types of a request, every message and tool validated strictly; images as data URLs."""
 
 import base64
 import io

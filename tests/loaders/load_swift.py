@@ -1,4 +1,4 @@
-"""ms-swift's AutoPreprocessor, strict: every row is kept, with its roles, pictures and tools."""
+"""ms-swift's AutoPreprocessor, strict: every row is kept, with its roles, images and tools."""
 
 import contextlib
 import importlib

@@ -1,4 +1,4 @@
-"""TRL's preparation of rows, without a model: conversational, tools readable, every placeholder gets its picture."""
+"""TRL's preparation of rows, without a model: conversational, tools readable, every placeholder gets its image."""
 
 import json
 
@@ -19,8 +19,8 @@ for split in splits():
         shown = [part["image"] for part in parts if part["type"] == "image"]
         assert len(shown) == len(row["images"])
         images += len(shown)
-        for picture in shown:
-            check_image(picture)
+        for image in shown:
+            check_image(image)
         roles = [turn["role"] for turn in turns]
         if MANIFEST["style"] == "single-turn":
             # The published prompt is a user's turn; one of a template may have a system's turn before it.

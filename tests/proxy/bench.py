@@ -3,7 +3,7 @@ the same server, in the same run. Prints medians, the median of the paired diffe
 
     bench.py [--calls N]
 
-Servers: `reel serve` with profile real-repo (a simulator that computes; each result holds a picture), and one that answers at once
+Servers: `reel serve` with profile real-repo (a simulator that computes; each result holds an image), and one that answers at once
 with a result that was kept: what the recorder adds stands out there.
 """
 
@@ -61,9 +61,9 @@ def main():
                 compare(name, direct, through, [("highlight_receptacles", {})] * min(count, 27))
                 direct.close()
                 through.close()
-        with_picture = kept
+        with_image = kept
         without = {"content": [item for item in kept["content"] if item["type"] == "text"]}
-        for label, result in (("picture", with_picture), ("text alone", without)):
+        for label, result in (("image", with_image), ("text alone", without)):
             with Instant(result) as server, Recorder(server.port) as recorder:
                 direct, through = Http(server.port), Http(recorder.port)
                 compare(f"at once, {label}, Streamable HTTP", direct, through, [("highlight_receptacles", {})] * count)

@@ -269,8 +269,8 @@ def test_kill_loses_no_forwarded_call():
 
 def full_disk(mode):
     """A recorder whose files may not grow beyond 300 kB, before a server whose results hold 100 kB."""
-    picture = base64.b64encode(os.urandom(75_000)).decode()
-    result = {"content": [{"type": "text", "text": "x" * 60_000}, {"type": "image", "mimeType": "image/png", "data": picture}]}
+    image = base64.b64encode(os.urandom(75_000)).decode()
+    result = {"content": [{"type": "text", "text": "x" * 60_000}, {"type": "image", "mimeType": "image/png", "data": image}]}
     limited = ["sh", "-c", 'trap "" XFSZ; ulimit -f 600; exec "$@"', "sh"]
     with Instant(result) as server, Recorder(server.port, "--on-full", mode, before=limited) as recorder:
         agents = [Http(recorder.port), Sse(recorder.port)]
@@ -437,8 +437,8 @@ def pixels(file):
     return width, height, rows
 
 
-def test_pictures_of_any_size():
-    """JPEG files and PNG files of other sizes are drawn into 640 x 480, and kept as they came; what is no picture is left out."""
+def test_images_of_any_size():
+    """JPEG files and PNG files of other sizes are drawn into 640 x 480, and kept as they came; what is no image is left out."""
     wide = png(1280, 720, lambda x, y: (20, 40, 220) if x < 640 else (200, 30, 30))
     tall = png(60, 120, lambda x, y: (0, 200, 0))
     kinds = [(JPEG, "image/jpeg"), (base64.b64encode(wide).decode(), "image/png"), (base64.b64encode(tall).decode(), "image/png")]
@@ -450,14 +450,14 @@ def test_pictures_of_any_size():
             agent.close()
             assert until(lambda: recorder.traces())
             (trace,), left_out = recorder.traces(), kind == "image/gif"
-            out = recorder.out / "pictures"
+            out = recorder.out / "images"
             code, said, error = reel("trace", "frames", trace, "--out", out)
             assert ("1 images left out" in recorder.stop()) == left_out and ("image/gif" in recorder.log.read_text()) == left_out
             if left_out:
                 continue
             assert code == 0, said + error
             shown = json.loads(reel("show", trace, "--json")[1])["steps"][0]
-            assert shown["digests"]["frame"], "the digest of a picture that was drawn again is known"
+            assert shown["digests"]["frame"], "the digest of an image that was drawn again is known"
             width, height, rows = pixels(next(path for path in sorted(out.glob("*.png")) if "sheet" not in path.name).read_bytes())
             at = lambda x, y: rows[y][3 * x : 3 * x + 3]
             assert (width, height) == (640, 480)

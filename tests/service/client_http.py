@@ -22,19 +22,19 @@ async def main():
             return result
 
         begun = (await call("finish")).structured_content["episode"]
-        seen, calls, pictures = [], 0, 0
+        seen, calls, images = [], 0, 0
         for receptacle in begun["receptacles"][:8]:
             for tool, arguments in [("nav_to", {"receptacle_name": receptacle["id"]}), ("walk_around", {})]:
                 result = await call(tool, **arguments)
                 calls += 1
-                pictures += sum(item.type == "image" and item.mime_type == "image/png" for item in result.content)
+                images += sum(item.type == "image" and item.mime_type == "image/png" for item in result.content)
                 seen += result.structured_content.get("markers", [])
         left = result.structured_content["decisions_left"]
         after = await call("finish")
         following = after.structured_content.get("episode", {})
         print(json.dumps({
             "task_id": begun["task_id"], "instruction": begun["instruction"], "tools": sorted(tools), "calls": calls, "left": left,
-            "pictures": pictures, "markers": len(seen), "next": following.get("task_id"),
+            "images": images, "markers": len(seen), "next": following.get("task_id"),
             "schemas": all(tool.output_schema for tool in tools.values()),
         }))
 

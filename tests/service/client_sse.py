@@ -34,9 +34,9 @@ class Episode:
         result = await self.session.call_tool(tool, arguments)
         assert not result.isError, f"{tool}: a failure of the domain is no protocol error"
         texts = [item.text for item in result.content if item.type == "text"]
-        pictures = [item for item in result.content if item.type == "image"]
+        images = [item for item in result.content if item.type == "image"]
         assert texts[-1].startswith("Debug Info:\n"), texts[-1][:80]
-        assert len(pictures) == 1 and pictures[0].mimeType == "image/png"
+        assert len(images) == 1 and images[0].mimeType == "image/png"
         self.state = json.loads(texts[-1].removeprefix("Debug Info:\n"))
         self.texts.append(texts[0] if len(texts) > 1 else "")
         return self.texts[-1]

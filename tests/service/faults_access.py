@@ -57,7 +57,7 @@ def fault_session_ids():
         assert stood == [1], f"the other session has other calls than its own: {stood}"
         second.call("finish")
         asked = {step["input"]["call"]["arguments"].get("question") for path in server.traces() for step in steps(path)}
-        assert asked == {"mine", None}, f"on tape is {asked}"
+        assert asked == {"mine", None}, f"persisted is {asked}"
         # The transport of 2024.
         one, two = Stream(server), Stream(server)
         one.hello(), two.hello()

@@ -54,7 +54,7 @@ def fault_deep_json_and_invalid_utf8():
                     wrong.append((path, name, status, wire.heard[-120:]))
                 wire.close()
         assert not wrong, wrong
-        # As deep as goes through: it is on tape, and can be read again.
+        # As deep as goes through: it is persisted, and can be read again.
         for depth in [10, 60, *range(110, 130)]:
             deep = b"[" * depth + b"]" * depth
             Wire(server, posted("/w/a/mcp", call % deep, session)).status()
@@ -99,7 +99,7 @@ def fault_bytes_that_are_no_text():
 
 
 def fault_hostile_calls():
-    """Tool names and arguments that nobody means: an answer in words, no protocol error, no panic; what was sent is on tape to
+    """Tool names and arguments that nobody means: an answer in words, no protocol error, no panic; what was sent is persisted to
     the letter and replays, and a bystander plays on."""
     with serving("--run", "hostile") as server, Bystander(server):
         agent = Agent(server, worker="a")

@@ -162,7 +162,7 @@ def fault_names_are_taken_once():
             play(server, "after a restart")
         words = [step["input"]["call"]["arguments"] for path in server.traces() for step in steps(path)]
         asked = {argument["question"] for argument in words if "question" in argument}
-        assert asked == {"first", "after the session was closed", "after a restart", "leased"}, f"on tape is {asked}"
+        assert asked == {"first", "after the session was closed", "after a restart", "leased"}, f"persisted is {asked}"
 
 
 @contextlib.contextmanager

@@ -42,10 +42,10 @@ def chunks(png):
 
 
 def said(result):
-    """What a result says in words, pictures apart; and the pictures."""
+    """What a result says in words, images apart; and the images."""
     words = [item["text"] for item in result["content"] if item["type"] == "text"]
-    pictures = [base64.b64decode(item["data"]) for item in result["content"] if item["type"] == "image"]
-    return "\n".join([*words, json.dumps(result.get("structuredContent"))]), pictures
+    images = [base64.b64decode(item["data"]) for item in result["content"] if item["type"] == "image"]
+    return "\n".join([*words, json.dumps(result.get("structuredContent"))]), images
 
 
 def play(agent, task_id, dice):
@@ -54,10 +54,10 @@ def play(agent, task_id, dice):
 
     def call(tool, **arguments):
         result = agent.call(tool, **arguments)
-        text, pictures = said(result)
+        text, images = said(result)
         log.append((tool, arguments, text))
-        for picture in pictures:
-            assert set(chunks(picture)) <= CHUNKS, set(chunks(picture))
+        for image in images:
+            assert set(chunks(image)) <= CHUNKS, set(chunks(image))
         return result.get("structuredContent", {})
 
     begun = call("finish_with_id", task_id=task_id)["episode"]

@@ -47,7 +47,7 @@ def play_newest_client_over_http():
     with Server() as server:
         for path in ["/mcp", "/w/one/mcp"]:
             [line] = run(python, "client_http.py", f"{server.url}{path}")
-            assert line["calls"] == 16 and line["left"] == 14 and line["pictures"] >= 8 and line["schemas"], line
+            assert line["calls"] == 16 and line["left"] == 14 and line["images"] >= 8 and line["schemas"], line
             assert line["next"] and line["next"] != line["task_id"], line
         assert server.stop() == 0
         # Of each the episode that was finished, and the next one, which ended with its session.

@@ -18,28 +18,28 @@ CELL = [
 
 
 def content(result):
-    """(texts before the debug information, number of pictures, debug information)."""
+    """(texts before the debug information, number of images, debug information)."""
     assert not result.get("isError"), result
     texts = [item["text"] for item in result["content"] if item["type"] == "text"]
-    pictures = [item for item in result["content"] if item["type"] == "image"]
+    images = [item for item in result["content"] if item["type"] == "image"]
     debug = None
     if texts and texts[-1].startswith("Debug Info:\n"):
         debug = json.loads(texts.pop().removeprefix("Debug Info:\n"))
         assert result["content"][-1]["type"] == "text", "the debug information comes last"
-    return texts, len(pictures), debug
+    return texts, len(images), debug
 
 
 class Player(Agent):
     def tell(self, tool, **arguments):
-        """The text of a call that fails, in the form of the published server: text, picture, debug information."""
-        texts, pictures, debug = content(self.call(tool, **arguments))
-        assert (len(texts), pictures) == (1, 1) and debug, (tool, texts, pictures)
+        """The text of a call that fails, in the form of the published server: text, image, debug information."""
+        texts, images, debug = content(self.call(tool, **arguments))
+        assert (len(texts), images) == (1, 1) and debug, (tool, texts, images)
         return texts[0]
 
     def do(self, tool, **arguments):
-        """The debug information after a call that works: a picture, no text."""
-        texts, pictures, debug = content(self.call(tool, **arguments))
-        assert (texts, pictures) == ([], 1), (tool, texts)
+        """The debug information after a call that works: an image, no text."""
+        texts, images, debug = content(self.call(tool, **arguments))
+        assert (texts, images) == ([], 1), (tool, texts)
         return debug
 
     def number_of(self, thing, tool="highlight_receptacles", **arguments):

@@ -1,4 +1,4 @@
-"""What decides an argument: the text, the picture, or neither.
+"""What decides an argument: the text, the image, or neither.
 
 The rule reads the task, the calls before a step and their outcomes, never the label of the step nor an answer.
 """

@@ -37,7 +37,7 @@ def read(paths):
 
 
 def steps(row):
-    """The steps of one episode. Left out are what is equal in all episodes (how to behave, the tools), the pictures and the reasoning."""
+    """The steps of one episode. Left out are what is equal in all episodes (how to behave, the tools), the images and the reasoning."""
     about, turns = row["provenance"], [turn for turn in row["messages"] if turn["role"] != "system"]
     opening = plain(turns[0]["content"])
     if turns[0]["role"] != "user" or len(turns) % 2:

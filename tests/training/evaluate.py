@@ -80,7 +80,7 @@ def share(rights):
 
 
 def arrived_at_one_of_several(example, situation, learned):
-    """Whether the robot has just come to a place that looks by its name like others: the picture says if it is the one."""
+    """Whether the robot has just come to a place that looks by its name like others: the image says if it is the one."""
     if not example.last or example.last["tool_name"] != "nav_to":
         return False
     before = list(situation.visited)

@@ -70,7 +70,7 @@ def tell(scores):
     if image["count"]:
         low, high = image["interval"]
         print(
-            f"\narguments that the picture decides: {image['right']} of {image['count']} right, {100 * image['share']:.1f}% "
+            f"\narguments that the image decides: {image['right']} of {image['count']} right, {100 * image['share']:.1f}% "
             f"(95% interval {100 * low:.1f} to {100 * high:.1f}%), by chance {100 * image['chance']:.1f}%; "
             f"that many or more by chance: p = {image['probability_by_chance']:.3f}"
         )

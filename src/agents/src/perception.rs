@@ -1,4 +1,4 @@
-//! A perfect eye: what a policy would read from the picture and the text of its last call. It turns
+//! A perfect eye: what a policy would read from the image and the text of its last call. It turns
 //! the identifiers of a record into categories and captions, and never lets one through.
 
 use std::collections::BTreeSet;

@@ -44,7 +44,7 @@ pub struct PolicyContext<'a> {
     pub briefing: &'a Briefing,
     /// What its last call gave.
     pub observation: &'a Observation,
-    /// What a perfect eye reads from the picture and the text of the last call.
+    /// What a perfect eye reads from the image and the text of the last call.
     pub perceived: &'a [PerceivedItem],
     /// The simulator's truth, only for a policy that wants it.
     pub truth: Option<&'a Privileged<'a>>,

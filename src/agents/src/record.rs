@@ -15,7 +15,7 @@ use crate::sink::{RecordedTrace, Sink, SinkError};
 pub struct RecordTo {
     /// The trace to write.
     pub path: PathBuf,
-    /// Whether pictures are stored or made again on replay, and what a recorded call survives.
+    /// Whether images are stored or made again on replay, and what a recorded call survives.
     pub options: RecordOptions,
 }
 

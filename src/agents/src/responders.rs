@@ -32,7 +32,7 @@ pub trait User {
 }
 
 /// A question, and what a user knows of the world when it is asked (docs/spec.md#simulated-user):
-/// never a pose, never a picture.
+/// never a pose, never an image.
 #[derive(Clone, Copy, Debug)]
 pub struct UserQuestion<'a> {
     /// Text that the robot asks the user.
@@ -50,7 +50,7 @@ pub struct UserQuestion<'a> {
 }
 
 impl UserQuestion<'_> {
-    /// What the robot sees now: in the picture, or told in words.
+    /// What the robot sees now: in the image, or told in words.
     pub fn sees(&self) -> Vec<&InstanceId> {
         match self.steps.last() {
             Some(step) => seen(step).collect(),

@@ -60,7 +60,7 @@ impl RunningEpisode {
     }
 
     /// Goes on with an episode of which some calls were made, recording these first; `rgb` gives
-    /// the picture after a step (none: of the start), where there is one to record. `witness`, who
+    /// the image after a step (none: of the start), where there is one to record. `witness`, who
     /// may decide from now on, is shown them as they came.
     ///
     /// # Errors
@@ -82,7 +82,7 @@ impl RunningEpisode {
         };
         let start = episode.start_record();
         sink.start(start, frame(None).as_ref()).map_err(fail)?;
-        // Pictures are not among what is known again: built-in policies have what they would see
+        // Images are not among what is known again: built-in policies have what they would see
         // in them from `perception`.
         let (mut known, mut graph) = (
             AgentView::at_start(episode.task(), episode.scene(), start, None),
@@ -185,7 +185,8 @@ impl RunningEpisode {
         let Self {
             episode, outside, ..
         } = self;
-        match Tool::parse(&input.call) {
+        let profile = episode.header().profile;
+        match profile.tool(&profile.to_server_call(input.call.clone())) {
             Ok(Tool::Ask { question }) => {
                 let start = episode.start_record();
                 let seen_at_start: Vec<InstanceId> = start
@@ -264,7 +265,7 @@ impl RunningEpisode {
     }
 }
 
-/// Shows somebody every moment of a recorded episode as its agent knew it, without pictures: what
+/// Shows somebody every moment of a recorded episode as its agent knew it, without images: what
 /// was known, and the step that came then; none at the end.
 pub fn retrace(
     task: &Task,

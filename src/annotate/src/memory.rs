@@ -1,4 +1,4 @@
-//! What the agent could know before a decision: everything that calls, outcomes, pictures and
+//! What the agent could know before a decision: everything that calls, outcomes, images and
 //! replies told so far, and nothing else. Never looks ahead.
 
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ pub(crate) struct Memory<'a> {
     pub visited: Vec<&'a str>,
     /// Markers after the last call: each number and what it stands for.
     pub markers: Vec<(u32, MarkedItem<'a>)>,
-    /// What the last picture or inventory showed.
+    /// What the last image or inventory showed.
     pub in_view: Vec<ObservedObject<'a>>,
     /// Everything that was ever seen.
     pub observed: Vec<ObservedObject<'a>>,

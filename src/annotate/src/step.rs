@@ -29,7 +29,7 @@ pub struct Step<'a> {
     pub reply: Option<&'a str>,
     /// The numbers of the map after the call.
     pub markers: Vec<(u32, MarkedItem<'a>)>,
-    /// Objects that picture and text of the outcome showed.
+    /// Objects that image and text of the outcome showed.
     pub visible: Vec<ObservedObject<'a>>,
     /// The receptacle that the call acted on.
     pub receptacle: Option<&'a str>,

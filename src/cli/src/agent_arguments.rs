@@ -4,12 +4,16 @@ use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeJob, POLICIES, Participants, Responders, builtin};
-use reel_llm::agent::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
-use reel_llm::client::{ApiKey, CallLog, Client, Endpoint};
+use reel_llm::agent::{AgentStyle, ModelUser, agent};
+use reel_llm::client::{ApiKey, Cache, CallLog, Client, Endpoint};
 use reel_prompt::Prompt;
 use serde_json::{Map, Value, json};
 
-use crate::{model::RealClock, prompt::PromptArguments};
+use crate::{
+    match_arguments::{EMBEDDINGS, MatchArguments, Matching},
+    model::RealClock,
+    prompt::{MemoryArguments, PromptArguments},
+};
 
 /// Who plays, and whom they ask.
 #[derive(clap::Args)]
@@ -28,6 +32,8 @@ pub struct AgentArguments {
     key_from: Option<String>,
     #[command(flatten)]
     prompt: PromptArguments,
+    #[command(flatten)]
+    memory: MemoryArguments,
     /// Sampling temperature; 0 is greedy
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     temperature: f64,
@@ -51,13 +57,8 @@ pub struct AgentArguments {
     /// The user who answers `ask` is this model at the endpoint; without it the rules answer
     #[arg(long, value_name = "NAME")]
     user_model: Option<String>,
-    /// What `show_object_by_category` means is looked up by this embedding model at the endpoint;
-    /// without it the vocabulary says
-    #[arg(long = "embedding-model", alias = "match-model", value_name = "NAME")]
-    match_model: Option<String>,
-    /// Cosine similarity from which a category is meant
-    #[arg(long = "min-similarity", alias = "match-similarity", value_name = "S", default_value_t = SIMILARITY_DEFAULT, requires = "match_model")]
-    match_similarity: f32,
+    #[command(flatten)]
+    matching: MatchArguments,
 }
 
 /// Players that can be seated at an episode.
@@ -66,7 +67,7 @@ pub struct AgentSet {
     deciding: Option<(AgentStyle, Arc<Client>)>,
     prompt: Arc<Prompt>,
     user: Option<Arc<Client>>,
-    matcher: Option<(Arc<Client>, f32)>,
+    matching: Option<Matching>,
 }
 
 impl AgentArguments {
@@ -89,25 +90,24 @@ impl AgentArguments {
                 known.collect::<Vec<_>>().join("\n")
             );
         }
+        let connect = |model: &str, max_tokens: u32, logprobs: bool| -> anyhow::Result<Client> {
+            let url = self
+                .endpoint
+                .as_deref()
+                .context("--endpoint is missing: the address of the model")?;
+            let mut endpoint = Endpoint::new(url, model);
+            endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
+            endpoint.temperature = self.temperature;
+            endpoint.max_tokens = max_tokens;
+            endpoint.logprobs = logprobs;
+            endpoint.retries = self.retries;
+            endpoint.timeout = Duration::try_from_secs_f64(self.timeout)
+                .context("--timeout must be a time in seconds")?;
+            endpoint.extra = self.extra()?;
+            Ok(Client::new(endpoint, Arc::new(RealClock))?.with_log(CallLog::append(log)?))
+        };
         let client =
-            |model: &str, max_tokens: u32, logprobs: bool| -> anyhow::Result<Arc<Client>> {
-                let url = self
-                    .endpoint
-                    .as_deref()
-                    .context("--endpoint is missing: the address of the model")?;
-                let mut endpoint = Endpoint::new(url, model);
-                endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
-                endpoint.temperature = self.temperature;
-                endpoint.max_tokens = max_tokens;
-                endpoint.logprobs = logprobs;
-                endpoint.retries = self.retries;
-                endpoint.timeout = Duration::try_from_secs_f64(self.timeout)
-                    .context("--timeout must be a time in seconds")?;
-                endpoint.extra = self.extra()?;
-                Ok(Arc::new(
-                    Client::new(endpoint, Arc::new(RealClock))?.with_log(CallLog::append(log)?),
-                ))
-            };
+            |model: &str, max_tokens, logprobs| connect(model, max_tokens, logprobs).map(Arc::new);
         let deciding = match style {
             Some(style) => {
                 let model = self
@@ -124,18 +124,17 @@ impl AgentArguments {
             .as_deref()
             .map(|model| client(model, USER_TOKENS, false))
             .transpose()?;
-        let matcher = self
-            .match_model
-            .as_deref()
-            .map(|model| client(model, 0, false))
-            .transpose()?;
-        let prompt = self.prompt.prompt()?;
+        let matching = self.matching.matching(|model| {
+            let cache = Cache::open(log.with_file_name(EMBEDDINGS))?;
+            Ok(Arc::new(connect(model, 0, false)?.with_cache(cache)))
+        })?;
+        let prompt = self.memory.apply(&self.prompt.prompt()?);
         Ok(AgentSet {
             agent: self.agent.clone(),
             deciding,
             prompt,
             user,
-            matcher: matcher.map(|client| (client, self.match_similarity)),
+            matching,
         })
     }
 
@@ -160,9 +159,17 @@ impl AgentSet {
         }
     }
 
+    /// The memory options of the prompt that are on, if the agent is asked by it.
+    pub fn memory_options(&self) -> Vec<&'static str> {
+        match &self.deciding {
+            Some((AgentStyle::SingleTurn, _)) => self.prompt.memory().enabled().collect(),
+            _ => Vec::new(),
+        }
+    }
+
     /// Whether anybody is asked over the network.
     pub fn uses_model(&self) -> bool {
-        self.deciding.is_some() || self.user.is_some() || self.matcher.is_some()
+        self.deciding.is_some() || self.user.is_some() || self.matching.is_some()
     }
 
     /// Seats them at an episode.
@@ -203,10 +210,8 @@ impl AgentSet {
             );
             outside.user = Some(Box::new(ModelUser::new(client.clone())));
         }
-        if let Some((client, similarity)) = &self.matcher {
-            let settings = json!({"model": client.endpoint().model, "similarity": similarity});
-            outside.settings.insert("matcher".to_owned(), settings);
-            outside.matcher = Some(Box::new(Embeddings::new(client.clone(), *similarity)));
+        if let Some(matching) = &self.matching {
+            matching.install(&mut outside);
         }
         outside
     }

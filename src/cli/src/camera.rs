@@ -1,4 +1,4 @@
-//! The camera that pictures are asked from, on the command line.
+//! The camera that images are asked from, on the command line.
 
 use reel_replay::Viewpoint;
 use reel_world::Task;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "cluster")]
 use reel_cluster::{Address, Cluster, Credentials, Identity, TraceJob};
 
-/// Where a command's work is done, if not here.
+/// The cluster that does the work of a command, if one is named.
 #[derive(clap::Args, Default)]
 pub struct ClusterArguments {
     /// Let the cluster of this scheduler do the work (`reel cluster`)
@@ -26,7 +26,7 @@ pub struct ClusterArguments {
 }
 
 impl ClusterArguments {
-    /// Whether it is elsewhere.
+    /// Whether a cluster is named.
     pub fn is_set(&self) -> bool {
         #[cfg(feature = "cluster")]
         return self.cluster.is_some();

@@ -18,6 +18,8 @@ mod commands;
 mod cost;
 mod inputs;
 #[cfg(feature = "service")]
+mod match_arguments;
+#[cfg(feature = "service")]
 mod model;
 mod names;
 mod progress;

@@ -34,15 +34,26 @@ impl Model {
             .endpoint
             .as_ref()
             .context("--endpoint is missing: the address of the model")?;
-        let mut endpoint = Endpoint::new(endpoint, model);
-        endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
-        let client = Client::new(endpoint, Arc::new(RealClock))?;
-        Ok(Some(
-            client
-                .with_cache(Cache::open(cache)?)
-                .with_log(CallLog::append(log)?),
-        ))
+        let endpoint = Endpoint::new(endpoint, model);
+        client_of(endpoint, self.key_from.as_deref(), cache, log).map(Some)
     }
+}
+
+/// A client of a model that keeps replies in a folder and adds every call to a file.
+///
+/// # Errors
+/// Fails if the endpoint's address or key, the folder or the file cannot be used.
+pub fn client_of(
+    mut endpoint: Endpoint,
+    key_from: Option<&str>,
+    cache: &Path,
+    log: &Path,
+) -> anyhow::Result<Client> {
+    endpoint.api_key = key_from.map(ApiKey::from_env).transpose()?;
+    let client = Client::new(endpoint, Arc::new(RealClock))?;
+    Ok(client
+        .with_cache(Cache::open(cache)?)
+        .with_log(CallLog::append(log)?))
 }
 
 /// Clock that reads the system time and sleeps on the calling thread.

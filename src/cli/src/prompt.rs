@@ -3,7 +3,7 @@
 use std::{fs, path::PathBuf, sync::Arc};
 
 use anyhow::Context;
-use reel_prompt::{Prompt, PromptWording, TEMPLATE};
+use reel_prompt::{MemoryOptions, Prompt, PromptWording, TEMPLATE};
 
 /// What a model is asked with, one user message a decision.
 #[derive(clap::Args)]
@@ -18,6 +18,28 @@ pub struct PromptArguments {
     /// key a sentence (docs/datasets.md)
     #[arg(long, value_name = "FILE")]
     prompt_sentences: Option<PathBuf>,
+}
+
+/// What prompts repeat that the model neither wrote nor saw just now.
+#[derive(clap::Args)]
+pub struct MemoryArguments {
+    /// Where the model wrote no History, put the log of its calls there: this hides lost memory
+    #[arg(long)]
+    call_log: bool,
+    /// After a result of text alone, show the image of an earlier result again as the current view
+    #[arg(long)]
+    keep_view: bool,
+}
+
+impl MemoryArguments {
+    /// A prompt with these options.
+    pub fn apply(&self, prompt: &Arc<Prompt>) -> Arc<Prompt> {
+        let memory = MemoryOptions {
+            call_log: self.call_log,
+            keep_view: self.keep_view,
+        };
+        Arc::new(Prompt::clone(prompt).with_memory(memory))
+    }
 }
 
 impl PromptArguments {

@@ -123,7 +123,7 @@ impl Cluster {
         })
     }
 
-    /// The engine of sessions that let the cluster answer: `QuerySession::elsewhere`.
+    /// The engine of sessions that let the cluster answer: `QuerySession::with_remote_engine`.
     pub fn engine(&self) -> Box<EngineFactory> {
         let (address, credentials) = (self.address.clone(), self.credentials.clone());
         Box::new(move |state: SessionState| engine::engine(state, &address, &credentials))

@@ -114,6 +114,11 @@ impl TaskBriefing {
         })
     }
 
+    /// Whether a History that nobody wrote is the log of calls.
+    pub(crate) fn call_log(&self) -> bool {
+        self.prompt.memory().call_log
+    }
+
     /// The first user message of a conversation.
     pub(crate) fn briefing(&self) -> Arc<SharedText> {
         let text = self.briefing.get_or_init(|| {

@@ -58,7 +58,7 @@ pub fn card(manifest: &Manifest) -> String {
         manifest.name,
         counts.examples,
         match manifest.style {
-            Style::SingleTurn => "one user turn a decision with the latest pictures",
+            Style::SingleTurn => "one user turn a decision with the latest images",
             Style::MultiTurn => "a whole episode each, with native tool calls",
             Style::MultiTurnPrefix =>
                 "a conversation up to one decision each, with native tool calls",
@@ -85,8 +85,14 @@ pub fn card(manifest: &Manifest) -> String {
         manifest.table_version,
         match &manifest.prompt_template {
             Some(template) => format!(
-                ", with the prompt template `{}` (BLAKE3 `{}`)",
-                template.name, template.blake3
+                ", with the prompt template `{}` (BLAKE3 `{}`{})",
+                template.name,
+                template.blake3,
+                template
+                    .memory
+                    .iter()
+                    .map(|option| format!(", `{option}`"))
+                    .collect::<String>(),
             ),
             None => String::new(),
         },
@@ -170,7 +176,7 @@ fn lengths(text: &mut String, manifest: &Manifest) {
     };
     let _ = write!(
         text,
-        "\n## Length\n\nTokens by {}; a picture has one for each {side} x {side} pixels. The longest example has {}; {} of {} are over \
+        "\n## Length\n\nTokens by {}; a frame has one for each {side} x {side} pixels. The longest example has {}; {} of {} are over \
          the context of {}.\n",
         tokens.tokenizer,
         tokens.longest,
@@ -227,7 +233,7 @@ fn loading(manifest: &Manifest) -> String {
             manifest.style == Style::MultiTurnPrefix,
         ),
         Format::Trl => format!(
-            "import datasets  # from the dataset's folder: the paths of the pictures are relative to it\n\
+            "import datasets  # from the dataset's folder: the paths of the frames are relative to it\n\
              rows = datasets.load_dataset(\"json\", data_files={{\"train\": \"train/*.jsonl\"}}, split=\"train\")\n\
              rows = rows.cast_column(\"images\", {images})  # datasets 3: datasets.Sequence(datasets.Image())\n"
         ),

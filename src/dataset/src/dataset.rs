@@ -1,4 +1,4 @@
-//! A dataset in the making: examples in, a folder out with rows, pictures, card and manifest. Puts
+//! A dataset in the making: examples in, a folder out with rows, images, card and manifest. Puts
 //! the parts of this crate together; what is in it is the caller's choice.
 //! [`DatasetWriter::prepare`] may run in many threads, [`DatasetWriter::push`] runs in the order
 //! that the files shall have.
@@ -25,11 +25,11 @@ use crate::{
 pub struct WriterOptions {
     /// The format of its rows.
     pub format: Format,
-    /// What is made of pictures.
+    /// What is made of images.
     pub images: ImageOptions,
     /// Most rows in a file.
     pub rows_max: u64,
-    /// Side of a picture's token, in pixels (see [`crate::image_tokens`]).
+    /// Side of an image's token, in pixels (see [`crate::image_tokens`]).
     pub image_side: u32,
     /// The context of training, in tokens.
     pub budget: u32,
@@ -74,10 +74,10 @@ pub struct PreparedRow {
     tokens: TokenCount,
 }
 
-/// Where pictures lie: beside the rows that name them; for a while elsewhere if the rows hold them.
-fn picture_root(root: &Path, format: Format) -> PathBuf {
+/// Where images lie: beside the rows that name them; for a while elsewhere if the rows hold them.
+fn frame_root(root: &Path, format: Format) -> PathBuf {
     if format.embeds_images() {
-        root.join(".pictures")
+        root.join(".images")
     } else {
         root.to_owned()
     }
@@ -88,7 +88,7 @@ pub struct DatasetWriter {
     root: PathBuf,
     options: WriterOptions,
     tokenizer: Box<dyn Tokenizer>,
-    pictures: ImageStore,
+    frames: ImageStore,
     shards: BTreeMap<Split, Shards>,
     counts: Counts,
     tokens: TokenReport,
@@ -115,7 +115,7 @@ impl DatasetWriter {
             root: root.to_owned(),
             options,
             tokenizer,
-            pictures: ImageStore::new(&picture_root(root, options.format), options.images),
+            frames: ImageStore::new(&frame_root(root, options.format), options.images),
             shards: BTreeMap::new(),
             counts: Counts::default(),
             tokens,
@@ -125,16 +125,16 @@ impl DatasetWriter {
         }
     }
 
-    /// Its pictures: put those of an example before it is prepared.
+    /// Its images: put those of an example before it is prepared.
     pub fn images(&self) -> &ImageStore {
-        &self.pictures
+        &self.frames
     }
 
     /// Makes the rows of examples, best those of an episode at once. An example that the format
     /// cannot hold becomes one left out.
     ///
     /// # Errors
-    /// When a picture was not put before or cannot be read.
+    /// When an image was not put before or cannot be read.
     pub fn prepare(&self, examples: &[Example]) -> Result<Vec<PreparedRow>, DatasetError> {
         let mut counter = TokenCounter::new(self.tokenizer.as_ref(), self.options.image_side);
         let prepare = |example: &Example| {
@@ -142,7 +142,7 @@ impl DatasetWriter {
             let row = match self
                 .options
                 .format
-                .write_row(example, &self.pictures, &mut row)
+                .write_row(example, &self.frames, &mut row)
             {
                 // its rows are no text: the caller writes them
                 _ if self.options.format == Format::Parquet => Ok(row),
@@ -157,7 +157,7 @@ impl DatasetWriter {
             Ok(PreparedRow {
                 row,
                 provenance,
-                tokens: counter.count(example, |image| self.pictures.get(image)),
+                tokens: counter.count(example, |image| self.frames.get(image)),
             })
         };
         examples.iter().map(prepare).collect()
@@ -221,11 +221,8 @@ impl DatasetWriter {
             }
             self.noted = Some(Arc::clone(about));
         }
-        for picture in example
-            .images()
-            .filter_map(|image| self.pictures.get(image))
-        {
-            self.leakage.add("image", &picture.path, about.split);
+        for frame in example.images().filter_map(|image| self.frames.get(image)) {
+            self.leakage.add("image", &frame.path, about.split);
         }
     }
 
@@ -256,6 +253,12 @@ impl DatasetWriter {
             prompt_template: (description.style == Style::SingleTurn).then(|| PromptTemplate {
                 name: description.prompt.name().to_owned(),
                 blake3: description.prompt.template_digest(),
+                memory: description
+                    .prompt
+                    .memory()
+                    .enabled()
+                    .map(str::to_owned)
+                    .collect(),
             }),
             licence: description.licence,
             counts: self.counts,
@@ -266,7 +269,7 @@ impl DatasetWriter {
             files: Vec::new(),
         };
         if self.options.format.embeds_images() {
-            let loose = picture_root(&self.root, self.options.format);
+            let loose = frame_root(&self.root, self.options.format);
             match fs::remove_dir_all(&loose) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                     return Err(DatasetError::io(&loose)(error));

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::{Rollout, Split, TaskBriefing};
 
-/// A picture by the digest of its recorded pixels (8-bit RGB, row by row).
+/// An image by the digest of its recorded pixels (8-bit RGB, row by row).
 pub type ImageId = Digest;
 
 /// An episode as its agent lived it.
@@ -63,7 +63,7 @@ pub struct Step {
     pub subtask: String,
     /// The category of what the gripper holds after the call; `None` if nothing.
     pub held: Option<String>,
-    /// What it saw before the decision: the pictures of the latest observation, often one.
+    /// What it saw before the decision: the images of the latest observation, often one.
     pub images: Vec<ImageId>,
     /// Whether a model shall learn this decision; the others are context.
     pub learn: bool,

@@ -11,12 +11,12 @@ pub enum DatasetError {
     /// A file cannot be read or written.
     #[error("cannot write the dataset: {source}: {path}", path = path.display())]
     Io { source: io::Error, path: PathBuf },
-    /// An example's picture was not put into the store before.
+    /// An example's image was not put into the store before.
     #[error(
         "example {example} shows image {image}, which is not in the dataset; put it before the row"
     )]
     Image { example: String, image: ImageId },
-    /// A picture's pixels are not what its size says.
+    /// An image's pixels are not what its size says.
     #[error("image {image} has {found} bytes instead of 3 x {width} x {height}")]
     Pixels {
         /// Digest that names the image with the wrong number of bytes.
@@ -26,7 +26,7 @@ pub enum DatasetError {
         width: u32,
         height: u32,
     },
-    /// A picture cannot be resized or encoded.
+    /// An image cannot be resized or encoded.
     #[error("image {image} cannot be encoded: {reason}")]
     Encode { image: ImageId, reason: String },
     /// The format cannot hold an example as it is.

@@ -7,7 +7,7 @@ use std::{
     sync::{Arc, LazyLock, OnceLock},
 };
 
-use reel_prompt::{self as prompt, CallOutcome, DecisionAnswer, HistoryLines, SingleTurn};
+use reel_prompt::{self as prompt, CallLog, CallOutcome, DecisionAnswer, HistoryLines, SingleTurn};
 use reel_world::NameSet;
 use serde::Serialize;
 
@@ -191,7 +191,7 @@ pub struct Example {
 }
 
 impl Example {
-    /// Its pictures, in the order of their tags.
+    /// Its images, in the order of their tags.
     pub fn images(&self) -> impl Iterator<Item = &ImageId> {
         self.turns.iter().flat_map(Turn::images)
     }
@@ -207,7 +207,7 @@ impl Example {
         out.push(b'}');
     }
 
-    /// The turns as (role, text) with one `<image>` tag a picture; calls as JSON under `tool_call`,
+    /// The turns as (role, text) with one `<image>` tag an image; calls as JSON under `tool_call`,
     /// outcomes under `tool_response`: what the tables' column `messages` holds.
     pub fn messages(&self) -> Vec<(&'static str, Cow<'_, str>)> {
         let tags = |images: &[ImageId]| IMAGE_TAG.repeat(images.len());
@@ -327,9 +327,13 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         let mut turn = SingleTurn::new(Arc::clone(episode_prompt));
         let (mut history, mut log) = (HistoryLines::default(), None);
         for (index, step) in episode.steps.iter().enumerate() {
+            let last = match told.call_log() {
+                true => CallLog::Last(log.as_deref()),
+                false => CallLog::Off,
+            };
             let answer = DecisionAnswer {
                 reasoning: &step.reasoning,
-                history: &history.next(&step.history, log.as_deref()),
+                history: &history.next(&step.history, last),
                 schedule: &step.schedule,
                 subtask: &step.subtask,
                 tool_name: &step.call_name,

@@ -72,9 +72,9 @@ impl Format {
                 "JSON lines of prompt and completion (or messages) with content parts and image paths, for TRL"
             }
             Format::OpenAi => {
-                "JSON lines of OpenAI chats with tool calls and pictures as data URLs; provenance in a file beside"
+                "JSON lines of OpenAI chats with tool calls and images as data URLs; provenance in a file beside"
             }
-            Format::Parquet => "Hugging Face Parquet with the pictures inside",
+            Format::Parquet => "Hugging Face Parquet with the images inside",
         }
     }
 
@@ -93,7 +93,7 @@ impl Format {
         self != Format::OpenAi
     }
 
-    /// Whether the pictures are in the rows; otherwise the rows name files.
+    /// Whether the images are in the rows; otherwise the rows name files.
     pub fn embeds_images(self) -> bool {
         matches!(self, Format::OpenAi | Format::Parquet)
     }
@@ -118,15 +118,15 @@ impl Format {
         }
     }
 
-    /// Appends an example as one line of JSON, without the line's end. The pictures must
+    /// Appends an example as one line of JSON, without the line's end. The images must
     /// be in the store.
     ///
     /// # Errors
-    /// When a picture is missing or the format cannot hold the example (see [`Format::refuses`]).
+    /// When an image is missing or the format cannot hold the example (see [`Format::refuses`]).
     pub fn write_row(
         self,
         example: &Example,
-        pictures: &ImageStore,
+        frames: &ImageStore,
         out: &mut Vec<u8>,
     ) -> Result<(), DatasetError> {
         if let Some(reason) = self.refuses(example) {
@@ -138,7 +138,7 @@ impl Format {
         }
         let mut row = Row {
             example,
-            pictures,
+            frames,
             out,
         };
         match self {
@@ -182,7 +182,7 @@ const ASSISTANT: &str = "{\"role\":\"assistant\",\"content\":\"";
 
 struct Row<'r> {
     example: &'r Example,
-    pictures: &'r ImageStore,
+    frames: &'r ImageStore,
     out: &'r mut Vec<u8>,
 }
 
@@ -408,7 +408,7 @@ impl Row<'_> {
                     self.tool_calls(id, name, arguments);
                     self.put("}");
                 }
-                // Its tool messages hold no pictures.
+                // Its tool messages hold no images.
                 Turn::Outcome {
                     id,
                     name,
@@ -497,7 +497,7 @@ impl Row<'_> {
                     self.put(",\"content\":");
                     self.string(text);
                     self.put("}");
-                    // Tool messages hold no pictures.
+                    // Tool messages hold no images.
                     for (at, image) in images.iter().enumerate() {
                         self.put(if at == 0 {
                             ",{\"role\":\"user\",\"content\":["
@@ -534,7 +534,7 @@ impl Row<'_> {
         self.put(turn);
     }
 
-    /// A turn of one text, with a tag for each picture.
+    /// A turn of one text, with a tag for each image.
     fn say(&mut self, turn: &str, text: &str, images: usize) {
         self.begin(turn);
         self.escape(text);
@@ -590,7 +590,7 @@ impl Row<'_> {
         let example = self.example;
         self.put("[");
         for (index, image) in example.images().enumerate() {
-            let path = self.picture(image)?.path;
+            let path = self.frame(image)?.path;
             self.put(if index > 0 { ",\"" } else { "\"" });
             self.put(&path);
             self.put("\"");
@@ -600,18 +600,18 @@ impl Row<'_> {
     }
 
     fn data_url(&mut self, image: &ImageId) -> Result<(), DatasetError> {
-        let picture = self.picture(image)?;
-        let bytes = self.pictures.bytes(&picture)?;
+        let frame = self.frame(image)?;
+        let bytes = self.frames.bytes(&frame)?;
         self.put("{\"type\":\"image_url\",\"image_url\":{\"url\":\"data:");
-        self.put(self.pictures.options().encoding.mime());
+        self.put(self.frames.options().encoding.mime());
         self.put(";base64,");
         self.put(&STANDARD.encode(&bytes));
         self.put("\"}}");
         Ok(())
     }
 
-    fn picture(&self, image: &ImageId) -> Result<StoredImage, DatasetError> {
-        self.pictures.get(image).ok_or_else(|| DatasetError::Image {
+    fn frame(&self, image: &ImageId) -> Result<StoredImage, DatasetError> {
+        self.frames.get(image).ok_or_else(|| DatasetError::Image {
             example: self.example.id.clone(),
             image: *image,
         })

@@ -1,4 +1,4 @@
-//! Pictures on disk: resized to a pixel budget, encoded, named by the digest of their bytes, each
+//! Images on disk: resized to a pixel budget, encoded, named by the digest of their bytes, each
 //! written once. Owns sizes and encodings; where pixels come from is the caller's.
 
 use std::{
@@ -21,12 +21,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, ImageId};
 
-/// The most pixels of a picture in training (docs/spec.md#sft-data).
+/// The most pixels of an image in training (docs/spec.md#sft-data).
 pub const PIXELS_MAX: u32 = 100_352;
 /// The fewest pixels of an image in training; smaller images are enlarged.
 pub const PIXELS_MIN: u32 = 784;
 
-/// How pictures are encoded.
+/// How images are encoded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
@@ -61,14 +61,14 @@ impl Encoding {
     }
 }
 
-/// What is made of a picture.
+/// What is made of an image.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 pub struct ImageOptions {
     /// How it is encoded.
     pub encoding: Encoding,
-    /// The most pixels; none keeps every picture as it is.
+    /// The most pixels; none keeps every image as it is.
     pub pixels_max: Option<u32>,
-    /// Sides are multiples of this many pixels where a picture is resized: 28 for Qwen2.5-VL, 32
+    /// Sides are multiples of this many pixels where an image is resized: 28 for Qwen2.5-VL, 32
     /// for Qwen3-VL, else 1.
     pub side_multiple: u32,
 }
@@ -84,7 +84,7 @@ impl Default for ImageOptions {
 }
 
 impl ImageOptions {
-    /// The width and height that a picture gets: its own where it is within the budget, else the
+    /// The width and height that an image gets: its own where it is within the budget, else the
     /// largest of its aspect ratio within it, at least [`PIXELS_MIN`] pixels.
     pub fn size(&self, width: u32, height: u32) -> (u32, u32) {
         let Some(most) = self.pixels_max else {
@@ -114,7 +114,7 @@ impl ImageOptions {
     }
 }
 
-/// A picture on disk.
+/// An image on disk.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct StoredImage {
     /// From the dataset's folder, with `/`: `images/ab/<64 digits>.png`.
@@ -127,7 +127,7 @@ pub struct StoredImage {
     pub bytes: u64,
 }
 
-/// The pictures of a dataset. May be used from several threads; what is written does not
+/// The images of a dataset. May be used from several threads; what is written does not
 /// depend on their order.
 pub struct ImageStore {
     root: PathBuf,
@@ -152,22 +152,22 @@ impl ImageStore {
         &self.options
     }
 
-    /// A picture that was put before.
+    /// An image that was put before.
     pub fn get(&self, image: &ImageId) -> Option<StoredImage> {
         self.written().get(image).cloned()
     }
 
-    /// Takes over a picture that an earlier run put; false where its file is not as it was.
-    pub fn reuse(&self, image: ImageId, picture: &StoredImage) -> bool {
-        let there = fs::metadata(self.root.join(&picture.path))
-            .is_ok_and(|file| file.len() == picture.bytes);
+    /// Takes over an image that an earlier run put; false where its file is not as it was.
+    pub fn reuse(&self, image: ImageId, frame: &StoredImage) -> bool {
+        let there =
+            fs::metadata(self.root.join(&frame.path)).is_ok_and(|file| file.len() == frame.bytes);
         if there {
-            self.written().insert(image, picture.clone());
+            self.written().insert(image, frame.clone());
         }
         there
     }
 
-    /// Removes what a killed run left of the pictures that it was writing. Nobody else may write
+    /// Removes what a killed run left of the images that it was writing. Nobody else may write
     /// here.
     ///
     /// # Errors
@@ -193,12 +193,12 @@ impl ImageStore {
         Ok(())
     }
 
-    /// How many pictures were put.
+    /// How many images were put.
     pub fn count(&self) -> usize {
         self.written().len()
     }
 
-    /// Resizes, encodes and writes a picture (8-bit RGB, row by row), unless it was before.
+    /// Resizes, encodes and writes an image (8-bit RGB, row by row), unless it was before.
     ///
     /// # Errors
     /// When the pixels are not what the size says, or the file cannot be written.
@@ -209,8 +209,8 @@ impl ImageStore {
         width: u32,
         height: u32,
     ) -> Result<StoredImage, DatasetError> {
-        if let Some(picture) = self.get(&image) {
-            return Ok(picture);
+        if let Some(frame) = self.get(&image) {
+            return Ok(frame);
         }
         let (bytes, width, height) = self.options.encode(image, rgb, width, height)?;
         let name = Digest::of(&bytes).to_string();
@@ -223,8 +223,8 @@ impl ImageStore {
         if !file.exists() {
             let folder = self.root.join("images").join(&name[..2]);
             fs::create_dir_all(&folder).map_err(DatasetError::io(&folder))?;
-            // Threads may write the same picture: each its own file, and any of
-            // them is the picture.
+            // Threads may write the same image: each its own file, and any of
+            // them is the image.
             let part = folder.join(format!(
                 "{}.part",
                 self.parts.fetch_add(1, Ordering::Relaxed)
@@ -233,22 +233,22 @@ impl ImageStore {
                 .and_then(|()| fs::rename(&part, &file))
                 .map_err(DatasetError::io(&file))?;
         }
-        let picture = StoredImage {
+        let frame = StoredImage {
             path,
             width,
             height,
             bytes: bytes.len() as u64,
         };
-        self.written().insert(image, picture.clone());
-        Ok(picture)
+        self.written().insert(image, frame.clone());
+        Ok(frame)
     }
 
-    /// The file of a picture.
+    /// The file of an image.
     ///
     /// # Errors
     /// When it cannot be read.
-    pub fn bytes(&self, picture: &StoredImage) -> Result<Vec<u8>, DatasetError> {
-        let file = self.root.join(&picture.path);
+    pub fn bytes(&self, frame: &StoredImage) -> Result<Vec<u8>, DatasetError> {
+        let file = self.root.join(&frame.path);
         fs::read(&file).map_err(DatasetError::io(&file))
     }
 
@@ -260,7 +260,7 @@ impl ImageStore {
 }
 
 impl ImageOptions {
-    /// The encoded picture with its width and height.
+    /// The encoded image with its width and height.
     ///
     /// # Errors
     /// When the pixels are not what the size says.
@@ -423,13 +423,13 @@ mod tests {
     #[test]
     fn written_once_and_resized() {
         let folder = tempfile::tempdir().unwrap();
-        let pictures = ImageStore::new(folder.path(), ImageOptions::default());
+        let frames = ImageStore::new(folder.path(), ImageOptions::default());
         let grey = vec![77; 640 * 480 * 3];
-        let first = pictures.put(Digest::of(b"1"), &grey, 640, 480).unwrap();
-        let second = pictures.put(Digest::of(b"2"), &grey, 640, 480).unwrap();
+        let first = frames.put(Digest::of(b"1"), &grey, 640, 480).unwrap();
+        let second = frames.put(Digest::of(b"2"), &grey, 640, 480).unwrap();
         assert_eq!((&first, first.width, first.height), (&second, 365, 274));
-        assert_eq!(pictures.count(), 2);
-        let bytes = pictures.bytes(&first).unwrap();
+        assert_eq!(frames.count(), 2);
+        let bytes = frames.bytes(&first).unwrap();
         assert!(first.path.ends_with(&format!("{}.png", Digest::of(&bytes))));
         let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
             .read_info()
@@ -438,7 +438,7 @@ mod tests {
         reader.next_frame(&mut pixels).unwrap();
         assert!(
             pixels.iter().all(|value| *value == 77),
-            "a grey picture stays grey"
+            "a grey image stays grey"
         );
         assert_eq!(
             fs::read_dir(folder.path().join("images")).unwrap().count(),

@@ -1,9 +1,9 @@
 //! Training examples: what a policy saw and should answer, as the formats that trainers
 //! load (docs/spec.md#sft-data and docs/spec.md#dataset-formats).
 //!
-//! Owns the prompt, the removal of what is privileged, the formats, pictures on disk, splits and
+//! Owns the prompt, the removal of what is privileged, the formats, images on disk, splits and
 //! what a dataset says of itself. Never reads a trace or a table: it is given episodes as plain
-//! text and pictures as pixels.
+//! text and images as pixels.
 
 mod briefing;
 mod card;

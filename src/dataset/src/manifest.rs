@@ -26,7 +26,7 @@ pub const UNFINISHED: &str = ".export.jsonl";
 pub struct Counts {
     /// Number of all examples in the dataset.
     pub examples: u64,
-    /// Pictures that they show; the same one may be shown often.
+    /// Images that they show; the same one may be shown often.
     pub images: u64,
     /// Number of examples in each split: train, validation and test.
     pub splits: BTreeMap<Split, u64>,
@@ -80,6 +80,9 @@ pub struct PromptTemplate {
     pub name: String,
     /// Of the template's bytes.
     pub blake3: Digest,
+    /// The memory options that were on (`call_log`, `keep_view`).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub memory: Vec<String>,
 }
 
 /// A dataset as programs read about it.

@@ -31,7 +31,7 @@ pub enum RefusalReason {
         /// The privileged text, cut to its first 80 characters.
         excerpt: String,
     },
-    /// A text holds what trainers take for a picture or a turn.
+    /// A text holds what trainers take for an image or a turn.
     Tag {
         /// The tag that the text holds, e.g. `<image>`.
         tag: &'static str,
@@ -50,7 +50,7 @@ impl fmt::Display for RefusalReason {
             } => write!(f, "{field} holds {kind}: {excerpt:?}"),
             RefusalReason::Tag { tag, field } => write!(
                 f,
-                "{field} holds {tag:?}, which trainers take for a turn or a picture"
+                "{field} holds {tag:?}, which trainers take for a turn or an image"
             ),
         }
     }
@@ -201,7 +201,7 @@ impl Checks {
     }
 }
 
-/// What trainers and templates take for pictures, turns or thoughts.
+/// What trainers and templates take for images, turns or thoughts.
 const CONTROL_TAGS: [&str; 10] = reel_world::words! {
     "<image>" "<video>" "<audio>" "<|" "<think>" "</think>" "<tool_call>" "</tool_call>"
     "<tool_response>" "</tool_response>"

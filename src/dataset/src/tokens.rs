@@ -1,4 +1,4 @@
-//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures
+//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of images
 //! as Qwen-VL counts them, against the context of training (docs/spec.md#sft-data). Estimates:
 //! a trainer's template decides.
 
@@ -14,10 +14,10 @@ pub const CONTEXT_TOKENS: u32 = 8_192;
 
 /// Tokens that Qwen's template puts around a turn.
 pub const TOKENS_PER_TURN: u32 = 5;
-/// Side of a picture's token in Qwen3-VL, in pixels.
+/// Side of an image's token in Qwen3-VL, in pixels.
 pub const QWEN3_VL_SIDE: u32 = 32;
-/// Tokens that stand around a picture.
-const TOKENS_PER_PICTURE: u32 = 2;
+/// Tokens that stand around an image.
+const TOKENS_PER_FRAME: u32 = 2;
 /// Width of the histogram's bars, in tokens.
 const BAR_TOKENS: u32 = 1_024;
 
@@ -91,14 +91,14 @@ impl Tokenizer for TokenizerFile {
     }
 }
 
-/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole
+/// Tokens of an image: one for each square of `side` pixels after rounding the image to whole
 /// squares, and what stands around it; the side is 28 for Qwen2.5-VL (patches of 14, two by two)
 /// and 32 for Qwen3-VL (patches of 16, two by two).
 pub fn image_tokens(width: u32, height: u32, side: u32) -> u32 {
     let squares = |pixels: u32| ((pixels + side / 2) / side.max(1)).max(1);
     squares(width)
         .saturating_mul(squares(height))
-        .saturating_add(TOKENS_PER_PICTURE)
+        .saturating_add(TOKENS_PER_FRAME)
 }
 
 /// Tokens of one example.
@@ -129,7 +129,7 @@ pub struct TokenCounter<'t> {
 const SHARED_TEXTS: usize = 3;
 
 impl<'t> TokenCounter<'t> {
-    /// Counts by a tokenizer, and pictures in squares of
+    /// Counts by a tokenizer, and images in squares of
     /// `image_side` pixels (see [`image_tokens`]).
     pub fn new(tokenizer: &'t dyn Tokenizer, image_side: u32) -> Self {
         Self {
@@ -139,14 +139,14 @@ impl<'t> TokenCounter<'t> {
         }
     }
 
-    /// Counts one; `picture` finds its pictures, and those it does not find count nothing.
+    /// Counts one; `image` finds its images, and those it does not find count nothing.
     pub fn count(
         &mut self,
         example: &Example,
-        picture: impl Fn(&crate::ImageId) -> Option<StoredImage>,
+        frame: impl Fn(&crate::ImageId) -> Option<StoredImage>,
     ) -> TokenCount {
-        let pictures = example.images().filter_map(picture);
-        let image = pictures
+        let frames = example.images().filter_map(frame);
+        let image = frames
             .map(|it| image_tokens(it.width, it.height, self.image_side))
             .sum();
         let mut text = example.tools.as_ref().map_or(0, |tools| self.shared(tools));
@@ -193,7 +193,7 @@ impl<'t> TokenCounter<'t> {
 pub struct TokenReport {
     /// What counted the texts.
     pub tokenizer: String,
-    /// Side of a picture's token, in pixels.
+    /// Side of an image's token, in pixels.
     pub image_side: u32,
     /// The context of training.
     pub budget: u32,
@@ -205,7 +205,7 @@ pub struct TokenReport {
     pub longest: u32,
     /// Tokens of all texts.
     pub text: u64,
-    /// Tokens of all pictures.
+    /// Tokens of all images.
     pub image: u64,
     /// How many examples have up to so many tokens (and more than the bar before).
     pub histogram: BTreeMap<u32, u64>,

@@ -138,7 +138,7 @@ fn play_all(episodes: Vec<Recorded>, condition: Condition) -> BTreeMap<String, D
     first
 }
 
-/// The last link of the hash chain: it covers every digest, picture and text of the
+/// The last link of the hash chain: it covers every digest, image and text of the
 /// episode, and its inputs.
 fn play(recorded: &Recorded, restored: bool) -> Digest {
     let header = &recorded.header;

@@ -116,7 +116,7 @@ impl fmt::Debug for Episode {
 }
 
 impl Episode {
-    /// Builds the world, lets it settle, takes the first picture.
+    /// Builds the world, lets it settle, takes the first image.
     ///
     /// # Errors
     /// When task and scene do not belong together.
@@ -124,7 +124,7 @@ impl Episode {
         Self::start_with(config, Detail::Full)
     }
 
-    /// [`Episode::start`] with pictures of so much detail. Without RGB the digests of RGB and the
+    /// [`Episode::start`] with images of so much detail. Without RGB the digests of RGB and the
     /// chain, which covers them, are not those of the episode; everything else is.
     ///
     /// # Errors
@@ -261,7 +261,7 @@ impl Episode {
 
     /// Another future of a recorded episode: `config.parent` says of which, `start` and `steps` are
     /// its records up to the snapshot. They become the branch's own, linked anew under its header.
-    /// `detail` is of the pictures to come.
+    /// `detail` is of the images to come.
     ///
     /// # Errors
     /// As [`Episode::resume`].
@@ -284,7 +284,7 @@ impl Episode {
         self.simulator.snapshot()
     }
 
-    /// Puts the episode aside: its records and a snapshot, without the engine and the last picture.
+    /// Puts the episode aside: its records and a snapshot, without the engine and the last image.
     /// Its stage stays, shared with others of the task.
     pub fn suspend(self) -> Suspended {
         let (stage, snapshot) = (self.simulator.stage().clone(), self.snapshot());
@@ -474,12 +474,12 @@ impl Episode {
             let reply = answer.as_deref().ok().and_then(ask_reply);
             return (self.simulator.answer_published("ask", answer), reply);
         }
-        let luck = self.luck();
+        let noise = self.noise();
         (
             self.simulator.call_published(
                 call,
                 CallContext {
-                    noise: luck,
+                    noise,
                     lookup: input.lookup.as_ref(),
                 },
             ),
@@ -487,8 +487,8 @@ impl Episode {
         )
     }
 
-    /// The luck of the next call.
-    fn luck(&self) -> ActuationNoise {
+    /// The noise of the next call.
+    fn noise(&self) -> ActuationNoise {
         let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
         ActuationNoise::of(
             self.config.skills,
@@ -517,12 +517,12 @@ impl Episode {
                 (ToolResult::new(outcome), None)
             }
             tool => {
-                let luck = self.luck();
+                let noise = self.noise();
                 (
                     self.simulator.call(
                         tool,
                         CallContext {
-                            noise: luck,
+                            noise,
                             lookup: input.lookup.as_ref(),
                         },
                     ),

@@ -65,12 +65,12 @@ impl Rollout {
     }
 }
 
-/// What a step gives back: the record for the trace and the picture for the policy.
+/// What a step gives back: the record for the trace and the image for the policy.
 #[derive(Clone, Debug)]
 pub struct StepOutput {
     /// Record of the step, for the trace.
     pub record: StepRecord,
-    /// The picture, where the tool returns one.
+    /// The image, where the tool returns one.
     pub frame: Option<Frame>,
 }
 
@@ -130,7 +130,7 @@ pub struct Observation {
     pub text: String,
     /// Code of the error, if the call failed.
     pub error: Option<ErrorCode>,
-    /// The picture, if there is a new one.
+    /// The image, if there is a new one.
     pub frame: Option<Frame>,
     /// The category of what the gripper holds; `None` if nothing.
     pub held: Option<String>,

@@ -9,7 +9,7 @@
 //! 4. No raw ids.
 //!
 //! [`violations`] checks a reply of any source against them. The user is deterministic, and never
-//! sees a pose or a picture.
+//! sees a pose or an image.
 
 mod question;
 mod rules;

@@ -180,7 +180,7 @@ impl EpisodeRow<'_> {
         })
     }
 
-    /// The decisions, without words, pictures, or anything to learn.
+    /// The decisions, without words, images, or anything to learn.
     pub fn decisions(&self) -> Vec<Step> {
         let decision = |step: &StepRow<'_>| Step {
             call: step.step,

@@ -80,7 +80,7 @@ pub enum SplitBy {
 pub struct ExportOptions {
     /// Which episodes and decisions.
     pub selection: Selection,
-    /// Format and size of the files, and how pictures are made.
+    /// Format and size of the files, and how images are made.
     pub writer: WriterOptions,
     /// How a decision is put.
     pub style: Style,
@@ -93,7 +93,7 @@ pub struct ExportOptions {
     pub split_by: SplitBy,
     /// Shares of the data that train, validation and test get.
     pub ratios: Ratios,
-    /// Whether examples have pictures.
+    /// Whether examples have images.
     pub images: bool,
     /// Episodes that are not verified too; their rows say so.
     pub allow_unverified: bool,

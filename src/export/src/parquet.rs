@@ -68,9 +68,9 @@ const NUMBER_COLUMNS: [NumberColumn; 2] = [
 /// Names the wording of the prompts.
 const PROMPT_COLUMN: &str = "prompt_digest";
 
-/// Rows of a row group, and pictures: what a reader decodes at a time.
+/// Rows of a row group, and images: what a reader decodes at a time.
 const ROWS_PER_GROUP: usize = 1_024;
-const PICTURES_PER_GROUP: usize = 512;
+const FRAMES_PER_GROUP: usize = 512;
 
 /// Writes the rows of one part into files of bounded size.
 pub(crate) struct Shards {
@@ -78,9 +78,9 @@ pub(crate) struct Shards {
     split: Split,
     rows_max: u64,
     open: Option<(ArrowWriter<BufWriter<File>>, Shard)>,
-    /// The row group to come, and how many pictures are in it.
+    /// The row group to come, and how many images are in it.
     pending: Vec<Example>,
-    pending_pictures: usize,
+    pending_frames: usize,
     done: Vec<Shard>,
 }
 
@@ -94,22 +94,22 @@ impl Shards {
             rows_max,
             open: None,
             pending: Vec::new(),
-            pending_pictures: 0,
+            pending_frames: 0,
             done: Vec::new(),
         }
     }
 
     /// Closes the last file; the files in order.
-    pub fn finish(mut self, pictures: &ImageStore) -> Result<Vec<Shard>, ExportError> {
-        self.close(pictures)?;
+    pub fn finish(mut self, frames: &ImageStore) -> Result<Vec<Shard>, ExportError> {
+        self.close(frames)?;
         Ok(self.done)
     }
 
-    /// Appends examples; their pictures have to be in the store.
+    /// Appends examples; their images have to be in the store.
     pub fn push(
         &mut self,
         mut examples: Vec<Example>,
-        pictures: &ImageStore,
+        frames: &ImageStore,
     ) -> Result<(), ExportError> {
         if examples.is_empty() {
             return Ok(());
@@ -123,34 +123,34 @@ impl Shards {
         };
         shard.rows += examples.len() as u64;
         let full = shard.rows >= self.rows_max;
-        self.pending_pictures += examples.iter().flat_map(Example::images).count();
+        self.pending_frames += examples.iter().flat_map(Example::images).count();
         self.pending.append(&mut examples);
         match full {
-            true => self.close(pictures),
+            true => self.close(frames),
             false
                 if self.pending.len() >= ROWS_PER_GROUP
-                    || self.pending_pictures >= PICTURES_PER_GROUP =>
+                    || self.pending_frames >= FRAMES_PER_GROUP =>
             {
-                self.write_group(pictures)
+                self.write_group(frames)
             }
             false => Ok(()),
         }
     }
 
-    fn write_group(&mut self, pictures: &ImageStore) -> Result<(), ExportError> {
+    fn write_group(&mut self, frames: &ImageStore) -> Result<(), ExportError> {
         if let Some((writer, _)) = &mut self.open
             && !self.pending.is_empty()
         {
-            writer.write(&batch(schema(), &self.pending, pictures)?)?;
+            writer.write(&batch(schema(), &self.pending, frames)?)?;
             writer.flush()?;
             self.pending.clear();
-            self.pending_pictures = 0;
+            self.pending_frames = 0;
         }
         Ok(())
     }
 
-    fn close(&mut self, pictures: &ImageStore) -> Result<(), ExportError> {
-        self.write_group(pictures)?;
+    fn close(&mut self, frames: &ImageStore) -> Result<(), ExportError> {
+        self.write_group(frames)?;
         let Some((writer, shard)) = self.open.take() else {
             return Ok(());
         };
@@ -236,7 +236,7 @@ fn list(name: &str, fields: [Field; 2]) -> Field {
 fn batch(
     schema: SchemaRef,
     examples: &[Example],
-    pictures: &ImageStore,
+    frames: &ImageStore,
 ) -> Result<RecordBatch, ExportError> {
     let text = |value: fn(&Example) -> &str| -> ArrayRef {
         Arc::new(StringArray::from_iter_values(examples.iter().map(value)))
@@ -267,14 +267,14 @@ fn batch(
     let (mut bytes, mut paths): (Vec<Vec<u8>>, Vec<String>) = Default::default();
     for example in examples {
         for image in example.images() {
-            let picture = pictures
+            let frame = frames
                 .get(image)
                 .ok_or_else(|| reel_dataset::DatasetError::Image {
                     example: example.id.clone(),
                     image: *image,
                 })?;
-            bytes.push(pictures.bytes(&picture)?);
-            paths.push(picture.path);
+            bytes.push(frames.bytes(&frame)?);
+            paths.push(frame.path);
         }
     }
     let fields: Vec<ArrayRef> = vec![

@@ -2,7 +2,7 @@
 //! store's files. Chooses nothing.
 //!
 //! A run that was broken off is begun again where it is dear: verdicts are kept in the store, and
-//! pictures that are in the folder already are neither drawn nor encoded a second time. Rows are
+//! images that are in the folder already are neither drawn nor encoded a second time. Rows are
 //! cheap, and are written anew.
 
 use std::{
@@ -22,7 +22,7 @@ use reel_dataset::{
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
 use reel_trace::{Trace, TraceFiles};
-use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::StepRecord};
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -57,7 +57,7 @@ pub(crate) fn write(
     progress: Progress<'_>,
     report: &mut ExportReport,
 ) -> Result<Manifest, ExportError> {
-    let known_pictures = ImageIndex::open(out, options)?;
+    let known_images = ImageIndex::open(out, options)?;
     let mut writer = match &options.tokenizer {
         Some(path) => {
             DatasetWriter::with_tokenizer(out, options.writer, Box::new(TokenizerFile::open(path)?))
@@ -87,7 +87,7 @@ pub(crate) fn write(
                     let maker = RowBuilder {
                         options,
                         writer: &writer,
-                        pictures: &known_pictures,
+                        images: &known_images,
                         known: &known,
                         files: store.trace_files(),
                         table_version: store.version(),
@@ -173,7 +173,7 @@ pub(crate) fn write(
     };
     let manifest = writer.finish(description)?;
     // Last: until here the next run goes on.
-    known_pictures.remove()?;
+    known_images.remove()?;
     Ok(manifest)
 }
 
@@ -181,7 +181,7 @@ pub(crate) fn write(
 struct RowBuilder<'m> {
     options: &'m ExportOptions,
     writer: &'m DatasetWriter,
-    pictures: &'m ImageIndex,
+    images: &'m ImageIndex,
     known: &'m TaskIndex,
     files: &'m TraceFiles,
     table_version: u64,
@@ -252,12 +252,15 @@ impl RowBuilder<'_> {
             let moments: Vec<Option<FrameIndex>> = steps
                 .iter()
                 .enumerate()
-                .map(|at| shows(at).then(|| moment_before(trace, at.1.call)))
+                .map(|at| {
+                    let keep = options.prompt.memory().keep_view;
+                    frame_before(trace, at.1.call, keep).filter(|_| shows(at))
+                })
                 .collect();
             let wanted = moments.iter().flatten().copied().collect();
             let shown =
                 match self
-                    .pictures
+                    .images
                     .put(trace, row.trace_digest, &wanted, self.writer.images())?
                 {
                     Ok(shown) => shown,
@@ -332,21 +335,23 @@ impl RowBuilder<'_> {
     }
 }
 
-/// When a picture was taken: after a call; none: before the first.
+/// When an image was taken: after a call; none: before the first.
 type FrameIndex = Option<u32>;
 
-/// The latest moment before a call at which the agent got a picture.
-fn moment_before(trace: &Trace, call: u32) -> FrameIndex {
-    let pictured = |record: &&StepRecord| record.step < call && record.digests.frame.is_some();
-    trace
-        .steps
-        .iter()
-        .rev()
-        .find(pictured)
-        .map(|record| record.step)
+/// The image that the agent has before a call: of the result of the call before, or of the start.
+/// With `keep` the latest one, if that result had none.
+fn frame_before(trace: &Trace, call: u32, keep: bool) -> Option<FrameIndex> {
+    let earlier = trace.steps.iter().rev().filter(|record| record.step < call);
+    let results = earlier
+        .map(|record| (Some(record.step), record.digests.frame.is_some()))
+        .chain([(None, true)]);
+    let considered = if keep { usize::MAX } else { 1 };
+    results
+        .take(considered)
+        .find_map(|(moment, has_frame)| has_frame.then_some(moment))
 }
 
-/// Which pictures are in the folder already, in a file beside them that is there as long as the
+/// Which images are in the folder already, in a file beside them that is there as long as the
 /// dataset is not whole.
 struct ImageIndex {
     path: PathBuf,
@@ -360,7 +365,7 @@ struct ImageIndexLine {
     trace: String,
     moment: FrameIndex,
     image: ImageId,
-    picture: StoredImage,
+    stored: StoredImage,
 }
 
 impl ImageIndex {
@@ -397,21 +402,21 @@ impl ImageIndex {
                 trace,
                 moment,
                 image,
-                picture,
+                stored,
             }) = serde_json::from_str(&line)
             {
-                known.insert((trace, moment), (image, picture));
+                known.insert((trace, moment), (image, stored));
             }
         }
         let rewrite = || -> io::Result<File> {
             let mut file = File::create(&path)?;
             writeln!(file, "{how}")?;
-            for ((trace, moment), (image, picture)) in &known {
+            for ((trace, moment), (image, stored)) in &known {
                 let line = ImageIndexLine {
                     trace: trace.clone(),
                     moment: *moment,
                     image: *image,
-                    picture: picture.clone(),
+                    stored: stored.clone(),
                 };
                 writeln!(file, "{}", serde_json::to_string(&line)?)?;
             }
@@ -427,20 +432,20 @@ impl ImageIndex {
         Ok(Self { path, known, file })
     }
 
-    /// Sees that the pictures of these moments are in the dataset; gives them, or
+    /// Sees that the images of these moments are in the dataset; gives them, or
     /// why there are none.
     fn put(
         &self,
         trace: &Trace,
         digest: &str,
         moments: &BTreeSet<FrameIndex>,
-        pictures: &ImageStore,
+        store: &ImageStore,
     ) -> Result<Result<BTreeMap<FrameIndex, ImageId>, String>, ExportError> {
         let mut shown = BTreeMap::new();
         let mut missing = BTreeSet::new();
         for moment in moments {
             match self.known.get(&(digest.to_owned(), *moment)) {
-                Some((image, picture)) if pictures.reuse(*image, picture) => {
+                Some((image, stored)) if store.reuse(*image, stored) => {
                     shown.insert(*moment, *image);
                 }
                 _ => {
@@ -454,12 +459,12 @@ impl ImageIndex {
         };
         for (moment, rgb) in frames {
             let image = Digest::of(&rgb);
-            let picture = pictures.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
+            let stored = store.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
             let line = ImageIndexLine {
                 trace: digest.to_owned(),
                 moment,
                 image,
-                picture,
+                stored,
             };
             let line = serde_json::to_string(&line).expect("plain data becomes JSON") + "\n";
             let mut file = self

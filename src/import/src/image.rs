@@ -1,4 +1,4 @@
-//! PNG files as pictures of a trace. Refuses what is not a picture of the head
+//! PNG files as images of a trace. Refuses what is not an image of the head
 //! camera; never scales one.
 
 use reel_trace::decode_png;

@@ -21,7 +21,7 @@ use crate::{
 
 /// Deepest folder under the one given; the published layout has `<scene>/<task>/<model>`.
 const FOLDERS_MAX: usize = 8;
-/// Largest file; real ones are pictures of some 500 kB.
+/// Largest file; real ones are images of some 500 kB.
 const BYTES_MAX: u64 = 64 * 1024 * 1024;
 /// Most steps of an episode.
 const STEPS_MAX: u32 = 10_000;
@@ -70,7 +70,7 @@ pub(crate) struct StepFiles {
     pub raw: Option<Raw>,
     /// Content of `inference_time.json`; empty if it is missing or unreadable.
     pub time: Map<String, Value>,
-    /// `textual_observation.txt`; none where the result was a picture alone.
+    /// `textual_observation.txt`; none where the result was an image alone.
     pub text: Option<String>,
     /// `debug_info.json`; empty where it is missing.
     pub debug_info: Map<String, Value>,
@@ -222,8 +222,8 @@ impl Files {
                 .text(&folder.join("raw_response.json"))
                 .map(|text| self.raw_json(folder, text)),
         };
-        let picture = self.picture(&entries);
-        if text.is_none() && picture.is_none() && !failed {
+        let frame = self.frame(&entries);
+        if text.is_none() && frame.is_none() && !failed {
             self.notes.push(format!(
                 "{}: neither text nor image says what the call came to",
                 name_of(folder)
@@ -244,7 +244,7 @@ impl Files {
             time: time.unwrap_or_default(),
             text,
             debug_info,
-            image: picture,
+            image: frame,
             failed,
         }))
     }
@@ -277,19 +277,19 @@ impl Files {
         }
     }
 
-    /// The last picture of a step: there is one a result, and room for one.
-    fn picture(&mut self, entries: &[PathBuf]) -> Option<Frame> {
-        let mut pictures: Vec<(u32, &PathBuf)> = entries
+    /// The last image of a step: there is one a result, and room for one.
+    fn frame(&mut self, entries: &[PathBuf]) -> Option<Frame> {
+        let mut frames: Vec<(u32, &PathBuf)> = entries
             .iter()
-            .filter_map(|path| Some((picture_number(path)?, path)))
+            .filter_map(|path| Some((frame_number(path)?, path)))
             .collect();
-        pictures.sort();
-        let (_, path) = pictures.last()?;
-        if pictures.len() > 1 {
+        frames.sort();
+        let (_, path) = frames.last()?;
+        if frames.len() > 1 {
             let folder = path.parent().map(name_of).unwrap_or_default();
             self.notes.push(format!(
                 "{folder}: of {} images the last is kept",
-                pictures.len()
+                frames.len()
             ));
         }
         let read =
@@ -355,7 +355,7 @@ fn step_number(path: &Path) -> Option<u32> {
 
 /// `image_observation_1.png` is 1; older agents wrote `image_observation.png` and
 /// `obs_image_1.png`.
-fn picture_number(path: &Path) -> Option<u32> {
+fn frame_number(path: &Path) -> Option<u32> {
     let stem = path.file_name()?.to_str()?.strip_suffix(".png")?;
     let rest = stem
         .strip_prefix("image_observation")

@@ -13,8 +13,8 @@
 //!   that changes something needs markers.
 //! - `tool_call.json`: the call as it was made. `raw_response.txt` or `.json`: the policy's output.
 //! - `inference_time.json`: latency. `textual_observation.txt`: the outcome. A result without it
-//!   was a picture alone.
-//! - `image_observation_N.png`: the picture, to the pixel; of several the last.
+//!   was an image alone.
+//! - `image_observation_N.png`: the image, to the pixel; of several the last.
 //! - `debug_info.json`: the registry graph, held object, markers, camera position. There is no
 //!   second authority: the physical graph of the trace is the same. Objects that got a marker count
 //!   as listed, since they were shown.

@@ -68,7 +68,7 @@ pub struct CallObservation {
     pub outcome: Outcome,
     /// What the user answered.
     pub reply: Option<UserReply>,
-    /// Of the picture, where there was one.
+    /// Of the image, where there was one.
     pub frame: Option<FrameDigests>,
 }
 

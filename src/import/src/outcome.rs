@@ -6,7 +6,7 @@ use reel_world::{
 };
 
 /// The outcome of a call of a tool (`None` for an unknown one): `text` is none, or empty, where the
-/// result was a picture alone, also one that is not there any more; `marked` is how many markers there
+/// result was an image alone, also one that is not there any more; `marked` is how many markers there
 /// are after it.
 pub fn outcome(
     call: &ToolCall,
@@ -70,7 +70,7 @@ fn error(call: &ToolCall, tool: Option<&Tool>, text: &str) -> Option<ErrorCode> 
         {
             None
         }
-        // All others tell of success by a picture alone.
+        // All others tell of success by an image alone.
         _ => ErrorCode::from_message(text).or(Some(ErrorCode::BackendError)),
     }
 }

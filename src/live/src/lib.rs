@@ -2,7 +2,7 @@
 //! that plays one episode after another and records it; and the pool that keeps hundreds of
 //! them in one process.
 //!
-//! Knows nothing of protocols. Every call goes through [`reel_episode::Episode`], and is on tape
+//! Knows nothing of protocols. Every call goes through [`reel_episode::Episode`], and is persisted
 //! before it is answered.
 
 mod error;

@@ -81,7 +81,7 @@ pub struct StartedEpisode {
     pub view: PrivilegedState,
 }
 
-/// A call that was made, and is on tape.
+/// A call that was made, and is persisted.
 #[derive(Debug)]
 pub struct CallResult {
     /// The record; only what the profile shows is for the policy.
@@ -236,7 +236,7 @@ impl Session {
         })
     }
 
-    /// Makes a call. It is on tape when this returns.
+    /// Makes a call. It is persisted when this returns.
     ///
     /// # Errors
     /// When no episode runs, or the trace cannot be written: the episode is ended then.

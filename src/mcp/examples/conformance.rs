@@ -463,7 +463,7 @@ fn resources() -> Vec<Resource> {
         (
             "test://static-binary",
             "image/png",
-            "A picture that never changes.",
+            "An image that never changes.",
         ),
         (
             "test://watched-resource",

@@ -3,7 +3,7 @@
 //!
 //! `idle_server [PORT]` listens on 127.0.0.1 (0: any free port) and prints where. It lists the
 //! tools of profile `paper`, and answers every call at once with the same text, and with the same
-//! picture where the real server shows one.
+//! image where the real server shows one.
 
 use std::{
     io::{self, Write as _},
@@ -29,8 +29,8 @@ use tokio_util::sync::CancellationToken;
 const SESSIONS: usize = 2_000;
 const KEEP_ALIVE: Duration = Duration::from_secs(3_600);
 const MAX_BODY: usize = 4 << 20;
-/// Size of a typical picture of the home that comes with Reel, as PNG.
-const PICTURE_BYTES: usize = 66_000;
+/// Size of a typical image of the home that comes with Reel, as PNG.
+const FRAME_BYTES: usize = 66_000;
 /// Tools that answer in words alone.
 const WORDS: [&str; 4] = ["walk_around", "ask", "list_receptacles", "list_tasks"];
 
@@ -43,9 +43,9 @@ async fn main() -> io::Result<()> {
         eprintln!("usage: idle_server [PORT]");
         std::process::exit(2);
     };
-    let picture: Arc<str> = picture().into();
+    let frame: Arc<str> = frame().into();
     let factory = move || Idle {
-        picture: picture.clone(),
+        frame: frame.clone(),
     };
     let service = reel_mcp::streamable_http(
         factory,
@@ -61,10 +61,10 @@ async fn main() -> io::Result<()> {
 }
 
 /// Noise that does not compress, and below it one colour that does.
-fn picture() -> String {
+fn frame() -> String {
     let mut rgb = vec![0_u8; FRAME_WIDTH * FRAME_HEIGHT * 3];
     let mut state = 1_u32;
-    for byte in &mut rgb[..PICTURE_BYTES] {
+    for byte in &mut rgb[..FRAME_BYTES] {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         *byte = (state >> 24) as u8;
     }
@@ -73,7 +73,7 @@ fn picture() -> String {
 }
 
 struct Idle {
-    picture: Arc<str>,
+    frame: Arc<str>,
 }
 
 impl ServerHandler for Idle {
@@ -100,7 +100,7 @@ impl ServerHandler for Idle {
         let text = "Nothing was done.";
         let mut content = vec![ContentBlock::text(text)];
         if !WORDS.contains(&&*request.name) {
-            content.push(ContentBlock::image(&*self.picture, "image/png"));
+            content.push(ContentBlock::image(&*self.frame, "image/png"));
         }
         let mut result = CallToolResult::success(content);
         result.structured_content = Some(json!({"ok": true, "text": text}));

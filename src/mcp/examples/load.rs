@@ -91,7 +91,7 @@ struct Recorded {
     tool: &'static str,
     name: String,
     arguments: JsonObject,
-    /// What the answer says besides the picture: `ok`, `text`, `markers`, `decision`.
+    /// What the answer says besides the image: `ok`, `text`, `markers`, `decision`.
     said: Value,
 }
 
@@ -103,8 +103,8 @@ struct Load {
     took_ms: Mutex<BTreeMap<&'static str, Vec<f64>>>,
     /// Sessions that nobody acts in; the one that is idle the longest is first.
     idle: Mutex<VecDeque<Session>>,
-    pictures: AtomicU64,
-    picture_bytes: AtomicU64,
+    images: AtomicU64,
+    image_bytes: AtomicU64,
     wrong: AtomicU64,
 }
 
@@ -150,8 +150,8 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
         tapes,
         took_ms: Mutex::default(),
         idle: Mutex::default(),
-        pictures: AtomicU64::new(0),
-        picture_bytes: AtomicU64::new(0),
+        images: AtomicU64::new(0),
+        image_bytes: AtomicU64::new(0),
         wrong: AtomicU64::new(0),
     });
     let begun = Instant::now();
@@ -198,10 +198,10 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
     let took_ms = std::mem::take(&mut *lock(&load.took_ms));
     let calls: usize = took_ms.values().map(Vec::len).sum();
     println!("calls {calls}\ncalls_per_s {:.1}", calls as f64 / took_s);
-    let pictures = load.pictures.load(Ordering::Relaxed);
+    let images = load.images.load(Ordering::Relaxed);
     println!(
-        "picture_kb {:.1}",
-        load.picture_bytes.load(Ordering::Relaxed) as f64 / 1e3 / pictures.max(1) as f64
+        "image_kb {:.1}",
+        load.image_bytes.load(Ordering::Relaxed) as f64 / 1e3 / images.max(1) as f64
     );
     for (tool, mut took_ms) in took_ms {
         took_ms.sort_by(f64::total_cmp);
@@ -368,10 +368,10 @@ impl Load {
             .entry(tool)
             .or_default()
             .push(took.as_secs_f64() * 1e3);
-        for picture in result.content.iter().filter_map(|block| block.as_image()) {
-            self.pictures.fetch_add(1, Ordering::Relaxed);
-            self.picture_bytes
-                .fetch_add(picture.data.len() as u64 * 3 / 4, Ordering::Relaxed);
+        for image in result.content.iter().filter_map(|block| block.as_image()) {
+            self.images.fetch_add(1, Ordering::Relaxed);
+            self.image_bytes
+                .fetch_add(image.data.len() as u64 * 3 / 4, Ordering::Relaxed);
         }
         Ok(result)
     }

@@ -2,7 +2,7 @@
 //! found again by `Last-Event-ID`.
 //!
 //! rmcp stores every event of a session here, hands it to the connection that waits for it, and
-//! forgets it; a resume is answered from here alone. Answers hold pictures, a thousand sessions are
+//! forgets it; a resume is answered from here alone. Answers hold images, a thousand sessions are
 //! open at once, and most of them idle, so little is kept:
 //!
 //! * what no connection took, for [`UNTAKEN_FOR`]: its client was cut off, and may
@@ -15,7 +15,7 @@
 //! * nothing of sessions that ended, and no event without a message: nobody misses one.
 //!
 //! Bytes are those of the JSON that goes out. A message is kept as the tree that rmcp sends, never
-//! copied: texts and pictures take as much there, numbers and names some times more.
+//! copied: texts and images take as much there, numbers and names some times more.
 
 use std::{
     collections::{BTreeMap, HashMap, VecDeque},
@@ -437,7 +437,7 @@ impl Logs {
             }
         }
         // A look at each session, for each event while the bound is reached: some
-        // microseconds beside a picture.
+        // microseconds beside an image.
         while !self.kept.fits(OF_ALL) {
             let oldest = self
                 .sessions

@@ -1,6 +1,6 @@
 //! The names by which requests may call this server. It keeps pages of the web from a server on
 //! somebody's own machine: a page that has its own name resolve to 127.0.0.1 (DNS rebinding) still
-//! sends that name as `Host`, and its own as `Origin`; one that only has a picture loaded from here
+//! sends that name as `Host`, and its own as `Origin`; one that only has an image loaded from here
 //! sends no `Origin`, but browsers say so in `Sec-Fetch-Site`. Pages of listed origins are let
 //! through, and their browsers told that they may read the answers (CORS).
 //!
@@ -201,7 +201,7 @@ impl BrowserRequest {
 }
 
 /// Whether a page of another site has something of this server loaded into itself, as a
-/// picture or a script.
+/// image or a script.
 fn is_drawn_in(headers: &HeaderMap) -> bool {
     let says = |name: &str, value: &str| {
         headers

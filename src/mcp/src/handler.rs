@@ -455,7 +455,7 @@ fn stateless(context: &RequestContext<RoleServer>) -> bool {
 impl ServerHandler for ToolServer {
     fn get_info(&self) -> ServerConfig {
         let instructions = "A household with a robot in it, one for you alone. Call 'finish' to begin the first episode: the \
-                            answer holds your task. Then act by calling tools one at a time; numbers in pictures and lists are \
+                            answer holds your task. Then act by calling tools one at a time; numbers in images and lists are \
                             marker ids. Call 'finish' again when the task is done: the answer is the next task.";
         ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
             .with_server_info(Implementation::new("reel", env!("CARGO_PKG_VERSION")))
@@ -507,7 +507,7 @@ impl ServerHandler for ToolServer {
                 .await
                 .into())
         };
-        // A cancelled call was not made, or is on tape as a whole.
+        // A cancelled call was not made, or is persisted as a whole.
         tokio::select! {
             answer = work => Ok(answer.unwrap_or_else(|instead: CallToolResponse| instead)),
             () = context.ct.cancelled() => Err(ErrorData::internal_error("the call was cancelled", None)),

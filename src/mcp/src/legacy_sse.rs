@@ -37,7 +37,7 @@ use crate::Caller;
 /// Messages that may wait in each direction of one connection.
 const QUEUE: usize = 64;
 /// Requests of one connection whose answers the client has not read yet. Who wants more waits, and
-/// is refused after a while: answers hold pictures, and a client may post without ever reading.
+/// is refused after a while: answers hold images, and a client may post without ever reading.
 const UNREAD: usize = 32;
 /// How long a message waits for room.
 const PATIENCE: Duration = Duration::from_secs(15);

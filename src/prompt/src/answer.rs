@@ -12,6 +12,9 @@ const OUTCOME_CHARS_MAX: usize = 120;
 /// The line of a History before the first call.
 const NOTHING_YET: &str = "I have not done anything yet.";
 
+/// The line of a History that a decision added nothing to.
+const NOTHING_NEW: &str = "I noted nothing new.";
+
 /// What a model says at a decision.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct DecisionAnswer<'a> {
@@ -57,6 +60,16 @@ pub fn log_line(tool_name: &str, arguments: &Value, outcome: &str) -> String {
     )
 }
 
+/// What stands in a History where a decision told nothing new
+/// ([`MemoryOptions::call_log`](crate::MemoryOptions)).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum CallLog<'a> {
+    /// No line of Reel's.
+    Off,
+    /// The [`log_line`] of the call before; `None` at the first decision.
+    Last(Option<&'a str>),
+}
+
 /// The Histories of an episode as numbered lines, one more at every decision. Annotators and models
 /// tell what was done in prose that grows; REAL's trainer remembers the last line of each answer
 /// and drops the rest.
@@ -67,10 +80,11 @@ pub struct HistoryLines {
 }
 
 impl HistoryLines {
-    /// The History of the next decision. `told` is its whole History in prose, which may be empty;
-    /// `log` is the [`log_line`] of the call before it, `None` at the first decision. A History
-    /// that is numbered already stays as it is.
-    pub fn next(&mut self, told: &str, log: Option<&str>) -> String {
+    /// The History of the next decision. `told` is its whole History in prose, empty if nobody wrote
+    /// one. With a log of calls, the [`log_line`] of the call before (`None` at the first decision)
+    /// stands where there is nothing new; without one, a History that nobody wrote is empty. A
+    /// History that is numbered already stays as it is.
+    pub fn next(&mut self, told: &str, log: CallLog<'_>) -> String {
         if let Some(lines) = numbered(told) {
             self.lines = lines;
             self.before.clear();
@@ -79,10 +93,11 @@ impl HistoryLines {
         let new =
             one_line(told[shared_sentences(&self.before, told)..].trim_start_matches(is_break));
         self.before = told.to_owned();
-        let line = if new.is_empty() {
-            log.unwrap_or(NOTHING_YET).to_owned()
-        } else {
-            new
+        let line = match (log, new.is_empty()) {
+            (_, false) => new,
+            (CallLog::Off, true) if told.trim().is_empty() => return String::new(),
+            (CallLog::Off, true) => NOTHING_NEW.to_owned(),
+            (CallLog::Last(last), true) => last.unwrap_or(NOTHING_YET).to_owned(),
         };
         self.lines.push(format!("{}) {line}", self.lines.len()));
         self.lines.join("\n")
@@ -183,42 +198,68 @@ mod tests {
     fn a_history_in_prose_becomes_lines() {
         let mut lines = HistoryLines::default();
         assert_eq!(
-            lines.next("Nothing was done.", None),
+            lines.next("Nothing was done.", CallLog::Last(None)),
             "0) Nothing was done."
         );
         assert_eq!(
-            lines.next("I went to table_1.", Some("log")),
+            lines.next("I went to table_1.", CallLog::Last(Some("log"))),
             "0) Nothing was done.\n1) I went to table_1."
         );
         let next = lines.next(
             "I went to table_1. I saw 2 cups: red\nand blue.",
-            Some("log"),
+            CallLog::Last(Some("log")),
         );
         assert_eq!(next.lines().last(), Some("2) I saw 2 cups: red and blue."));
         // A sentence was taken back, one is new; then nothing is.
-        let next = lines.next("I went to table_1. I picked one.", Some("log"));
+        let next = lines.next(
+            "I went to table_1. I picked one.",
+            CallLog::Last(Some("log")),
+        );
         assert_eq!(next.lines().last(), Some("3) I picked one."));
         assert_eq!(
             lines
-                .next("I went to table_1. I picked one.", Some("log"))
+                .next(
+                    "I went to table_1. I picked one.",
+                    CallLog::Last(Some("log"))
+                )
                 .lines()
                 .last(),
             Some("4) log")
         );
-        assert_eq!(lines.next("", Some("log")).lines().last(), Some("5) log"));
+        assert_eq!(
+            lines.next("", CallLog::Last(Some("log"))).lines().last(),
+            Some("5) log")
+        );
+    }
+
+    #[test]
+    fn without_a_log_a_history_is_what_its_author_wrote() {
+        let mut lines = HistoryLines::default();
+        assert_eq!(lines.next("", CallLog::Off), "");
+        assert_eq!(lines.next("I saw a cup.", CallLog::Off), "0) I saw a cup.");
+        assert_eq!(
+            lines.next("I saw a cup.", CallLog::Off),
+            "0) I saw a cup.\n1) I noted nothing new."
+        );
     }
 
     #[test]
     fn clauses_between_semicolons_become_lines() {
         let mut lines = HistoryLines::default();
-        lines.next("saw 2 mugs", None);
-        let next = lines.next("saw 2 mugs; took one; went on", Some("log"));
+        lines.next("saw 2 mugs", CallLog::Last(None));
+        let next = lines.next("saw 2 mugs; took one; went on", CallLog::Last(Some("log")));
         assert_eq!(next.lines().last(), Some("1) took one; went on"));
-        let next = lines.next("saw 2 mugs; took one; put it down", Some("log"));
+        let next = lines.next(
+            "saw 2 mugs; took one; put it down",
+            CallLog::Last(Some("log")),
+        );
         assert_eq!(next.lines().last(), Some("2) put it down"));
         assert_eq!(
             lines
-                .next("saw 2 mugs; took one; put it down", Some("log"))
+                .next(
+                    "saw 2 mugs; took one; put it down",
+                    CallLog::Last(Some("log"))
+                )
                 .lines()
                 .last(),
             Some("3) log")
@@ -228,10 +269,13 @@ mod tests {
     #[test]
     fn a_numbered_history_stays_as_it_is() {
         let mut lines = HistoryLines::default();
-        assert_eq!(lines.next("0) a\n1) b", None), "0) a\n1) b");
-        assert_eq!(lines.next("", Some("log")), "0) a\n1) b\n2) log");
+        assert_eq!(lines.next("0) a\n1) b", CallLog::Last(None)), "0) a\n1) b");
         assert_eq!(
-            HistoryLines::default().next("", None),
+            lines.next("", CallLog::Last(Some("log"))),
+            "0) a\n1) b\n2) log"
+        );
+        assert_eq!(
+            HistoryLines::default().next("", CallLog::Last(None)),
             "0) I have not done anything yet."
         );
     }

@@ -13,8 +13,8 @@ mod single_turn;
 mod template;
 mod wording;
 
-pub use answer::{DecisionAnswer, HistoryLines, action, log_line};
+pub use answer::{CallLog, DecisionAnswer, HistoryLines, action, log_line};
 pub use conversation::{SYSTEM_MULTI_TURN, VIEW, arguments, briefing, functions, thought};
-pub use single_turn::{CallOutcome, EpisodePrompt, Prompt, SingleTurn, TEMPLATE};
+pub use single_turn::{CallOutcome, EpisodePrompt, MemoryOptions, Prompt, SingleTurn, TEMPLATE};
 pub use template::{Slots, Template, TemplateError, check};
 pub use wording::PromptWording;

@@ -4,6 +4,7 @@
 use std::sync::{Arc, LazyLock};
 
 use reel_world::{Digest, ToolCall};
+use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
@@ -21,13 +22,33 @@ pub const TEMPLATE: &str = include_str!("../texts/prompt.txt");
 /// The name that [`Prompt::builtin`] goes by.
 const BUILTIN: &str = "reel";
 
-/// A template, the sentences around its values, and what they go by.
+/// What a prompt repeats that the model neither wrote nor saw just now. Either hides lost memory, so
+/// both are off by default (docs/agents.md#a-models-memory).
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct MemoryOptions {
+    /// Where nobody wrote a History, its next line is the last call and its result.
+    pub call_log: bool,
+    /// After a result of text alone, the image of an earlier result stays in the prompt.
+    pub keep_view: bool,
+}
+
+impl MemoryOptions {
+    /// The options that are on, by the names that manifests and traces give them.
+    pub fn enabled(self) -> impl Iterator<Item = &'static str> {
+        [("call_log", self.call_log), ("keep_view", self.keep_view)]
+            .into_iter()
+            .filter_map(|(name, enabled)| enabled.then_some(name))
+    }
+}
+
+/// A template, the sentences around its values, what they go by, and what is repeated in them.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Prompt {
     name: String,
     template_digest: Digest,
     template: Template,
     wording: PromptWording,
+    memory: MemoryOptions,
 }
 
 impl Prompt {
@@ -55,6 +76,7 @@ impl Prompt {
             template_digest,
             template: Template::parse(template)?,
             wording,
+            memory: MemoryOptions::default(),
         })
     }
 
@@ -73,15 +95,27 @@ impl Prompt {
         &self.wording
     }
 
+    /// The same prompt with other memory options.
+    pub fn with_memory(self, memory: MemoryOptions) -> Self {
+        Self { memory, ..self }
+    }
+
+    /// What it repeats of earlier decisions.
+    pub fn memory(&self) -> MemoryOptions {
+        self.memory
+    }
+
     /// Names every text that a model is asked with, in each row and trace:
-    /// template, sentences, system message.
+    /// template, sentences, system message, and the memory options that are on.
     pub fn digest(&self) -> Digest {
         let wording = serde_json::to_string(&self.wording).unwrap_or_default();
+        let enabled: String = self.memory.enabled().collect();
         Digest::of(
             [
                 self.template_digest.to_string().as_str(),
                 &wording,
                 SYSTEM_MULTI_TURN,
+                &enabled,
             ]
             .concat()
             .as_bytes(),
@@ -198,10 +232,13 @@ impl SingleTurn {
         self.observe(outcome);
     }
 
-    /// Takes in a call that no answer made, as its line of the log.
+    /// Takes in a call that no answer made: the last action, and with
+    /// [`MemoryOptions::call_log`] a line of the memory.
     pub fn watch(&mut self, call: &ToolCall, outcome: &CallOutcome<'_>) {
-        self.memory
-            .note(&log_line(&call.name, &call.arguments, outcome.text));
+        if self.episode.prompt.memory.call_log {
+            self.memory
+                .note(&log_line(&call.name, &call.arguments, outcome.text));
+        }
         self.memory
             .set_last_action(action(&call.name, &call.arguments));
         self.observe(outcome);

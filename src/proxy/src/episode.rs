@@ -187,12 +187,12 @@ impl Episodes {
             .iter_mut()
             .filter_map(reel_import::cut_debug_info)
             .last();
-        let picture = self.picture(&mut answer);
+        let image = self.image(&mut answer);
         let mut ends = None;
         if *kind == Kind::Step {
             let tells_another = payload.is_some();
-            let picture = picture.as_ref().filter(|_| !tells_another);
-            ends = self.step(&answer, debug_info.as_ref(), tells_another, picture, timing)?;
+            let image = image.as_ref().filter(|_| !tells_another);
+            ends = self.step(&answer, debug_info.as_ref(), tells_another, image, timing)?;
         }
         if payload.is_some() || ends.is_some() {
             // Whatever ran is over: the server plays something else now.
@@ -202,7 +202,7 @@ impl Episodes {
             return Ok(());
         };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
-        self.begin(begun, picture.as_ref())
+        self.begin(begun, image.as_ref())
     }
 
     /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of
@@ -242,7 +242,7 @@ impl Episodes {
         answer: &ToolResultContent,
         debug_info: Option<&Map<String, Value>>,
         tells_another: bool,
-        picture: Option<&Picture>,
+        image: Option<&Image>,
         timing: Timing,
     ) -> Result<Option<EndReason>, RecordingError> {
         let mapping = self.setup.mapping.as_ref();
@@ -287,7 +287,7 @@ impl Episodes {
             tool,
             outcome,
             reply,
-            frame: picture.and_then(Picture::digests),
+            frame: image.and_then(Image::digests),
         };
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
@@ -295,9 +295,9 @@ impl Episodes {
         let recorder = &mut playing.recorder;
         let written = recorder
             .timing(record.step, &timing)
-            .and_then(|()| match picture {
-                Some(Picture::AsItCame(png)) => recorder.step_with_base64(&record, png),
-                Some(Picture::Fitted(original, frame)) => {
+            .and_then(|()| match image {
+                Some(Image::AsItCame(png)) => recorder.step_with_base64(&record, png),
+                Some(Image::Fitted(original, frame)) => {
                     recorder.original(Some(record.step), original)?;
                     recorder.step(&record, Some(frame))
                 }
@@ -322,7 +322,7 @@ impl Episodes {
     fn begin(
         &mut self,
         begun: StartedEpisode,
-        picture: Option<&Picture>,
+        image: Option<&Image>,
     ) -> Result<(), RecordingError> {
         let StartedEpisode {
             setting:
@@ -365,7 +365,7 @@ impl Episodes {
             robot: state.robot(),
             ..StartRecord::default()
         };
-        start.digests.frame = picture.and_then(Picture::digests);
+        start.digests.frame = image.and_then(Image::digests);
         header.episode_id = Digest::of_json(&(&header, &start)).to_string()[..16].to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         start.digests.chain = chain::start_link(&header, &start);
@@ -373,9 +373,9 @@ impl Episodes {
         rewarder.start(&start);
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
             |mut recorder| {
-                let started = match picture {
-                    Some(Picture::AsItCame(png)) => recorder.start_with_base64(&start, png),
-                    Some(Picture::Fitted(original, frame)) => {
+                let started = match image {
+                    Some(Image::AsItCame(png)) => recorder.start_with_base64(&start, png),
+                    Some(Image::Fitted(original, frame)) => {
                         recorder.original(None, original)?;
                         recorder.start(&start, Some(frame))
                     }
@@ -488,17 +488,17 @@ impl Episodes {
         }
     }
 
-    /// The last picture of an answer, as a trace takes it.
-    fn picture(&self, answer: &mut ToolResultContent) -> Option<Picture> {
+    /// The last image of an answer, as a trace takes it.
+    fn image(&self, answer: &mut ToolResultContent) -> Option<Image> {
         let (kind, data) = answer.images.pop()?;
         if png_size(&data) == Some((FRAME_WIDTH, FRAME_HEIGHT)) {
-            return Some(Picture::AsItCame(data));
+            return Some(Image::AsItCame(data));
         }
         let file = STANDARD
             .decode(&data)
             .map_err(|error| format!("it is not Base64 ({error})"));
         match file.and_then(reel_import::robot::camera_image) {
-            Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
+            Ok((original, frame)) => Some(Image::Fitted(original, Box::new(frame))),
             Err(why) => {
                 let why = format!("{why}; the server calls it {kind:?}");
                 self.setup.emit(ProxyEvent::ImageOmitted {
@@ -511,8 +511,8 @@ impl Episodes {
     }
 }
 
-/// A picture on its way into a trace.
-enum Picture {
+/// An image on its way into a trace.
+enum Image {
     /// A PNG file of the size that traces hold, in Base64. It is decoded when the episode ends:
     /// nobody waits for that.
     AsItCame(String),
@@ -520,11 +520,11 @@ enum Picture {
     Fitted(CameraImage, Box<Frame>),
 }
 
-impl Picture {
+impl Image {
     fn digests(&self) -> Option<FrameDigests> {
         match self {
-            Picture::AsItCame(_) => None,
-            Picture::Fitted(_, frame) => Some(frame.digests()),
+            Image::AsItCame(_) => None,
+            Image::Fitted(_, frame) => Some(frame.digests()),
         }
     }
 }
@@ -570,7 +570,7 @@ impl Playing {
     }
 }
 
-/// What a call came to. The published server says success with a picture alone, so that words of
+/// What a call came to. The published server says success with an image alone, so that words of
 /// its tools are failures; others say with `isError` what is one.
 fn outcome(
     call: &ToolCall,

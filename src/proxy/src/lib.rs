@@ -98,7 +98,7 @@ pub enum ProxyEvent<'a> {
         /// What is open of its reward, if that depends on what no server tells.
         open: Option<&'a OpenReward>,
     },
-    /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
+    /// An image that cannot stand in a trace: those are PNG files of the head camera's size.
     ImageOmitted {
         /// Name of the session whose image was omitted.
         session: &'a str,

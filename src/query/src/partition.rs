@@ -1,4 +1,4 @@
-//! Rows that name traces, dealt out so that many machines can work on them. Knows neither the
+//! Rows that name traces, partitioned so that many machines can work on them. Knows neither the
 //! machines nor what is done.
 
 use std::sync::Arc;
@@ -112,11 +112,11 @@ mod tests {
                 "SELECT episode FROM episodes WHERE opened(trace) > 12 ORDER BY episode",
                 "SELECT opened(trace) AS length, count(*) AS n FROM episodes GROUP BY 1 ORDER BY 1",
             ] {
-                let [(here, _, opened_here), (dealt, scans, opened)] = [
+                let [(here, _, opened_here), (partitioned, scans, opened)] = [
                     answer(&table, sql, false).await,
                     answer(&table, sql, true).await,
                 ];
-                assert_eq!(dealt, here, "{sql}");
+                assert_eq!(partitioned, here, "{sql}");
                 assert_eq!([opened_here, opened], [count; 2], "{sql}");
                 assert_eq!(scans, PARTS, "{sql}");
             }

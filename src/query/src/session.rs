@@ -64,7 +64,7 @@ const AHEAD: usize = 4;
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
 
-/// Makes of a session's state one whose plans run elsewhere.
+/// Makes of a session's state one whose plans run in a cluster.
 pub type EngineFactory =
     dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
 
@@ -79,7 +79,7 @@ struct Inner {
     environment: Arc<RuntimeEnv>,
     runtime: Arc<Runtime>,
     views: Vec<View>,
-    elsewhere: Option<Box<EngineFactory>>,
+    remote_engine: Option<Box<EngineFactory>>,
 }
 
 /// What a running query hands on.
@@ -177,7 +177,7 @@ impl QuerySession {
     fn on(
         store: Store,
         limits: Limits,
-        elsewhere: Option<Box<EngineFactory>>,
+        remote_engine: Option<Box<EngineFactory>>,
     ) -> Result<Self, QueryError> {
         let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new()
@@ -195,7 +195,7 @@ impl QuerySession {
             environment,
             runtime,
             views,
-            elsewhere,
+            remote_engine,
         })))
     }
 
@@ -377,7 +377,7 @@ impl Inner {
     ) -> Result<CacheScope, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
         let lasting = lasting(&plan)?;
-        let plan = if self.elsewhere.is_some() && opens_traces(&plan)? {
+        let plan = if self.remote_engine.is_some() && opens_traces(&plan)? {
             partition_by_trace(plan)?
         } else {
             plan
@@ -445,7 +445,7 @@ impl Inner {
             .with_information_schema(true)
             .with_target_partitions(threads());
         let context = SessionContext::new_with_config_rt(config, self.environment.clone());
-        let context = match &self.elsewhere {
+        let context = match &self.remote_engine {
             Some(engine) => SessionContext::new_with_state(engine(context.state())?),
             None => SessionContext::new_with_state(stoppable(context.state(), &self.control)),
         };
@@ -474,7 +474,7 @@ impl Inner {
         fields: &StepFields,
     ) -> Result<Arc<dyn TableProvider>, QueryError> {
         // other engines know no table that reads codes
-        let fields = if self.elsewhere.is_some() {
+        let fields = if self.remote_engine.is_some() {
             &fields.as_values()
         } else {
             fields
@@ -530,8 +530,8 @@ impl Inner {
 
     /// Lets the functions open the traces of the store, and no other files.
     async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
-        // elsewhere, whoever runs the functions decides which files they open
-        if self.control.knows_traces() || self.elsewhere.is_some() {
+        // in a cluster, whoever runs the functions decides which files they open
+        if self.control.knows_traces() || self.remote_engine.is_some() {
             return Ok(());
         }
         let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
@@ -566,7 +566,7 @@ impl Inner {
         let columns = Arc::new(frame.schema().as_arrow().clone());
         let tasks = Arc::new(frame.task_ctx());
         let physical = frame.create_physical_plan().await?;
-        if self.elsewhere.is_none()
+        if self.remote_engine.is_none()
             && context.copied_config().batch_size() == estimate::BATCH_ROWS
             && let Some(rows) = estimate::batch_rows(&physical)?
         {
@@ -579,7 +579,7 @@ impl Inner {
             }
             return Box::pin(self.hand_on(context, plan, to)).await;
         }
-        let physical = match &self.elsewhere {
+        let physical = match &self.remote_engine {
             Some(_) => physical,
             None => {
                 estimate::check_plan(&physical)?;

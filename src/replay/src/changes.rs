@@ -33,7 +33,7 @@ pub struct Changes {
     pub end: Option<ChangedEnd>,
     /// Whether a digest of the simulator's state differs anywhere.
     pub state_differs: bool,
-    /// Whether a digest of a picture differs anywhere.
+    /// Whether a digest of an image differs anywhere.
     #[serde(alias = "pictures_differ")]
     pub images_differ: bool,
 }

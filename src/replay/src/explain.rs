@@ -1,5 +1,5 @@
 //! Why a replay differs: everything that differs at the first differing moment, with the distance
-//! of numbers in ULPs, the pictures side by side and the texts word by word, and the motion states
+//! of numbers in ULPs, the images side by side and the texts word by word, and the motion states
 //! after any physics step. Never decides whether a trace is exact.
 
 use reel_sim::{PreparedTask, Simulator, render::Detail};
@@ -26,7 +26,7 @@ pub struct Explanation {
     pub fields: Vec<FieldChange>,
     /// The outcome's text, `[-recorded-]` and `{+replayed+}`, where it differs.
     pub text: Option<String>,
-    /// The picture, where it differs.
+    /// The image, where it differs.
     pub image: Option<FrameChange>,
     /// Motion states here after the first differing physics step. A trace holds only digests of the
     /// steps within a call: the other side's values come from the build that recorded it.
@@ -50,10 +50,10 @@ pub struct FieldChange {
     pub ulps: Option<u64>,
 }
 
-/// How a picture differs.
+/// How an image differs.
 #[derive(Clone, Debug, Serialize)]
 pub struct FrameChange {
-    /// Pixels that differ; none where the trace does not hold the picture.
+    /// Pixels that differ; none where the trace does not hold the image.
     pub pixels: Option<u32>,
     /// Box of the differing pixels: x, y of the first and of the last.
     pub bbox: Option<[u16; 4]>,
@@ -94,7 +94,7 @@ pub fn explain(trace: &Trace) -> Explanation {
                 return Explanation {
                     fields: changes(recorded, &output.record),
                     text: text(recorded, &output.record),
-                    image: picture(trace, recorded, &output.record, output.frame.as_ref()),
+                    image: image_change(trace, recorded, &output.record, output.frame.as_ref()),
                     bodies: step.and_then(|step| {
                         state_at(trace, EpisodePosition::Call(recorded.step), step)
                             .ok()
@@ -317,7 +317,7 @@ fn text(recorded: &StepRecord, replayed: &StepRecord) -> Option<String> {
     Some(text)
 }
 
-fn picture(
+fn image_change(
     trace: &Trace,
     recorded: &StepRecord,
     replayed: &StepRecord,

@@ -45,7 +45,7 @@ impl<'t> Fork<'t> {
         })
     }
 
-    /// Every such moment, in order, by executing the episode once. Pictures are not compared.
+    /// Every such moment, in order, by executing the episode once. Images are not compared.
     ///
     /// # Errors
     /// Why nothing can be executed, or the first difference.
@@ -69,7 +69,7 @@ impl<'t> Fork<'t> {
     }
 
     /// An episode that went as the parent did up to here. `policy` says who decides from
-    /// now on, `detail` how much of the pictures to come is drawn; only with all of it can
+    /// now on, `detail` how much of the images to come is drawn; only with all of it can
     /// the episode be recorded.
     ///
     /// # Errors

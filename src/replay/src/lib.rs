@@ -1,4 +1,4 @@
-//! Re-executes a trace from its inputs and compares everything: every digest, picture, text,
+//! Re-executes a trace from its inputs and compares everything: every digest, image, text,
 //! graph change, reward and metric. Names the first difference by call, physics step, body and
 //! field, with both values.
 //!
@@ -44,7 +44,7 @@ pub use viewpoint::{Viewpoint, ViewpointError, view_at, views};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "verdict", rename_all = "snake_case")]
 pub enum Verdict {
-    /// Every digest, picture and text is identical.
+    /// Every digest, image and text is identical.
     Exact {
         /// Number of recorded calls that the replay covers.
         calls: u32,
@@ -209,8 +209,8 @@ pub fn verify_trace(trace: &Trace) -> Verdict {
     verify_with(trace, Detail::Full)
 }
 
-/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said
-/// of the pictures' RGB.
+/// Replays a trace that was read, drawing so much of its images: without RGB nothing is said
+/// of the images' RGB.
 pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     if let Err(verdict) = player::config(trace) {
         return verdict;
@@ -222,7 +222,7 @@ pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     replayed.unwrap_or_else(|verdict| verdict)
 }
 
-/// Re-executes a trace and hands every picture to `on_frame` (`None` is the start), whether or not
+/// Re-executes a trace and hands every image to `on_frame` (`None` is the start), whether or not
 /// the trace holds it.
 ///
 /// # Errors

@@ -299,7 +299,7 @@ fn write_one(
     })
 }
 
-/// Writes a trace without pictures.
+/// Writes a trace without images.
 fn write_lean(path: &Path, trace: &Trace, executed: &Reexecution) -> Result<(), TraceError> {
     let mut recorder = Recorder::create(
         path,

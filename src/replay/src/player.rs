@@ -42,7 +42,7 @@ impl From<Box<StepMismatch>> for Verdict {
 }
 
 impl<'t> Replay<'t> {
-    /// Executes the start again; gives its picture too.
+    /// Executes the start again; gives its image too.
     ///
     /// # Errors
     /// Why nothing can be executed, or the first difference.
@@ -97,7 +97,7 @@ impl<'t> Replay<'t> {
         })
     }
 
-    /// Executes the next recorded call again and gives its picture, where it has one; nothing
+    /// Executes the next recorded call again and gives its image, where it has one; nothing
     /// after the last call.
     ///
     /// # Errors
@@ -118,7 +118,7 @@ impl<'t> Replay<'t> {
         }
     }
 
-    /// Executes what is left, hands every picture over with its call, and compares the end.
+    /// Executes what is left, hands every image over with its call, and compares the end.
     ///
     /// # Errors
     /// The first difference.

@@ -1,5 +1,5 @@
 //! Full traces to lean ones and back: pixels are dropped where replay can bring them back, and
-//! drawn again from the inputs. Digests stay, so that a lean trace says what its pictures were.
+//! drawn again from the inputs. Digests stay, so that a lean trace says what its images were.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -11,7 +11,7 @@ use crate::{Verdict, player::config, replay_with, verify_trace};
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum RepackError {
-    /// Its pictures could not be brought back, or not these.
+    /// Its images could not be brought back, or not these.
     #[error("its images cannot be rendered again: {verdict}")]
     NotExact { verdict: Box<Verdict> },
     /// It cannot be written.
@@ -19,7 +19,7 @@ pub enum RepackError {
     Trace(#[from] TraceError),
 }
 
-/// Writes a trace without its pictures; with `verify` only after a replay that brought back
+/// Writes a trace without its images; with `verify` only after a replay that brought back
 /// every one of them.
 ///
 /// # Errors
@@ -38,18 +38,18 @@ pub fn compact(trace: &Trace, to: &Path, verify: bool) -> Result<TraceSummary, R
     }
 }
 
-/// Writes a trace with its pictures, drawn again: the bytes of the trace as it
+/// Writes a trace with its images, drawn again: the bytes of the trace as it
 /// was recorded with them.
 ///
 /// # Errors
 /// When the replay is not exact or the file cannot be written.
 pub fn expand(trace: &Trace, to: &Path) -> Result<TraceSummary, RepackError> {
-    let mut pictures: BTreeMap<Option<u32>, Vec<u8>> = BTreeMap::new();
+    let mut images: BTreeMap<Option<u32>, Vec<u8>> = BTreeMap::new();
     let replayed = replay_with(trace, |step, frame| {
-        drop(pictures.insert(step, frame.rgb.clone()))
+        drop(images.insert(step, frame.rgb.clone()))
     });
     replayed.map_err(|verdict| RepackError::NotExact {
         verdict: Box::new(verdict),
     })?;
-    Ok(trace.rewrite(to, Images::Full, |step| pictures.remove(&step))?)
+    Ok(trace.rewrite(to, Images::Full, |step| images.remove(&step))?)
 }

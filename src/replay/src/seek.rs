@@ -64,7 +64,7 @@ impl SnapshotCache {
     }
 }
 
-/// The picture after a call (none: before the first), drawn again whether or not
+/// The image after a call (none: before the first), drawn again whether or not
 /// the trace holds it.
 ///
 /// # Errors
@@ -88,11 +88,11 @@ pub fn frame_at(
         .rgb)
 }
 
-/// The pictures (RGB) that the agent got at these moments (none: before the first call): those that
+/// The images (RGB) that the agent got at these moments (none: before the first call): those that
 /// the trace holds, or drawn again.
 ///
 /// # Errors
-/// Why a picture cannot be had, or the first difference on the way.
+/// Why an image cannot be had, or the first difference on the way.
 pub fn frames_at(
     trace: &Trace,
     moments: &BTreeSet<Option<u32>>,

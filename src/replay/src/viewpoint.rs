@@ -1,4 +1,4 @@
-//! The pictures of an episode from any camera, drawn by executing it again. Only the head camera's
+//! The images of an episode from any camera, drawn by executing it again. Only the head camera's
 //! are what an agent saw.
 
 use reel_sim::{Simulator, geometry::Camera, render::Detail};
@@ -10,11 +10,11 @@ use crate::{
     seek::{no_call, seek},
 };
 
-/// Where a picture is taken from.
+/// Where an image is taken from.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Viewpoint {
     /// The robot's head: what the agent saw, with its marks; the same view where a
-    /// call gave no picture.
+    /// call gave no image.
     Head,
     /// From above, all of the home.
     TopDown,
@@ -141,7 +141,7 @@ fn object(name: &str, task: &Task) -> Result<InstanceId, ViewpointError> {
     }
 }
 
-/// The picture (RGB) from a viewpoint after a call (none: before the first).
+/// The image (RGB) from a viewpoint after a call (none: before the first).
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference on the way, or that there is no
@@ -161,24 +161,24 @@ pub fn view_at(
     viewpoint.outside(seek(trace, calls, cache)?.episode().simulator())
 }
 
-/// The pictures (RGB) from a viewpoint before the first call and after each, in order.
+/// The images (RGB) from a viewpoint before the first call and after each, in order.
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference, or that there is no such object.
 pub fn views(trace: &Trace, viewpoint: &Viewpoint) -> Result<Vec<Vec<u8>>, Verdict> {
     let (mut replay, start) = Replay::start(trace, Detail::Full)?;
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     let mut seen = Some(start);
     loop {
         let simulator = replay.episode().simulator();
-        pictures.push(match (viewpoint, seen) {
+        images.push(match (viewpoint, seen) {
             (Viewpoint::Head, Some(frame)) => frame.rgb,
             (Viewpoint::Head, None) => simulator.render_from(&simulator.camera()).rgb,
             _ => viewpoint.outside(simulator)?,
         });
         match replay.step()? {
             Some(output) => seen = output.frame,
-            None => return Ok(pictures),
+            None => return Ok(images),
         }
     }
 }

@@ -1,5 +1,5 @@
 //! What a record without a simulator leaves open of a reward: robots and other servers tell what a
-//! text listed and what got a marker, never what was in the picture, and some not even what a call
+//! text listed and what got a marker, never what was in the image, and some not even what a call
 //! acted on. Never guesses what was seen.
 
 use std::{fmt, sync::Arc};

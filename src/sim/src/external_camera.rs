@@ -1,4 +1,4 @@
-//! The scene from any camera, with the robot in it: for people. No agent sees these pictures, and
+//! The scene from any camera, with the robot in it: for people. No agent sees these images, and
 //! taking one changes nothing.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId};
@@ -10,7 +10,7 @@ use crate::{
     render::{Detail, Drawable},
 };
 
-/// Entity of the robot in these pictures; nothing else has it.
+/// Entity of the robot in these images; nothing else has it.
 const ROBOT_ENTITY: u16 = u16::MAX;
 /// Where a held object hangs, before the robot and above the floor, in metres.
 const GRIPPER_M: [f32; 2] = [0.34, 0.95];
@@ -19,14 +19,14 @@ const GRIPPER_M: [f32; 2] = [0.34, 0.95];
 const FOLLOW_M: [[f32; 2]; 3] = [[0.75, 0.55], [0.9, 1.1], [0.35, 1.3]];
 /// Directions around the object that are tried.
 const DIRECTIONS: usize = 12;
-/// Pictures are this many times their focal length wide and high.
+/// Images are this many times their focal length wide and high.
 const FIELD: [f32; 2] = [
     FRAME_WIDTH as f32 / FOCAL_PX,
     FRAME_HEIGHT as f32 / FOCAL_PX,
 ];
 
 impl Simulator {
-    /// The picture from any camera, the robot and what it holds drawn too.
+    /// The image from any camera, the robot and what it holds drawn too.
     pub fn render_external(&self, camera: &Camera) -> Frame {
         let robot = robot();
         let pose = self.robot_pose();
@@ -44,7 +44,7 @@ impl Simulator {
         self.render_with(camera, &extra, self.detail)
     }
 
-    /// A camera above the middle of the home, so high that all of it is in the picture; the
+    /// A camera above the middle of the home, so high that all of it is in the image; the
     /// longer side lies level.
     pub fn camera_above(&self) -> Camera {
         let [low, high] = self.stage.model.bounds;
@@ -101,7 +101,7 @@ impl Simulator {
                 )
             })
         });
-        // Pixels of the object, fewer where much of the picture is something that stands before it,
+        // Pixels of the object, fewer where much of the image is something that stands before it,
         // like the edge of a wall.
         let worth = |camera: &Camera| {
             let frame = self.render_with(camera, &[], Detail::Geometry);

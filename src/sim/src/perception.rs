@@ -12,7 +12,7 @@ use crate::{
     simulator::{Simulator, furniture_entity},
 };
 
-/// Something in the current picture.
+/// Something in the current image.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Segment {
     /// The object or receptacle that the segment shows.
@@ -31,13 +31,13 @@ pub trait Perception: fmt::Debug + Send + Sync {
     /// there is no such place.
     fn close_up(&self, simulator: &Simulator, object: usize) -> Option<Viewpoint>;
 
-    /// What is in the last picture, in ascending instance id.
+    /// What is in the last image, in ascending instance id.
     fn segments(&self, simulator: &Simulator) -> Vec<Segment>;
 
     /// The category among those of all objects that a query means, where nobody outside said so.
     fn nearest_category(&self, query: &str, categories: &[&str]) -> Option<String>;
 
-    /// Draws marks into a picture; `opacity` is that of the tint, from 0 to 1.
+    /// Draws marks into an image; `opacity` is that of the tint, from 0 to 1.
     fn mark(&self, frame: &mut Frame, marks: &[OverlayMark], opacity: f32);
 }
 

@@ -484,7 +484,7 @@ impl Simulator {
             .is_some_and(|receptacle| receptacle.placeable || id.as_str().starts_with(LID))
     }
 
-    /// What has a pixel in the picture from here, in ascending instance id.
+    /// What has a pixel in the image from here, in ascending instance id.
     fn in_view(&mut self) -> Vec<MarkerTarget> {
         self.update_visible();
         let segments = self.stage.perception.segments(self);
@@ -506,7 +506,7 @@ impl Simulator {
         }
     }
 
-    /// The picture, and no word.
+    /// The image, and no word.
     fn plain(&mut self) -> ToolResult {
         let frame = self.capture_frame();
         ToolResult {
@@ -515,7 +515,7 @@ impl Simulator {
         }
     }
 
-    /// The picture of a search. One that marked nothing found nothing, though the servers say
+    /// The image of a search. One that marked nothing found nothing, though the servers say
     /// no word of it.
     fn searched(&mut self, opacity: f32) -> ToolResult {
         let mut result = self.marked(opacity);
@@ -523,7 +523,7 @@ impl Simulator {
         result
     }
 
-    /// The picture with the current markers in it, and no word.
+    /// The image with the current markers in it, and no word.
     fn marked(&mut self, opacity: f32) -> ToolResult {
         let mut frame = self.capture_frame();
         let mark = |marker: &Marker| {

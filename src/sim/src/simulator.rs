@@ -1,5 +1,5 @@
 //! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its
-//! graphs, pictures and digests. The tool handlers are in `tools`.
+//! graphs, images and digests. The tool handlers are in `tools`.
 
 use std::sync::Arc;
 
@@ -52,7 +52,7 @@ pub struct Simulator {
     /// Furniture index of the receptacle the robot went to; `None` before it went to one.
     pub(crate) landmark: Option<usize>,
     pub(crate) robot: RobotState,
-    /// What stood in the last picture: (entity, pixels) runs over its rows.
+    /// What stood in the last image: (entity, pixels) runs over its rows.
     pub(crate) view: Vec<(u16, u32)>,
     pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
@@ -340,13 +340,13 @@ impl Simulator {
         Some(source.path_length_m + destination.path_length_m)
     }
 
-    /// How much of each picture is drawn from now on. Ids and depth, and so all that follows, do
+    /// How much of each image is drawn from now on. Ids and depth, and so all that follows, do
     /// not depend on it.
     pub fn set_detail(&mut self, detail: Detail) {
         self.detail = detail;
     }
 
-    /// Takes the picture from the robot's head and remembers what is in view.
+    /// Takes the image from the robot's head and remembers what is in view.
     pub fn capture_frame(&mut self) -> Frame {
         let frame = self.render_from(&self.camera());
         self.view = runs(&frame.ids);
@@ -358,12 +358,12 @@ impl Simulator {
         self.view = runs(&self.render_with(&self.camera(), &[], Detail::Geometry).ids);
     }
 
-    /// The picture from any camera; changes nothing.
+    /// The image from any camera; changes nothing.
     pub fn render_from(&self, camera: &Camera) -> Frame {
         self.render_with(camera, &[], self.detail)
     }
 
-    /// The picture from any camera, with more in it than the scene.
+    /// The image from any camera, with more in it than the scene.
     pub(crate) fn render_with(
         &self,
         camera: &Camera,
@@ -413,7 +413,7 @@ impl Simulator {
         }
     }
 
-    /// Objects in the last picture, in the task's order.
+    /// Objects in the last image, in the task's order.
     pub fn visible(&self) -> Vec<VisibleObject> {
         let seen = seen_entities(&self.view);
         let objects = self.stage.task.objects.iter().enumerate();
@@ -430,7 +430,7 @@ impl Simulator {
         visible.collect()
     }
 
-    /// How each entity stands in the last picture, by entity number.
+    /// How each entity stands in the last image, by entity number.
     pub(crate) fn sights(&self) -> Vec<Option<VisibleEntity>> {
         seen_entities(&self.view)
     }
@@ -515,7 +515,7 @@ impl Simulator {
         self.robot.path_length_m += viewpoint.path_length_m;
     }
 
-    /// Draws the current markers into a picture, those of them that are in it.
+    /// Draws the current markers into an image, those of them that are in it.
     pub(crate) fn draw_markers(&self, frame: &mut Frame) {
         if self.detail == Detail::Geometry {
             return;
@@ -539,7 +539,7 @@ impl Simulator {
     }
 }
 
-/// How one entity stands in a picture.
+/// How one entity stands in an image.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct VisibleEntity {
     pub(crate) pixels: u32,
@@ -559,7 +559,7 @@ pub(crate) fn furniture_entity(index: usize) -> u16 {
     FIRST_FURNITURE_ENTITY + u16::try_from(index).expect("a scene has fewer than 65,000 things")
 }
 
-/// The entities of a picture as runs.
+/// The entities of an image as runs.
 fn runs(ids: &[u16]) -> Vec<(u16, u32)> {
     ids.chunk_by(|a, b| a == b)
         .map(|run| (run[0], run.len() as u32))

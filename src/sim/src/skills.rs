@@ -1,5 +1,5 @@
 //! Skills that fail now and then: the probabilities and errors measured on the paper's robot
-//! ("Quantitative real-world evaluation"), and what luck a call has. Luck is a pure function of
+//! ("Quantitative real-world evaluation"), and the actuation noise of a call, which is a pure function of
 //! seed, task and call number: a draw depends on no other draw.
 
 use reel_world::{Digest, DoorState, Skills};
@@ -60,7 +60,7 @@ impl Primitive {
     }
 }
 
-/// The luck of one call.
+/// The actuation noise of one call.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ActuationNoise {
     skills: Skills,
@@ -73,7 +73,7 @@ pub struct ActuationNoise {
 }
 
 impl ActuationNoise {
-    /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed
+    /// The actuation noise of a call (from 0) of an episode. Episodes of different tasks at one seed
     /// have nothing in common.
     pub fn of(skills: Skills, seed: u64, task_id: &str, call: u32) -> Self {
         if skills == Skills::Perfect {
@@ -160,12 +160,12 @@ mod tests {
 
     #[test]
     fn luck_repeats_and_depends_on_every_part_of_its_key() {
-        let luck = |seed, call| ActuationNoise::of(Skills::RealV1, seed, "FDP/a", call);
-        assert_eq!(luck(1, 0), luck(1, 0));
-        assert_ne!(luck(1, 0), luck(1, 1));
-        assert_ne!(luck(1, 0), luck(2, 0));
+        let noise = |seed, call| ActuationNoise::of(Skills::RealV1, seed, "FDP/a", call);
+        assert_eq!(noise(1, 0), noise(1, 0));
+        assert_ne!(noise(1, 0), noise(1, 1));
+        assert_ne!(noise(1, 0), noise(2, 0));
         assert_ne!(
-            luck(1, 0),
+            noise(1, 0),
             ActuationNoise::of(Skills::RealV1, 1, "FDP/b", 0)
         );
         let perfect = ActuationNoise::of(Skills::Perfect, 1, "FDP/a", 0);
@@ -180,27 +180,28 @@ mod tests {
     /// The paper's "Navigation/gaze repeatability": 1.78 +- 0.40 cm, 0.74 +- 0.57 degrees.
     #[test]
     fn the_drift_is_that_of_the_paper() {
-        let luck: Vec<ActuationNoise> = (0..4000)
+        let noise: Vec<ActuationNoise> = (0..4000)
             .map(|call| ActuationNoise::of(Skills::RealV1, 20_261, "FDP/a", call))
             .collect();
         let of = |value: &dyn Fn(&ActuationNoise) -> f64| {
-            let mean = luck.iter().map(value).sum::<f64>() / luck.len() as f64;
-            let variance = luck
+            let mean = noise.iter().map(value).sum::<f64>() / noise.len() as f64;
+            let variance = noise
                 .iter()
-                .map(|luck| (value(luck) - mean) * (value(luck) - mean))
+                .map(|noise| (value(noise) - mean) * (value(noise) - mean))
                 .sum::<f64>()
-                / luck.len() as f64;
+                / noise.len() as f64;
             [mean, variance.sqrt()]
         };
-        let [far, far_deviation] =
-            of(&|luck| 100.0 * libm::hypot(f64::from(luck.drift_m[0]), f64::from(luck.drift_m[1])));
+        let [far, far_deviation] = of(&|noise| {
+            100.0 * libm::hypot(f64::from(noise.drift_m[0]), f64::from(noise.drift_m[1]))
+        });
         assert!(
             (far - 1.78).abs() < 0.03 && (far_deviation - 0.40).abs() < 0.03,
             "{far} +- {far_deviation} cm"
         );
         // What would be below zero is zero: the mean of the absolute error is a little higher, the
         // deviation a little smaller.
-        let [turned, turned_deviation] = of(&|luck| f64::from(luck.drift_yaw.abs()).to_degrees());
+        let [turned, turned_deviation] = of(&|noise| f64::from(noise.drift_yaw.abs()).to_degrees());
         assert!(
             (turned - 0.74).abs() < 0.06 && (turned_deviation - 0.57).abs() < 0.07,
             "{turned} +- {turned_deviation} degrees"

@@ -26,7 +26,7 @@ pub struct Snapshot {
     landmark: Option<u32>,
     robot: RobotState,
     sim_step: u64,
-    /// What stood in the last picture: (entity, pixels) runs over its rows.
+    /// What stood in the last image: (entity, pixels) runs over its rows.
     view: Vec<(u16, u32)>,
 }
 

@@ -36,7 +36,7 @@ const RECEPTACLE_PIXELS: u32 = 120;
 pub struct ToolResult {
     /// The text and, if the call failed, the error code that the policy reads.
     pub outcome: Outcome,
-    /// The picture, where the tool returns one.
+    /// The image, where the tool returns one.
     pub frame: Option<Frame>,
     /// Objects that the text told of.
     pub listed: Vec<InstanceId>,
@@ -47,7 +47,7 @@ pub struct ToolResult {
 }
 
 impl ToolResult {
-    /// A result without a picture.
+    /// A result without an image.
     pub fn new(outcome: Outcome) -> Self {
         Self {
             outcome,
@@ -413,7 +413,7 @@ impl Simulator {
         Ok(result)
     }
 
-    /// Takes the picture with the current markers in it.
+    /// Takes the image with the current markers in it.
     fn seen(&mut self, outcome: Outcome) -> ToolResult {
         let mut frame = self.capture_frame();
         self.draw_markers(&mut frame);
@@ -434,7 +434,7 @@ impl Simulator {
         ToolText::Contents.outcome(&[&lines])
     }
 
-    /// Objects in the last picture, from left to right.
+    /// Objects in the last image, from left to right.
     fn objects_in_view(&self) -> Vec<usize> {
         let sights = self.sights();
         let mut found: Vec<(u64, usize)> = (0..self.stage.task.objects.len())

@@ -301,6 +301,9 @@ pub(crate) struct Step<'a> {
     pub(crate) reply: Option<&'a str>,
     pub(crate) settles: Option<bool>,
     pub(crate) reply_source: Option<Value>,
+    pub(crate) match_source: Option<&'a str>,
+    pub(crate) match_categories: Option<&'a [String]>,
+    pub(crate) query_known: Option<bool>,
     pub(crate) raw: Option<&'a str>,
     pub(crate) prompt_tokens: Option<u32>,
     pub(crate) completion_tokens: Option<u32>,
@@ -320,6 +323,8 @@ pub(crate) struct Step<'a> {
 fn steps(trace: &Trace) -> Vec<Step<'_>> {
     let goal = trace.task.goal_changes();
     let candidates = candidates(&trace.task);
+    let objects = trace.task.objects.iter();
+    let categories: BTreeSet<&str> = objects.map(|it| it.category.as_str()).collect();
     let mut seen: BTreeSet<&InstanceId> = trace
         .start
         .visible
@@ -340,7 +345,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             .filter(|object| seen.insert(*object))
             .map(InstanceId::as_str)
             .collect();
-        let policy = record.input.policy.as_ref();
+        let (policy, lookup) = (record.input.policy.as_ref(), record.input.lookup.as_ref());
         let recorded = policy.and_then(|policy| policy.logprobs.as_ref());
         let by_policy = |(policy, logprobs)| PolicyLogprobs { policy, logprobs };
         rows.push(Step {
@@ -401,6 +406,14 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 seen.iter().copied().filter(|id| candidates.contains(*id)),
             ),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
+            match_source: query(record)
+                .map(|_| lookup.map_or("words", |lookup| lookup.source.as_str())),
+            match_categories: lookup.map(|lookup| lookup.categories.as_slice()),
+            query_known: query(record).map(|query| {
+                language::is_known_word(&query)
+                    || language::match_category(&query, &categories).kind
+                        != language::MatchKind::None
+            }),
             raw: policy.and_then(|policy| said(&policy.raw)),
             prompt_tokens: policy
                 .and_then(|policy| policy.tokens)
@@ -533,6 +546,13 @@ fn settles<'a>(
     };
     let told_apart = !candidates.any(|id| *id != task.target && fits(id));
     Some(language::names_object(reply) && fits(&task.target) && told_apart)
+}
+
+/// The query of a search for a category.
+fn query(record: &StepRecord) -> Option<Cow<'_, str>> {
+    (record.tool_name() == "show_object_by_category")
+        .then(|| record.input.call.argument())
+        .flatten()
 }
 
 fn question(record: &StepRecord) -> Option<Cow<'_, str>> {

@@ -1,4 +1,4 @@
-//! Files and folders of tasks: every task that can be taken, every file that cannot, every oddity.
+//! Files and folders of tasks: every task that can be taken, every file that cannot, every warning.
 
 use std::{
     collections::BTreeMap,
@@ -60,7 +60,7 @@ pub fn load_as(path: &Path, scene: &Scene, listed: ObjectOrder) -> LoadReport {
 /// What came of loading tasks together with their scenes.
 #[derive(Debug, Default)]
 pub struct LoadedSet {
-    /// Tasks, oddities, broken files.
+    /// Tasks, warnings, broken files.
     pub report: LoadReport,
     /// The scenes of the tasks.
     pub scenes: Scenes,
@@ -91,7 +91,7 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: ObjectOrder) -> Load
         match read() {
             Err(error) => report.broken.push(error),
             Ok(tasks) => {
-                for (task, oddities) in tasks {
+                for (task, warnings) in tasks {
                     match first_file.get(&task.task_id) {
                         Some(first) => {
                             let (file, task_id, first) =
@@ -105,7 +105,7 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: ObjectOrder) -> Load
                         None => {
                             first_file.insert(task.task_id.clone(), file.clone());
                             report.tasks.push(task);
-                            report.warnings.extend(oddities);
+                            report.warnings.extend(warnings);
                         }
                     }
                 }

@@ -1,6 +1,6 @@
 //! The YAML schema of REAL-Bench (docs/spec.md#real-bench) read into a [`Task`].
 //!
-//! Takes the published oddities without complaint and lists them. Fields it does not use are kept
+//! Takes the published deviations without complaint and lists them. Fields it does not use are kept
 //! in [`Task::extra`] under their path in the document, e.g. `episodes[0].global_index`.
 
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use crate::{TaskWarning, TaskWarningKind, attributes, error::Problem, field::Field};
 
-/// An object at most this thick is an oddity, in metres.
+/// An object at most this thick is a deviation, in metres.
 const THIN_M: f64 = 0.0015;
 /// The published physics check drops objects from this high, in metres.
 pub(crate) const DROP_M: f64 = 0.1;
@@ -43,7 +43,7 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<TaskWar
         episode,
         scene,
         extra: BTreeMap::new(),
-        oddities: Vec::new(),
+        deviations: Vec::new(),
     };
     let task = reader.task()?;
     let of_task = |(kind, detail)| TaskWarning {
@@ -51,8 +51,8 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<TaskWar
         kind,
         detail,
     };
-    let oddities = reader.oddities.into_iter().map(of_task).collect();
-    Ok((task, oddities))
+    let deviations = reader.deviations.into_iter().map(of_task).collect();
+    Ok((task, deviations))
 }
 
 struct Reader<'a> {
@@ -60,7 +60,7 @@ struct Reader<'a> {
     episode: &'a Field<'a>,
     scene: &'a Scene,
     extra: BTreeMap<String, Value>,
-    oddities: Vec<(TaskWarningKind, String)>,
+    deviations: Vec<(TaskWarningKind, String)>,
 }
 
 impl<'a> Reader<'a> {
@@ -98,8 +98,8 @@ impl<'a> Reader<'a> {
         let goal = self.goal(&initial, (&target, &src, &dest))?;
 
         self.metas(&objects)?;
-        self.goal_oddities(&objects)?;
-        self.place_oddities(&objects, &dest, &src_distractors);
+        self.goal_deviations(&objects)?;
+        self.place_deviations(&objects, &dest, &src_distractors);
         self.keep_unknown(self.root, ROOT_FIELDS)?;
         self.keep_unknown(episode, EPISODE_FIELDS)?;
         Ok(Task {
@@ -493,7 +493,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn goal_oddities(&mut self, objects: &[ObjectInstance]) -> Result<(), Problem> {
+    fn goal_deviations(&mut self, objects: &[ObjectInstance]) -> Result<(), Problem> {
         if let Some(goal) = self.episode.find("goal_world_graph")? {
             let initial = self.episode.get("initial_world_graph")?;
             let assets = |graph: &Field<'a>| -> Result<Vec<&'a str>, Problem> {
@@ -531,7 +531,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn place_oddities(
+    fn place_deviations(
         &mut self,
         objects: &[ObjectInstance],
         dest: &ReceptacleId,
@@ -567,7 +567,7 @@ impl<'a> Reader<'a> {
     }
 
     fn odd(&mut self, kind: TaskWarningKind, detail: String) {
-        self.oddities.push((kind, detail));
+        self.deviations.push((kind, detail));
     }
 
     /// Keeps a field of the episode unless it says what the task says anyway.

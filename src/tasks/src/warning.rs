@@ -1,4 +1,4 @@
-//! What is strange in a task file but taken all the same (docs/spec.md#real-bench-oddities).
+//! What is strange in a task file but taken all the same (docs/spec.md#real-bench-deviations).
 
 use std::fmt;
 

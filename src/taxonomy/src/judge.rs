@@ -42,7 +42,7 @@ pub struct Case {
     pub truth: Option<CaseTruth>,
     /// Its steps in their order.
     pub transcript: Vec<CaseStep>,
-    /// Pictures in the order of their steps.
+    /// Images in the order of their steps.
     pub frames: Vec<CaseImage>,
     /// What the rules found in the simulator's record, if anything; not shown to the model. Of a
     /// reduced trace it is binding all the same: leave it out where words alone are not enough.
@@ -102,7 +102,7 @@ pub struct CaseStep {
     pub answer: String,
 }
 
-/// A picture that the agent saw.
+/// An image that the agent saw.
 #[derive(Clone, PartialEq, Debug)]
 pub struct CaseImage {
     /// Number of the step after which the frame was taken.
@@ -202,10 +202,10 @@ pub struct JudgedCase {
 /// How much of an episode is shown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct JudgeOptions {
-    /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At
+    /// Most bytes of the record, images apart; what is over it is left out in the middle. At
     /// least [`JudgeOptions::TRANSCRIPT_BYTES_MIN`] are used.
     pub transcript_bytes: usize,
-    /// Most pictures, spread evenly over the episode; 0 for a model without eyes.
+    /// Most images, spread evenly over the episode; 0 for a model without eyes.
     pub frames: usize,
 }
 
@@ -215,7 +215,7 @@ impl JudgeOptions {
 }
 
 impl Default for JudgeOptions {
-    /// 60,000 bytes, which is about 15,000 tokens, and 8 pictures.
+    /// 60,000 bytes, which is about 15,000 tokens, and 8 images.
     fn default() -> Self {
         Self {
             transcript_bytes: 60_000,

@@ -36,7 +36,7 @@ pub struct Sankey {
     scene: Scene,
 }
 
-/// Why there is no picture.
+/// Why there is no image.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SankeyError {
@@ -49,7 +49,7 @@ pub enum SankeyError {
         smallest: f32,
         largest: f32,
     },
-    /// There is no memory for a picture of this size.
+    /// There is no memory for an image of this size.
     #[error("an image of {width_px} x {height_px} pixels is too large; choose a smaller scale")]
     Size { width_px: u32, height_px: u32 },
     /// The PNG could not be written.

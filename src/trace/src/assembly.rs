@@ -55,7 +55,7 @@ impl From<&str> for Refusal {
 /// Records so far, and the moment that is being put together.
 pub(crate) struct Assembly<'a> {
     path: &'a Path,
-    /// Where pictures are of no use: tasks and scenes that were parsed before.
+    /// Where images are of no use: tasks and scenes that were parsed before.
     records_only: Option<&'a DocumentCache>,
     attachments: BTreeMap<String, Vec<u8>>,
     metadata: Option<BTreeMap<String, String>>,
@@ -118,7 +118,7 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Leaves out the pictures.
+    /// Leaves out the images.
     pub(crate) fn records_only(path: &'a Path, known: &'a DocumentCache) -> Self {
         Self {
             records_only: Some(known),

@@ -214,7 +214,7 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
                 true => image::finished_message(data),
                 false => Some(Cow::Borrowed(data)),
             };
-            // What is no picture cannot be shown: it is left out.
+            // What is no image cannot be shown: it is left out.
             let Some(data) = data else { return Ok(()) };
             if let Some(channel) =
                 schema::channel(topic).filter(|channel| announced.insert(channel.id))

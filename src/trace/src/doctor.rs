@@ -29,7 +29,7 @@ pub struct DoctorReport {
     pub bytes: u64,
     /// How many steps are whole.
     pub steps: u32,
-    /// How many pictures there are.
+    /// How many images there are.
     pub images: usize,
     /// How the episode ended, if it did.
     pub end: Option<EndReason>,
@@ -45,7 +45,7 @@ pub struct Finding {
     /// Byte offset of the record (of its chunk, for a message in a chunk); none where it
     /// is not one place.
     pub offset: Option<u64>,
-    /// What stands there, in words: `chunk`, `message on /tool/call`, `picture`, `hash chain`.
+    /// What stands there, in words: `chunk`, `message on /tool/call`, `image`, `hash chain`.
     pub record: String,
     /// The step; none before and at the start.
     pub step: Option<u32>,
@@ -73,7 +73,7 @@ impl std::fmt::Display for Finding {
 
 /// Examines a trace or an unfinished recording: magic bytes, structure, every checksum,
 /// index against content, schemas against ours, order, hash chain, attachments and
-/// pictures against their digests.
+/// images against their digests.
 ///
 /// # Errors
 /// When the file cannot be read at all.
@@ -122,11 +122,11 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
             examination.steps = trace.steps.len() as u32;
             examination.images = trace.image_count();
             examination.end = trace.end.as_ref().map(|end| end.reason);
-            let pictures = trace
+            let frames = trace
                 .images
                 .keys()
                 .filter_map(|step| trace.frame_rgb(*step).err());
-            findings.extend(pictures.map(|error| finding(&error, 0, &bytes)));
+            findings.extend(frames.map(|error| finding(&error, 0, &bytes)));
             if let Some(origin) = trace.header.backend.not_replayable_reason() {
                 notes.push(format!("recorded {origin}: nothing to re-execute"));
             } else if trace.image_count() == 0 {
@@ -566,7 +566,7 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
         } => {
             step = *of;
             let advice = "take another copy, or drop the images with `reel trace compact` and draw them again with `reel trace expand`";
-            ("picture".to_owned(), format!("it {what}"), advice)
+            ("image".to_owned(), format!("it {what}"), advice)
         }
         other => ("trace".to_owned(), other.to_string(), COPY),
     };

@@ -137,7 +137,7 @@ pub enum TraceError {
         expected: Digest,
         found: Digest,
     },
-    /// A picture cannot be read or is not the recorded one.
+    /// An image cannot be read or is not the recorded one.
     #[error("the image of {} {problem}; it was changed or damaged: {path}", position(*.step))]
     Image {
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! Pictures as lossless WebP (in traces) and PNG (for people and policies).
+//! Images as lossless WebP (in traces) and PNG (for people and policies).
 
 use std::{borrow::Cow, io::Cursor};
 
@@ -10,7 +10,7 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use crate::schema::foxglove::CompressedImage;
 
-/// Format of a picture in an unfinished recording that nobody has decoded yet.
+/// Format of an image in an unfinished recording that nobody has decoded yet.
 pub(crate) const BASE64_PNG: &str = "png;base64";
 
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
@@ -27,7 +27,7 @@ pub fn encode_webp(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     bytes
 }
 
-/// Decodes a WebP picture to 8-bit RGB with its width and height; none when it is no such picture
+/// Decodes a WebP image to 8-bit RGB with its width and height; none when it is no such image
 /// or has more than `pixels_max` pixels.
 pub fn decode_webp(bytes: &[u8], pixels_max: u32) -> Option<(Vec<u8>, u32, u32)> {
     let mut decoder = WebPDecoder::new(Cursor::new(bytes)).ok()?;
@@ -99,7 +99,7 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
     }
 }
 
-/// A picture of an unfinished recording in the form of a finished one; none where
+/// An image of an unfinished recording in the form of a finished one; none where
 /// it cannot be read.
 pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
     if image.format != BASE64_PNG {

@@ -43,7 +43,7 @@ pub(crate) const TASK_ATTACHMENT: &str = "task.json";
 /// Name of the scene's attachment.
 pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
 
-/// A picture on its way into a trace.
+/// An image on its way into a trace.
 #[derive(Clone, Copy)]
 pub(crate) enum FrameSource<'a> {
     /// 8-bit RGB, to be encoded.
@@ -161,7 +161,7 @@ impl<W: Write + Seek> Journal<W> {
     pub(crate) fn start(
         &mut self,
         record: &StartRecord,
-        picture: Option<FrameSource>,
+        frame: Option<FrameSource>,
     ) -> Result<(), TraceError> {
         if !matches!(self.turn, Expected::Start) {
             return Err(self.out_of_turn("the start"));
@@ -177,13 +177,7 @@ impl<W: Write + Seek> Journal<W> {
             schema::WORLD_GRAPH,
             &codec::world_graphs("start", &record.graphs),
         )?;
-        self.derived(
-            None,
-            picture,
-            &record.visible,
-            &record.robot,
-            &record.bodies,
-        )?;
+        self.derived(None, frame, &record.visible, &record.robot, &record.bodies)?;
         let header = &self.header;
         let line = format!(
             "episode {}: task {} ({}), scene {}, seed {}, policy {}",
@@ -295,7 +289,7 @@ impl<W: Write + Seek> Journal<W> {
             .try_for_each(|it| self.alignment(it))
     }
 
-    /// Records the camera's picture as it came.
+    /// Records the camera's image as it came.
     pub(crate) fn original(
         &mut self,
         step: Option<u32>,
@@ -330,7 +324,7 @@ impl<W: Write + Seek> Journal<W> {
     pub(crate) fn step(
         &mut self,
         record: &StepRecord,
-        picture: Option<FrameSource>,
+        frame: Option<FrameSource>,
     ) -> Result<(), TraceError> {
         if !matches!(&self.turn, Expected::Step { step, input } if *step == record.step && **input == record.input)
         {
@@ -355,7 +349,7 @@ impl<W: Write + Seek> Journal<W> {
         self.message(schema::REWARD, &reward)?;
         self.derived(
             Some(record.step),
-            picture,
+            frame,
             &record.visible,
             &record.robot,
             &record.bodies,
@@ -437,13 +431,13 @@ impl<W: Write + Seek> Journal<W> {
     fn derived(
         &mut self,
         step: Option<u32>,
-        picture: Option<FrameSource>,
+        frame: Option<FrameSource>,
         visible: &[VisibleObject],
         robot: &RobotState,
         bodies: &[BodyState],
     ) -> Result<(), TraceError> {
         let ns = self.time_ns();
-        if let (Images::Full, Some(taken)) = (self.images, picture) {
+        if let (Images::Full, Some(taken)) = (self.images, frame) {
             let (format, data) = match taken {
                 FrameSource::Webp(webp) => ("webp", webp.to_vec()),
                 FrameSource::Rgb(rgb) => ("webp", self.encode(step, rgb)?),

@@ -113,7 +113,7 @@ impl Trace {
         }
     }
 
-    /// Writes the trace again in its place, its pictures as they are; it is on the
+    /// Writes the trace again in its place, its images as they are; it is on the
     /// disk when this returns.
     ///
     /// # Errors

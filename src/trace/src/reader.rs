@@ -22,7 +22,7 @@ use crate::{
     schema,
 };
 
-/// A trace in memory: records decoded, pictures still encoded.
+/// A trace in memory: records decoded, images still encoded.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Trace {
     /// Path of the file that the trace was read from.
@@ -51,9 +51,9 @@ pub struct Trace {
     pub timings: BTreeMap<u32, Timing>,
     /// What a robot measured; empty for episodes without one.
     pub robot: RobotLog,
-    /// Pictures as the camera gave them; none: of the start.
+    /// Images as the camera gave them; none: of the start.
     pub(crate) originals: BTreeMap<Option<u32>, CameraImage>,
-    /// WebP pictures; none: of the start.
+    /// WebP images; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
     pub(crate) offsets: Vec<u64>,
@@ -62,7 +62,7 @@ pub struct Trace {
 impl Trace {
     /// Reads a finished trace, or an unfinished recording that ends with a whole step, from a file
     /// of this machine ([`TraceFiles::read`] reads URLs, too), and verifies
-    /// it: every checksum, the schemas, the order, and the hash chain over all records. Pictures
+    /// it: every checksum, the schemas, the order, and the hash chain over all records. Images
     /// are verified when they are decoded.
     ///
     /// # Errors
@@ -123,27 +123,27 @@ impl Trace {
         self
     }
 
-    /// The WebP picture after a step (none: of the start), if the trace holds it.
+    /// The WebP image after a step (none: of the start), if the trace holds it.
     pub fn image(&self, step: Option<u32>) -> Option<&[u8]> {
         self.images.get(&step).map(Vec::as_slice)
     }
 
-    /// The picture after a step (none: of the start) as the robot's camera gave it, if
+    /// The image after a step (none: of the start) as the robot's camera gave it, if
     /// the trace holds it.
     pub fn camera_image(&self, step: Option<u32>) -> Option<&CameraImage> {
         self.originals.get(&step)
     }
 
-    /// How many pictures the trace holds.
+    /// How many images the trace holds.
     pub fn image_count(&self) -> usize {
         self.images.len()
     }
 
-    /// The picture after a step (none: of the start), decoded to RGB and checked
+    /// The image after a step (none: of the start), decoded to RGB and checked
     /// against its recorded digest.
     ///
     /// # Errors
-    /// When the picture cannot be decoded or is not the recorded one.
+    /// When the image cannot be decoded or is not the recorded one.
     pub fn frame_rgb(&self, step: Option<u32>) -> Result<Option<Vec<u8>>, TraceError> {
         let Some(webp) = self.image(step) else {
             return Ok(None);
@@ -165,10 +165,10 @@ impl Trace {
         Ok(Some(rgb))
     }
 
-    /// Decodes every picture and checks it against its recorded digest.
+    /// Decodes every image and checks it against its recorded digest.
     ///
     /// # Errors
-    /// The first picture that is wrong.
+    /// The first image that is wrong.
     pub fn verify_images(&self) -> Result<(), TraceError> {
         self.images
             .keys()
@@ -192,8 +192,8 @@ impl Trace {
     }
 }
 
-/// Reads many traces, from several threads at a time, where their pictures are not asked for:
-/// verified as [`Trace::read`] does, but no picture is kept, and a task or scene that traces
+/// Reads many traces, from several threads at a time, where their images are not asked for:
+/// verified as [`Trace::read`] does, but no image is kept, and a task or scene that traces
 /// share is parsed once.
 #[derive(Default)]
 pub struct RecordsReader {
@@ -216,7 +216,7 @@ impl RecordsReader {
         &self.files
     }
 
-    /// Reads a trace without its pictures.
+    /// Reads a trace without its images.
     ///
     /// # Errors
     /// As [`Trace::read`].

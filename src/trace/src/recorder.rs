@@ -21,7 +21,7 @@ use crate::{
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
 };
 
-/// Whether pictures are stored.
+/// Whether images are stored.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Images {
     /// Stores every image, encoded without loss.
@@ -63,7 +63,7 @@ impl Durability {
 /// How to record. From [`Images`] alone: with [`Durability::Write`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct RecordOptions {
-    /// Whether pictures are stored.
+    /// Whether images are stored.
     pub images: Images,
     /// What an acknowledged call survives.
     pub durability: Durability,
@@ -266,7 +266,7 @@ impl Recorder {
             .map_err(|error| self.unwritten(error))
     }
 
-    /// Records a picture of the camera as it came, beside the one of 640 x 480 that the step holds;
+    /// Records an image of the camera as it came, beside the one of 640 x 480 that the step holds;
     /// in turn as [`Recorder::odometry`], once a step. With [`Images::None`] it is left out.
     ///
     /// # Errors
@@ -287,9 +287,9 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// [`Recorder::start`] with a picture as a protocol brings it, a PNG file in Base64: kept as it
-    /// came until the end, then as all pictures. It is not decoded before, so the record cannot
-    /// have its digest; what is no picture is left out of the finished file.
+    /// [`Recorder::start`] with an image as a protocol brings it, a PNG file in Base64: kept as it
+    /// came until the end, then as all images. It is not decoded before, so the record cannot
+    /// have its digest; what is no image is left out of the finished file.
     ///
     /// # Errors
     /// As [`Recorder::start`].
@@ -298,7 +298,7 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// [`Recorder::step`] with a picture as in [`Recorder::start_with_base64`].
+    /// [`Recorder::step`] with an image as in [`Recorder::start_with_base64`].
     ///
     /// # Errors
     /// As [`Recorder::step`].

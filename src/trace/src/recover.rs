@@ -189,7 +189,7 @@ pub fn recover_on(
                 .push("how many calls came after that is not known".to_owned());
         }
     }
-    let spoilt = trace.as_ref().map(spoilt_pictures).unwrap_or_default();
+    let spoilt = trace.as_ref().map(spoilt_images).unwrap_or_default();
     recovery.lost.extend(spoilt.values().cloned());
 
     let rendered = |recovery: &Recovery, path: &Path| match &trace {
@@ -345,8 +345,8 @@ fn ended(trace: &Trace) -> Option<EndReason> {
         .flatten()
 }
 
-/// The pictures that are not the recorded ones, and why.
-fn spoilt_pictures(trace: &Trace) -> BTreeMap<Option<u32>, String> {
+/// The images that are not the recorded ones, and why.
+fn spoilt_images(trace: &Trace) -> BTreeMap<Option<u32>, String> {
     let steps = std::iter::once(None).chain((0..trace.steps.len()).map(|step| Some(step as u32)));
     let refused = steps.filter_map(|step| Some((step, trace.frame_rgb(step).err()?)));
     refused

@@ -1,4 +1,4 @@
-//! Writing a trace again from its records: without its pictures, or with pictures
+//! Writing a trace again from its records: without its images, or with images
 //! that were drawn again.
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
@@ -13,14 +13,14 @@ use crate::{
 
 impl Trace {
     /// Writes the trace again, as a recording of the same records would have been: with
-    /// [`Images::None`] byte for byte as if recorded without pictures; with [`Images::Full`] and
-    /// the recorded pictures as if recorded with them. `rgb` gives the picture after a step (none:
+    /// [`Images::None`] byte for byte as if recorded without images; with [`Images::Full`] and
+    /// the recorded images as if recorded with them. `rgb` gives the image after a step (none:
     /// of the start), 8-bit RGB, row by row from the top left; it is asked only with
     /// [`Images::Full`], and what it does not give is left out. What is in place at `path` (this
     /// very trace, too) is replaced at once; it is on the disk when this returns.
     ///
     /// # Errors
-    /// When the trace has no end, a picture is not the one whose digest was recorded, or the
+    /// When the trace has no end, an image is not the one whose digest was recorded, or the
     /// file cannot be written.
     pub fn rewrite(
         &self,
@@ -60,7 +60,7 @@ impl Trace {
         images: Images,
         recoveries: &[BTreeMap<String, String>],
         end: &EndRecord,
-        mut picture: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
+        mut image: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
     ) -> Result<Vec<u8>, TraceError> {
         let head = (&self.header, &*self.task, &*self.scene);
         let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
@@ -68,7 +68,7 @@ impl Trace {
         if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
         }
-        journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
+        journal.start(&self.start, image(None)?.as_ref().map(Encoding::image))?;
         for step in &self.steps {
             journal.input(step.step, &step.input)?;
             if let Some(timing) = self.timings.get(&step.step) {
@@ -78,16 +78,13 @@ impl Trace {
             if let Some(original) = self.camera_image(Some(step.step)) {
                 journal.original(Some(step.step), original)?;
             }
-            journal.step(
-                step,
-                picture(Some(step.step))?.as_ref().map(Encoding::picture),
-            )?;
+            journal.step(step, image(Some(step.step))?.as_ref().map(Encoding::image))?;
         }
         journal.end(end)?;
         container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
     }
 
-    /// Checks a picture against its recorded digest, where there is one.
+    /// Checks an image against its recorded digest, where there is one.
     pub(crate) fn check_rgb(&self, step: Option<u32>, rgb: &[u8]) -> Result<(), TraceError> {
         let digests = match step {
             None => Some(&self.start.digests),
@@ -109,7 +106,7 @@ impl Trace {
     }
 }
 
-/// A picture in one of its forms.
+/// An image in one of its forms.
 pub(crate) enum Encoding {
     /// 8-bit RGB pixels, still to be encoded as WebP.
     Rgb(Vec<u8>),
@@ -118,7 +115,7 @@ pub(crate) enum Encoding {
 }
 
 impl Encoding {
-    fn picture(&self) -> FrameSource<'_> {
+    fn image(&self) -> FrameSource<'_> {
         match self {
             Encoding::Rgb(rgb) => FrameSource::Rgb(rgb),
             Encoding::Webp(webp) => FrameSource::Webp(webp),

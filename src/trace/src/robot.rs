@@ -63,9 +63,9 @@ pub struct Alignment {
     pub odometry_error_m: Option<f64>,
     /// Difference in heading, in radians.
     pub yaw_error_rad: Option<f64>,
-    /// Shift of the picture, in pixels.
+    /// Shift of the image, in pixels.
     pub image_shift_px: Option<f64>,
-    /// Root mean square error of the picture's registration, in pixels.
+    /// Root mean square error of the image's registration, in pixels.
     pub image_rmse_px: Option<f64>,
 }
 
@@ -103,7 +103,7 @@ impl RobotLog {
     }
 }
 
-/// A camera picture as it was recorded, of any size.
+/// A camera image as it was recorded, of any size.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct CameraImage {
     /// File format of the image: `jpeg` or `png`.

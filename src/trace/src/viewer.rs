@@ -53,7 +53,7 @@ pub(crate) fn timestamp(ns: u64) -> Option<Timestamp> {
     })
 }
 
-/// The head camera's picture in a format.
+/// The head camera's image in a format.
 pub(crate) fn image_message(ns: u64, format: &str, data: Vec<u8>) -> CompressedImage {
     CompressedImage {
         timestamp: timestamp(ns),
@@ -81,7 +81,7 @@ pub(crate) fn calibration(ns: u64) -> CameraCalibration {
     }
 }
 
-/// Bounding boxes of the objects in the picture, with their ids and sizes.
+/// Bounding boxes of the objects in the image, with their ids and sizes.
 pub(crate) fn annotations(ns: u64, visible: &[VisibleObject]) -> ImageAnnotations {
     let mut message = ImageAnnotations {
         timestamp: timestamp(ns),

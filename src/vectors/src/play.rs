@@ -335,7 +335,7 @@ impl Play {
             .collect()
     }
 
-    /// Records the trace as `<episode id>.mcap`, with pictures or without, and reads it back.
+    /// Records the trace as `<episode id>.mcap`, with images or without, and reads it back.
     pub fn record(&self, dir: &Path, images: Images) -> Trace {
         Trace::read(&self.record_as(
             &dir.join(format!("{}.mcap", self.header.episode_id)),
@@ -369,8 +369,8 @@ impl Play {
             shortest_path_m: Some(1.5),
             digests: StateDigests::default(),
         };
-        let picture = |index: usize| (images == Images::Full).then(|| frame(index));
-        let first = picture(0);
+        let image = |index: usize| (images == Images::Full).then(|| frame(index));
+        let first = image(0);
         start.digests.frame = first.as_ref().map(Frame::digests);
         let mut link = chain::start_link(&self.header, &start);
         start.digests.chain = link;
@@ -379,8 +379,8 @@ impl Play {
         recorder.start(&start, first.as_ref()).unwrap();
         for record in &self.steps {
             let mut record = record.clone();
-            let picture = picture(record.step as usize + 1).filter(|_| record.tool_name() != "ask");
-            record.digests.frame = picture.as_ref().map(Frame::digests);
+            let image = image(record.step as usize + 1).filter(|_| record.tool_name() != "ask");
+            record.digests.frame = image.as_ref().map(Frame::digests);
             link = chain::step_link(&link, &record);
             record.digests.chain = link;
             recorder.input(record.step, &record.input).unwrap();
@@ -388,7 +388,7 @@ impl Play {
                 recorder.timing(record.step, timing).unwrap();
             }
             recorder.robot(Some(record.step), &self.robot).unwrap();
-            recorder.step(&record, picture.as_ref()).unwrap();
+            recorder.step(&record, image.as_ref()).unwrap();
         }
         let Some(reason) = self.reason else {
             return path.with_added_extension("part");
@@ -505,7 +505,7 @@ fn task(family: Family) -> Task {
     }
 }
 
-/// A picture that differs by index.
+/// An image that differs by index.
 fn frame(index: usize) -> Frame {
     let mut frame = Frame::new();
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {

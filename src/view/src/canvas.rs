@@ -1,11 +1,11 @@
-//! A picture in memory with the few strokes that a contact sheet needs: fill, paste, text.
+//! An image in memory with the few strokes that a contact sheet needs: fill, paste, text.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
 /// 8-bit red, green, blue.
 pub(crate) type Colour = [u8; 3];
 
-/// What pictures of episodes are drawn in.
+/// What images of episodes are drawn in.
 pub(crate) mod colours {
     use super::Colour;
 
@@ -51,7 +51,7 @@ impl Font {
     }
 }
 
-/// An RGB picture, row by row from the top left.
+/// An RGB image, row by row from the top left.
 pub(crate) struct Canvas {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -76,7 +76,7 @@ impl Canvas {
         }
     }
 
-    /// Pastes an RGB picture of that width.
+    /// Pastes an RGB image of that width.
     pub(crate) fn paste(&mut self, x: usize, y: usize, rgb: &[u8], width: usize) {
         for (row, pixels) in rgb.chunks_exact(width * 3).enumerate() {
             for (column, colour) in pixels.as_chunks::<3>().0.iter().enumerate() {
@@ -85,7 +85,7 @@ impl Canvas {
         }
     }
 
-    /// Pastes an RGB picture at half its size: each pixel is the mean of four.
+    /// Pastes an RGB image at half its size: each pixel is the mean of four.
     pub(crate) fn paste_halved(
         &mut self,
         x: usize,
@@ -127,7 +127,7 @@ impl Canvas {
         self.rgb
     }
 
-    /// The picture as PNG.
+    /// The image as PNG.
     pub(crate) fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         encode_png(&self.rgb, self.width as u32, self.height as u32)
     }

@@ -1,4 +1,4 @@
-//! All pictures of an episode on one sheet, each with its call, its outcome and its reward.
+//! All images of an episode on one sheet, each with its call, its outcome and its reward.
 
 use reel_trace::Trace;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, record::EndReason, record::StepRecord};
@@ -15,18 +15,18 @@ use crate::{
 const COLUMNS_MAX: usize = 4;
 const MARGIN: usize = 16;
 const CARD_WIDTH: usize = FRAME_WIDTH / 2;
-const PICTURE_HEIGHT: usize = FRAME_HEIGHT / 2;
+const IMAGE_HEIGHT: usize = FRAME_HEIGHT / 2;
 const PADDING: usize = 8;
 const STRIP: usize = 4;
 const CALL_LINES: usize = 2;
 const OUTCOME_LINES: usize = 3;
 const LINE: usize = 18;
 
-const NO_PICTURE: Colour = [225, 229, 235];
+const NO_IMAGE: Colour = [225, 229, 235];
 
 /// One card of the sheet.
 struct Cell {
-    picture: Option<Vec<u8>>,
+    image: Option<Vec<u8>>,
     title: String,
     reward: Option<f64>,
     call: Vec<String>,
@@ -34,11 +34,11 @@ struct Cell {
     colour: Colour,
 }
 
-/// A grid of all pictures of an episode with captions, under a title, as PNG: 320 x 240 a picture,
-/// four a row. A step without a new picture has a grey card; a lean trace has grey cards only.
+/// A grid of all images of an episode with captions, under a title, as PNG: 320 x 240 an image,
+/// four a row. A step without a new image has a grey card; a lean trace has grey cards only.
 ///
 /// # Errors
-/// When a picture of the trace is damaged.
+/// When an image of the trace is damaged.
 pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let cards = cards(trace)?;
     let columns = cards.len().clamp(1, COLUMNS_MAX);
@@ -60,7 +60,7 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
         .map(|card| card.call.len() + card.outcome.len())
         .max()
         .unwrap_or(0);
-    let card_height = STRIP + PICTURE_HEIGHT + 2 * PADDING + (1 + caption) * LINE;
+    let card_height = STRIP + IMAGE_HEIGHT + 2 * PADDING + (1 + caption) * LINE;
     let mut canvas = Canvas::new(width, header + rows * (card_height + MARGIN), PAPER);
     let mut y = MARGIN;
     let mut write = |lines: &[String], font: Font, colour: Colour, step: usize| {
@@ -87,7 +87,7 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
 
 fn cards(trace: &Trace) -> Result<Vec<Cell>, ViewError> {
     let start = Cell {
-        picture: trace.frame_rgb(None)?,
+        image: trace.frame_rgb(None)?,
         title: "start".into(),
         reward: None,
         call: lines(&trace.scene.scene_id, CALL_LINES),
@@ -97,7 +97,7 @@ fn cards(trace: &Trace) -> Result<Vec<Cell>, ViewError> {
     let mut cards = vec![start];
     for record in &trace.steps {
         cards.push(Cell {
-            picture: trace.frame_rgb(Some(record.step))?,
+            image: trace.frame_rgb(Some(record.step))?,
             title: format!("step {}", record.step),
             reward: Some(record.reward_total()),
             call: lines(&call(record), CALL_LINES),
@@ -161,22 +161,22 @@ fn verdict(trace: &Trace) -> (String, Colour) {
 fn draw(canvas: &mut Canvas, card: &Cell, x: usize, y: usize, height: usize) {
     canvas.fill(x, y, CARD_WIDTH, height, CARD);
     canvas.fill(x, y, CARD_WIDTH, STRIP, card.colour);
-    match &card.picture {
+    match &card.image {
         Some(rgb) => canvas.paste_halved(x, y + STRIP, rgb, FRAME_WIDTH, FRAME_HEIGHT),
         None => {
-            canvas.fill(x, y + STRIP, CARD_WIDTH, PICTURE_HEIGHT, NO_PICTURE);
-            let note = "no new picture";
+            canvas.fill(x, y + STRIP, CARD_WIDTH, IMAGE_HEIGHT, NO_IMAGE);
+            let note = "no new image";
             let note_x = x + (CARD_WIDTH - note.len() * Font::Small.width()) / 2;
             canvas.text(
                 note_x,
-                y + STRIP + (PICTURE_HEIGHT - Font::Small.height()) / 2,
+                y + STRIP + (IMAGE_HEIGHT - Font::Small.height()) / 2,
                 note,
                 Font::Small,
                 FAINT,
             );
         }
     }
-    let (left, mut line) = (x + PADDING, y + STRIP + PICTURE_HEIGHT + PADDING);
+    let (left, mut line) = (x + PADDING, y + STRIP + IMAGE_HEIGHT + PADDING);
     canvas.text(left, line, &card.title, Font::SmallBold, card.colour);
     if let Some(reward) = card.reward {
         let text = format!("{reward:+.2}");

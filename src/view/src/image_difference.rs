@@ -1,4 +1,4 @@
-//! Two pictures that should be equal, side by side with where they differ.
+//! Two images that should be equal, side by side with where they differ.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 

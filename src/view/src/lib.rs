@@ -28,7 +28,7 @@ pub use video::{Video, VideoSegment};
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "the messages name the fields")]
 pub enum ViewError {
-    /// A picture of the trace is damaged.
+    /// An image of the trace is damaged.
     #[error(transparent)]
     Trace(#[from] reel_trace::TraceError),
     /// A PNG cannot be made.

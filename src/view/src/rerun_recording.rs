@@ -43,11 +43,11 @@ const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
 const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
 const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
-/// The recording, as the content of an `.rrd` file, with a layout for it. Pictures that the trace
+/// The recording, as the content of an `.rrd` file, with a layout for it. Images that the trace
 /// does not hold are drawn again where it can be replayed.
 ///
 /// # Errors
-/// When a picture of the trace is damaged.
+/// When an image of the trace is damaged.
 pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let builder =
         RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
@@ -133,7 +133,7 @@ fn layout() -> Blueprint {
 struct Recording<'a> {
     trace: &'a Trace,
     stream: RecordingStream,
-    /// Pictures that the trace does not hold.
+    /// Images that the trace does not hold.
     drawn: BTreeMap<Option<u32>, Vec<u8>>,
 }
 
@@ -195,15 +195,15 @@ impl Recording<'_> {
         &self,
         step: i64,
         sim_step: u64,
-        picture: Option<u32>,
+        image: Option<u32>,
         bodies: &[BodyState],
         robot: &RobotState,
     ) -> Result<(), ViewError> {
         self.stream.set_time_sequence("step", step);
         self.stream
             .set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
-        let recorded = self.trace.frame_rgb(picture)?.map(Cow::Owned);
-        if let Some(rgb) = recorded.or_else(|| self.drawn.get(&picture).map(Cow::Borrowed)) {
+        let recorded = self.trace.frame_rgb(image)?.map(Cow::Owned);
+        if let Some(rgb) = recorded.or_else(|| self.drawn.get(&image).map(Cow::Borrowed)) {
             let png = encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
             self.log(
                 "world/camera/image",

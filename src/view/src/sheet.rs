@@ -1,4 +1,4 @@
-//! Pictures that belong together on one sheet, each with a title and a few words.
+//! Images that belong together on one sheet, each with a title and a few words.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
@@ -19,7 +19,7 @@ const TEXT_LINES: usize = 5;
 const WIDTH: usize = FRAME_WIDTH / 2;
 const HEIGHT: usize = FRAME_HEIGHT / 2;
 
-/// One picture of a sheet.
+/// One image of a sheet.
 #[derive(Clone, PartialEq, Debug)]
 pub struct SheetImage {
     /// RGB, as large as a frame; none leaves its place empty.
@@ -30,7 +30,7 @@ pub struct SheetImage {
     pub text: String,
 }
 
-/// A grid of pictures under a title, as PNG: 320 x 240 a picture, four a row.
+/// A grid of images under a title, as PNG: 320 x 240 an image, four a row.
 ///
 /// # Errors
 /// When it cannot be encoded.
@@ -63,8 +63,8 @@ pub fn sheet(title: &str, cards: &[SheetImage]) -> Result<Vec<u8>, ViewError> {
         let x = MARGIN + index % columns * (WIDTH + MARGIN);
         let y = header + index / columns * (card_height + MARGIN);
         canvas.fill(x, y, WIDTH, card_height, CARD);
-        if let Some(picture) = &card.image {
-            canvas.paste_halved(x, y, picture, FRAME_WIDTH, FRAME_HEIGHT);
+        if let Some(frame) = &card.image {
+            canvas.paste_halved(x, y, frame, FRAME_WIDTH, FRAME_HEIGHT);
         }
         let mut line = y + HEIGHT + PADDING;
         canvas.text(x + PADDING, line, &card.title, Font::SmallBold, BLUE);

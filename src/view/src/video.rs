@@ -1,6 +1,6 @@
-//! An episode as moving pictures: one a call, with the call, what came of it and the reward
-//! beneath; two episodes side by side. Pictures come from whoever drew them; the film is a GIF, or
-//! raw pictures for an encoder.
+//! An episode as moving images: one a call, with the call, what came of it and the reward
+//! beneath; two episodes side by side. Images come from whoever drew them; the film is a GIF, or
+//! raw images for an encoder.
 
 use std::borrow::Cow;
 
@@ -22,13 +22,13 @@ const TITLE: usize = 30;
 const STRIP: usize = 4;
 const LINE: usize = 22;
 const TOLD_LINES: usize = 3;
-/// Beneath a picture: the call, what came of it, the reward.
+/// Beneath an image: the call, what came of it, the reward.
 const CAPTION: usize = STRIP + 2 * PADDING + (2 + TOLD_LINES) * LINE;
 const GAP: usize = 8;
-/// The last picture stays so many times as long.
+/// The last image stays so many times as long.
 const LAST: usize = 3;
 
-/// Moving pictures in memory.
+/// Moving images in memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Video {
     /// Width of every frame in pixels, an even number.
@@ -39,7 +39,7 @@ pub struct Video {
     pub frames: Vec<Vec<u8>>,
 }
 
-/// An episode and its pictures before the first call and after each.
+/// An episode and its images before the first call and after each.
 #[derive(Clone, Copy, Debug)]
 pub struct VideoSegment<'a> {
     /// Trace of the episode, which the captions are taken from.
@@ -48,7 +48,7 @@ pub struct VideoSegment<'a> {
     pub frames: &'a [Vec<u8>],
 }
 
-/// What stands beneath a picture.
+/// What stands beneath an image.
 struct Caption {
     call: String,
     told: String,
@@ -59,7 +59,7 @@ struct Caption {
 
 impl Video {
     /// A film of one episode, or of several side by side, call by call; who is through first waits
-    /// in its last picture.
+    /// in its last image.
     pub fn new(parts: &[VideoSegment<'_>]) -> Self {
         let length = parts
             .iter()
@@ -69,16 +69,16 @@ impl Video {
         let width = parts.len() * FRAME_WIDTH + parts.len().saturating_sub(1) * GAP;
         let height = TITLE + FRAME_HEIGHT + CAPTION;
         let captions: Vec<Vec<Caption>> = parts.iter().map(|part| captions(part.trace)).collect();
-        let picture = |moment: usize| {
+        let image = |moment: usize| {
             let mut canvas = Canvas::new(width, height, PAPER);
             for (index, (part, captions)) in parts.iter().zip(&captions).enumerate() {
                 let at = moment.min(part.frames.len().min(captions.len()).saturating_sub(1));
-                if let (Some(picture), Some(caption)) = (part.frames.get(at), captions.get(at)) {
+                if let (Some(image), Some(caption)) = (part.frames.get(at), captions.get(at)) {
                     draw(
                         &mut canvas,
                         index * (FRAME_WIDTH + GAP),
                         part.trace,
-                        picture,
+                        image,
                         caption,
                     );
                 }
@@ -88,11 +88,11 @@ impl Video {
         Self {
             width,
             height,
-            frames: (0..length).map(picture).collect(),
+            frames: (0..length).map(image).collect(),
         }
     }
 
-    /// As an animated GIF that plays for ever, so many pictures a second; the last one stays
+    /// As an animated GIF that plays for ever, so many images a second; the last one stays
     /// three times as long.
     ///
     /// # Errors
@@ -109,13 +109,13 @@ impl Video {
         let mut bytes = Vec::new();
         let mut encoder = gif::Encoder::new(&mut bytes, width, height, &[])?;
         encoder.set_repeat(gif::Repeat::Infinite)?;
-        for (index, picture) in self.frames.iter().enumerate() {
+        for (index, image) in self.frames.iter().enumerate() {
             let times = if index + 1 == self.frames.len() {
                 LAST
             } else {
                 1
             };
-            let mut frame = gif::Frame::from_rgb_speed(width, height, picture, 10);
+            let mut frame = gif::Frame::from_rgb_speed(width, height, image, 10);
             frame.delay = (delay * times as f64).min(f64::from(u16::MAX)) as u16;
             encoder.write_frame(&frame)?;
         }
@@ -123,13 +123,13 @@ impl Video {
         Ok(bytes)
     }
 
-    /// The pictures as a stream for an encoder that takes each equally long.
+    /// The images as a stream for an encoder that takes each equally long.
     pub fn stream(&self) -> impl Iterator<Item = &[u8]> {
         let last = self
             .frames
             .last()
             .into_iter()
-            .flat_map(|picture| std::iter::repeat_n(picture.as_slice(), LAST - 1));
+            .flat_map(|image| std::iter::repeat_n(image.as_slice(), LAST - 1));
         self.frames.iter().map(Vec::as_slice).chain(last)
     }
 }
@@ -170,7 +170,7 @@ fn captions(trace: &Trace) -> Vec<Caption> {
     captions
 }
 
-fn draw(canvas: &mut Canvas, x: usize, trace: &Trace, picture: &[u8], caption: &Caption) {
+fn draw(canvas: &mut Canvas, x: usize, trace: &Trace, image: &[u8], caption: &Caption) {
     let left = x + PADDING;
     let columns = (FRAME_WIDTH - 2 * PADDING) / Font::Medium.width();
     let branch = trace
@@ -196,7 +196,7 @@ fn draw(canvas: &mut Canvas, x: usize, trace: &Trace, picture: &[u8], caption: &
             INK,
         );
     }
-    canvas.paste(x, TITLE, picture, FRAME_WIDTH);
+    canvas.paste(x, TITLE, image, FRAME_WIDTH);
     let top = TITLE + FRAME_HEIGHT;
     canvas.fill(x, top, FRAME_WIDTH, CAPTION, CARD);
     canvas.fill(x, top, FRAME_WIDTH, STRIP, caption.colour);

@@ -1,15 +1,15 @@
-//! One rendered picture with its instance ids and depth.
+//! One rendered image with its instance ids and depth.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Digest;
 
-/// Width of the head camera's picture, in pixels.
+/// Width of the head camera's image, in pixels.
 pub const FRAME_WIDTH: usize = 640;
-/// Height of the head camera's picture, in pixels.
+/// Height of the head camera's image, in pixels.
 pub const FRAME_HEIGHT: usize = 480;
 
-/// A picture of the head camera, row by row from the top left.
+/// An image of the head camera, row by row from the top left.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Frame {
     /// 8-bit RGB, `FRAME_WIDTH * FRAME_HEIGHT * 3` bytes, Set-of-Mark overlay included.

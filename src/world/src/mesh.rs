@@ -402,7 +402,7 @@ fn has_no_area(data: &MeshData, triangle: &Triangle) -> bool {
     })
 }
 
-/// A picture and its halves: each pixel of one is the mean of four of the other.
+/// An image and its halves: each pixel of one is the mean of four of the other.
 fn levels(texture: Texture) -> Vec<Texture> {
     let mut levels = vec![texture];
     while let Some(last) = levels
@@ -526,13 +526,13 @@ mod tests {
                 .contains("decimate it")
         );
         assert!(fault(&|data| data.materials[0].texture = Some(0)).contains("material 0"));
-        let picture = Texture {
+        let image = Texture {
             width: 2,
             height: 2,
             rgb: vec![0; 11],
         };
         assert_eq!(
-            fault(&|data| data.textures.push(picture.clone())),
+            fault(&|data| data.textures.push(image.clone())),
             "texture 0 holds 11 bytes, which are not 2 x 2 pixels"
         );
     }

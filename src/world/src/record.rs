@@ -222,14 +222,14 @@ pub struct Marker {
     pub target: MarkerTarget,
 }
 
-/// An object in the current picture.
+/// An object in the current image.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct VisibleObject {
     /// Instance id of the visible object.
     pub object: InstanceId,
     /// How many pixels of it are seen.
     pub pixels: u32,
-    /// Its bounding box in the picture: x, y of the first and of the last pixel.
+    /// Its bounding box in the image: x, y of the first and of the last pixel.
     pub bbox: [u16; 4],
 }
 
@@ -270,7 +270,7 @@ pub struct RobotState {
 pub struct StateDigests {
     /// Of the whole simulator state.
     pub state: Digest,
-    /// Of the picture, where one was taken.
+    /// Of the image, where one was taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frame: Option<FrameDigests>,
     /// First four bytes of the state digest after each executed physics step, in order.
@@ -346,7 +346,7 @@ pub struct StepRecord {
     pub reply: Option<UserReply>,
     /// The marker map after the call.
     pub markers: Vec<Marker>,
-    /// Objects in the picture.
+    /// Objects in the image.
     pub visible: Vec<VisibleObject>,
     /// Objects whose existence the outcome told in words (`walk_around`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -37,7 +37,7 @@ pub struct Injected {
     voice: NarrationStyle,
     /// Who acts in the leg at hand, where that is the oracle.
     oracle: Option<Oracle>,
-    /// Deeds of the leg at hand that were done or passed over, and whether any was done.
+    /// Actions of the leg at hand that were done or passed over, and whether any was done.
     done: usize,
     thought: Option<String>,
     asked: bool,

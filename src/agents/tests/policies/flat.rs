@@ -1,5 +1,5 @@
 //! A flat without physics that keeps the rules of the tools: what policies are
-//! tested in. Never pictures.
+//! tested in. Never images.
 
 use std::{collections::BTreeSet, sync::Arc};
 

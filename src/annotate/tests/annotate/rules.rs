@@ -9,7 +9,7 @@ use reel_world::{Digest, ErrorCode, language::quotes, record::MarkerTarget};
 
 use crate::{notes, traces, words};
 
-/// What the pictures and texts before a decision showed, read from the records directly.
+/// What the images and texts before a decision showed, read from the records directly.
 fn seen_before(trace: &Trace, index: usize) -> BTreeSet<&str> {
     let mut seen = BTreeSet::new();
     for record in trace.steps[..index]

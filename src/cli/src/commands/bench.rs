@@ -153,10 +153,10 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     } = inputs::tasks(tasks, &arguments.scene, ObjectOrder::AsWritten)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-    let cast = arguments
+    let agents = arguments
         .players
         .agent_set(&arguments.out.join("calls.jsonl"))?;
-    let name = cast.name();
+    let name = agents.name();
     let run = arguments.run_name()?;
     let job = |task: &Arc<Task>, seed: u64| {
         let file = format!("{}--{name}--{seed}.mcap", task.task_id)
@@ -207,7 +207,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let all = jobs.len();
     let (mut reports, mut open) = (Vec::new(), Vec::new());
     for job in jobs {
-        match played(&job, &cast, arguments.players.logprobs)? {
+        match played(&job, &agents, arguments.players.logprobs)? {
             Some(report) => reports.push(report),
             None => open.push(job),
         }
@@ -223,21 +223,21 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let bar = progress::bar(all, &name);
     bar.set_position(reports.len() as u64);
     let successes = AtomicU64::new(reports.iter().filter(|report| report.success).count() as u64);
-    let workers = if cast.uses_model() {
+    let workers = if agents.uses_model() {
         arguments.jobs.unwrap_or(JOBS_WITH_MODELS)
     } else {
         inputs::workers(arguments.jobs)
     };
-    let seat = |job: &EpisodeJob| -> Result<Participants, AgentError> {
+    let instantiate = |job: &EpisodeJob| -> Result<Participants, AgentError> {
         let not_played = |why| AgentError::NotPlayed {
             task: job.config.task.task_id.clone(),
             seed: job.config.seed,
             why,
         };
         budget.check().map_err(not_played)?;
-        cast.instantiate(job)
+        agents.instantiate(job)
     };
-    let results = run_all(open, workers, seat, |report| {
+    let results = run_all(open, workers, instantiate, |report| {
         budget.spend(report);
         let successes = successes.fetch_add(u64::from(report.success), Ordering::Relaxed)
             + u64::from(report.success);
@@ -265,10 +265,15 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if arguments.json {
         println!(
             "{}",
-            json!({"agent": name, "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)})
+            json!({"agent": name, "memory_options": agents.memory_options(), "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)})
         );
     } else {
-        print!("{}", table(&name, arguments.skills, &reports, prices));
+        let memory = agents.memory_options();
+        let heading = match &memory[..] {
+            [] => name.clone(),
+            enabled => format!("{name}, memory options {}", enabled.join(", ")),
+        };
+        print!("{}", table(&heading, arguments.skills, &reports, prices));
         println!("traces: {}", arguments.out.display());
     }
     if arguments.players.logprobs {
@@ -293,7 +298,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// end. Another episode of that name is refused: it would be written over.
 fn played(
     job: &EpisodeJob,
-    cast: &AgentSet,
+    agents: &AgentSet,
     logprobs: bool,
 ) -> anyhow::Result<Option<EpisodeReport>> {
     let path = &job.record.as_ref().expect("every episode is recorded").path;
@@ -303,7 +308,7 @@ fn played(
     let Ok(trace) = Trace::read(path) else {
         return Ok(None);
     };
-    let Participants { policy, outside } = cast.instantiate(job)?;
+    let Participants { policy, outside } = agents.instantiate(job)?;
     let mut policy = policy.info();
     policy.parameters.extend(outside.settings);
     let (header, config) = (&trace.header, &job.config);

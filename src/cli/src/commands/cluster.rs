@@ -1,4 +1,4 @@
-//! `reel cluster`: the processes of a cluster. Who asks it is `elsewhere.rs`.
+//! `reel cluster`: the processes of a cluster. What asks it is `cluster_arguments.rs`.
 
 use std::{
     net::{IpAddr, SocketAddr},

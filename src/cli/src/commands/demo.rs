@@ -90,6 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             out: &traces,
             images: true,
             durability: Default::default(),
+            responders: Box::new(reel_agents::Responders::default),
         };
         let results = run::play(&plan, &tasks, workers, "reel demo --jobs 1")?;
         let reports = results.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -147,7 +148,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     println!();
 
     let sheet = out.join("contact_sheet.png");
-    let episode = pictured(&recorded)?;
+    let episode = with_frames(&recorded)?;
     fs::write(&sheet, reel_view::contact_sheet(&Trace::read(&episode)?)?)?;
     println!(
         "{} episodes in {:.0} s. Where everything lies, and what to try next:",
@@ -171,7 +172,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 /// The oracle's first FODP episode: same-category objects to tell apart.
-fn pictured(recorded: &[PathBuf]) -> anyhow::Result<PathBuf> {
+fn with_frames(recorded: &[PathBuf]) -> anyhow::Result<PathBuf> {
     let name = |path: &Path| {
         path.file_name()
             .map(|name| name.to_string_lossy().into_owned())

@@ -31,7 +31,7 @@ pub fn run(
     paths: &[PathBuf],
     assets: &dyn Assets,
     against: Option<&Build<'_>>,
-    pictures: Option<&Path>,
+    frames: Option<&Path>,
     as_json: bool,
 ) -> anyhow::Result<ExitStatus> {
     let mut all_exact = true;
@@ -43,7 +43,7 @@ pub fn run(
             .map(|build| other_states(build, path, &explanation))
             .transpose()?
             .flatten();
-        let picture = pictures
+        let frame = frames
             .map(|folder| draw(&explanation, path, folder))
             .transpose()?
             .flatten();
@@ -51,7 +51,7 @@ pub fn run(
             let mut line = serde_json::to_value(&explanation)?;
             line["trace"] = json!(path);
             line["at_step"] = json!(other);
-            line["picture_file"] = json!(picture);
+            line["image_file"] = json!(frame);
             println!("{line}");
         } else {
             print(
@@ -59,7 +59,7 @@ pub fn run(
                 &explanation,
                 against.map(|build| build.path),
                 other.as_deref(),
-                picture.as_deref(),
+                frame.as_deref(),
             );
         }
     }
@@ -156,10 +156,10 @@ fn other_states(
 }
 
 fn draw(explanation: &Explanation, trace: &Path, folder: &Path) -> anyhow::Result<Option<PathBuf>> {
-    let Some(picture) = &explanation.image else {
+    let Some(frame) = &explanation.image else {
         return Ok(None);
     };
-    let (Some(recorded), Some(replayed)) = (&picture.recorded, &picture.replayed) else {
+    let (Some(recorded), Some(replayed)) = (&frame.recorded, &frame.replayed) else {
         return Ok(None);
     };
     fs::create_dir_all(folder)
@@ -179,7 +179,7 @@ fn print(
     explanation: &Explanation,
     against: Option<&Path>,
     other: Option<&[FieldChange]>,
-    picture_file: Option<&Path>,
+    frame_file: Option<&Path>,
 ) {
     println!("{}: {}", path.display(), explanation.verdict);
     if let (Some(build), Some(changes)) = (against, other) {
@@ -196,8 +196,8 @@ fn print(
     if let Some(text) = &explanation.text {
         println!("  text: {text}");
     }
-    if let Some(picture) = &explanation.image {
-        match (picture.pixels, picture.bbox, picture.most) {
+    if let Some(frame) = &explanation.image {
+        match (frame.pixels, frame.bbox, frame.most) {
             (Some(0), ..) => println!("  image: RGB is equal, ids or depth differ"),
             (Some(pixels), Some([x0, y0, x1, y1]), Some(most)) => {
                 println!(
@@ -209,7 +209,7 @@ fn print(
             ),
         }
     }
-    if let Some(file) = picture_file {
+    if let Some(file) = frame_file {
         println!("  image: {}", file.display());
     }
 }

@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// Check what policies say they did (their Histories) against the record, into table
     /// `contradictions`; an export checks what it needs by itself
     #[arg(long)]
@@ -40,7 +40,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let files = inputs::trace_files();
     let paths = inputs::traces(&files, &arguments.paths)?;
-    let report = ingest(&files, &paths, &arguments.store, &arguments.elsewhere)?;
+    let report = ingest(&files, &paths, &arguments.store, &arguments.in_cluster)?;
     if arguments.check_histories {
         let bar = progress::bar(paths.len(), "check");
         let store = Store::open(&arguments.store)?.with_trace_files(files);
@@ -84,12 +84,12 @@ pub fn ingest(
     files: &TraceFiles,
     paths: &[PathBuf],
     store: &str,
-    elsewhere: &ClusterArguments,
+    in_cluster: &ClusterArguments,
 ) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
     let progress = |done: usize, _: usize| bar.set_position(done as u64);
     let store = Store::open_or_create(store)?.with_trace_files(files.clone());
-    let report = read_elsewhere(store, paths, elsewhere, &progress);
+    let report = read_in_cluster(store, paths, in_cluster, &progress);
     bar.finish_and_clear();
     report
 }
@@ -100,13 +100,13 @@ const TRACES_PER_GROUP: usize = 16;
 
 /// The cluster reads, if one is named; who calls this decides what goes in, and commits it.
 #[cfg(feature = "cluster")]
-fn read_elsewhere(
+fn read_in_cluster(
     mut store: Store,
     paths: &[PathBuf],
-    elsewhere: &ClusterArguments,
+    in_cluster: &ClusterArguments,
     progress: Progress<'_>,
 ) -> anyhow::Result<IngestReport> {
-    let Some(cluster) = elsewhere.open()? else {
+    let Some(cluster) = in_cluster.open()? else {
         return Ok(store.ingest(paths, progress)?);
     };
     store.ingest_by(
@@ -125,7 +125,7 @@ fn read_elsewhere(
 }
 
 #[cfg(not(feature = "cluster"))]
-fn read_elsewhere(
+fn read_in_cluster(
     mut store: Store,
     paths: &[PathBuf],
     _: &ClusterArguments,

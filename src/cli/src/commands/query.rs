@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long = "store-version", alias = "at", value_name = "N")]
     at: Option<u64>,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// table, csv, json, arrow (IPC file) or parquet
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json", "arrow", "parquet"])]
     format: String,
@@ -129,7 +129,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         time: Duration::from_secs(arguments.timeout),
         rows: arguments.max_rows,
     };
-    let session = arguments.elsewhere.session(store, limits)?;
+    let session = arguments.in_cluster.session(store, limits)?;
     let ask = || match watched(&session, || session.run_with(&sql, &parameters)) {
         Err(QueryError::Stopped(StopReason::Cancelled)) => {
             eprintln!("reel: {}", StopReason::Cancelled);

@@ -38,7 +38,7 @@ pub struct Arguments {
     #[command(flatten)]
     assets: inputs::Assets,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -57,7 +57,7 @@ pub struct Arguments {
         value_name = "DIR",
         requires = "explain"
     )]
-    pictures: Option<PathBuf>,
+    frames: Option<PathBuf>,
     /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120
     /// or start:499, as JSON
     #[arg(long, value_name = "CALL:STEP", conflicts_with_all = ["explain", "restored"])]
@@ -93,11 +93,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             &paths,
             &assets,
             other.as_ref(),
-            arguments.pictures.as_deref(),
+            arguments.frames.as_deref(),
             arguments.json,
         );
     }
-    if arguments.elsewhere.is_set() && arguments.assets.path().is_some() {
+    if arguments.in_cluster.is_set() && arguments.assets.path().is_some() {
         eprintln!(
             "reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here"
         );
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let workers = inputs::workers(arguments.jobs);
     if arguments.outcomes {
         let judgements = match arguments
-            .elsewhere
+            .in_cluster
             .map_traces("outcomes", &(), &paths, |more| bar.inc(more))?
         {
             // with the traces called as here
@@ -125,7 +125,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let verdicts =
         match arguments
-            .elsewhere
+            .in_cluster
             .map_traces("replay", &arguments.restored, &paths, |more| bar.inc(more))?
         {
             Some(verdicts) => verdicts,

@@ -318,7 +318,7 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
             episodes: kind.episodes,
         })
         .collect();
-    let picture = Sankey::new(
+    let image = Sankey::new(
         "Family, class and sub-class of the failures",
         "",
         &flows,
@@ -326,7 +326,7 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
         won,
     )
     .svg();
-    let _ = writeln!(html, "<figure>{picture}</figure>");
+    let _ = writeln!(html, "<figure>{image}</figure>");
     if causes.is_empty() {
         html.push_str("<p class=soft>What lost the episodes was not measured: <code>reel blame --store</code> does.</p>\n");
         return;
@@ -358,7 +358,7 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
     }
     html.push_str("<h3>An example of each</h3>\n<div class=examples>\n");
     for example in examples {
-        let picture = picture(files, example).map_or_else(
+        let image = image(files, example).map_or_else(
             || "<p class=soft>no image: the trace is not where the tables say, or cannot be executed</p>".to_owned(),
             |png| {
                 format!(
@@ -382,7 +382,7 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
             });
         let _ = writeln!(
             html,
-            "<article>{picture}<h4>{}: {} <span class=soft>({})</span></h4><p>{}</p><p>{}</p>{advice}<p class=soft>{}, {}, step {}: <code>{}</code></p></article>",
+            "<article>{image}<h4>{}: {} <span class=soft>({})</span></h4><p>{}</p><p>{}</p>{advice}<p class=soft>{}, {}, step {}: <code>{}</code></p></article>",
             escaped(&example.class),
             escaped(&example.sub_class.replace('_', " ")),
             example.alike,
@@ -403,7 +403,7 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
 }
 
 /// What the robot saw before a step: as recorded, else drawn by going there.
-fn picture(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
+fn image(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
     let trace = files.read(example.trace.as_ref()).ok()?;
     let before = u32::try_from(example.step).ok()?.checked_sub(1);
     let recorded = trace.frame_rgb(before).ok().flatten();

@@ -7,7 +7,10 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_agents::{AgentError, EpisodeJob, EpisodeReport, POLICIES, RecordTo, builtin, run_all};
+use reel_agents::{
+    AgentError, EpisodeJob, EpisodeReport, POLICIES, Participants, RecordTo, Responders, builtin,
+    run_all,
+};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::ObjectOrder;
@@ -15,6 +18,13 @@ use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Assets as _, Meshes, Profile, Scenes, Skills, Task, record::PolicyInfo};
 
 use crate::{ExitStatus, commands::isolation_check, inputs, progress};
+#[cfg(feature = "service")]
+use crate::{
+    match_arguments::{EMBEDDINGS, MatchArguments},
+    model::client_of,
+};
+#[cfg(feature = "service")]
+use reel_llm::client::Endpoint;
 
 /// Run a policy in the simulator: play tasks, each in its scene, and record every episode as a
 /// trace. `reel bench` runs agents that a model drives; `reel record` records other MCP servers.
@@ -71,9 +81,55 @@ pub struct Arguments {
     /// must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
+    #[cfg(feature = "service")]
+    #[command(flatten)]
+    matching: MatchArguments,
+    /// OpenAI-compatible endpoint of the embedding model, up to /v1
+    #[cfg(feature = "service")]
+    #[arg(long, value_name = "URL", requires = "embedding_model")]
+    endpoint: Option<String>,
+    /// Environment variable that holds the endpoint's key, where one is needed
+    #[cfg(feature = "service")]
+    #[arg(long = "api-key-env", value_name = "VARIABLE", requires = "endpoint")]
+    key_from: Option<String>,
     /// Print one JSON object per episode instead of the table
     #[arg(long)]
     pub json: bool,
+}
+
+impl Arguments {
+    /// What makes those who answer from outside: a matcher, if vectors are named.
+    #[cfg(feature = "service")]
+    fn responders(&self) -> anyhow::Result<Box<dyn Fn() -> Responders + Sync>> {
+        let matching = self.matching.matching(|model| {
+            let url = self.endpoint.as_deref();
+            let endpoint = Endpoint::new(
+                url.context("--endpoint is missing: the address of the model")?,
+                model,
+            );
+            fs::create_dir_all(&self.out)
+                .with_context(|| format!("cannot make the folder {}", self.out.display()))?;
+            let (cache, log) = (self.out.join(EMBEDDINGS), self.out.join("calls.jsonl"));
+            client_of(endpoint, self.key_from.as_deref(), &cache, &log).map(Arc::new)
+        })?;
+        Ok(Box::new(move || {
+            let mut outside = Responders::default();
+            if let Some(matching) = &matching {
+                matching.install(&mut outside);
+            }
+            outside
+        }))
+    }
+
+    #[cfg(not(feature = "service"))]
+    #[expect(
+        clippy::unused_self,
+        clippy::unnecessary_wraps,
+        reason = "the whole build asks models"
+    )]
+    fn responders(&self) -> anyhow::Result<Box<dyn Fn() -> Responders + Sync>> {
+        Ok(Box::new(Responders::default))
+    }
 }
 
 /// Plays the tasks with a built-in policy and records every episode as a trace.
@@ -125,6 +181,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         out: &arguments.out,
         images: !arguments.no_images,
         durability,
+        responders: arguments.responders()?,
     };
     let scene_flag: String = arguments
         .scene
@@ -200,6 +257,8 @@ pub struct Plan<'a> {
     pub images: bool,
     /// What a recorded call survives.
     pub durability: Durability,
+    /// Makes those who answer from outside in an episode.
+    pub responders: Box<dyn Fn() -> Responders + Sync>,
 }
 
 /// Plays tasks; results in their order.
@@ -258,9 +317,18 @@ pub fn play(
         }
     };
     let bar = progress::bar(tasks.len(), plan.policy);
-    let results = run_all(tasks.iter().map(job).collect(), workers, builtin, |_| {
-        bar.inc(1)
-    });
+    let participants = |job: &EpisodeJob| {
+        Ok(Participants {
+            outside: (plan.responders)(),
+            ..builtin(job)?
+        })
+    };
+    let results = run_all(
+        tasks.iter().map(job).collect(),
+        workers,
+        participants,
+        |_| bar.inc(1),
+    );
     bar.finish_and_clear();
     Ok(results)
 }

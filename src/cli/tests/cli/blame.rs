@@ -139,13 +139,10 @@ fn failures_become_preferences_and_value_targets() {
         (&origin["chosen"]["call"], &origin["rejected"]["call"]),
         (&origin["call"], &origin["call"])
     );
-    for picture in pair["images"].as_array().unwrap() {
+    for image in pair["images"].as_array().unwrap() {
         assert!(
-            folder
-                .join("pairs")
-                .join(picture.as_str().unwrap())
-                .exists(),
-            "{picture}"
+            folder.join("pairs").join(image.as_str().unwrap()).exists(),
+            "{image}"
         );
     }
     let values = lines("values.jsonl");

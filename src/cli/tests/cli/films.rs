@@ -1,4 +1,4 @@
-//! Pictures from other cameras, and episodes as moving pictures, from outside.
+//! Images from other cameras, and episodes as moving images, from outside.
 
 use std::fs;
 

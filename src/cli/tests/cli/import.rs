@@ -13,7 +13,7 @@ fn write(path: &Path, value: &Value) {
     fs::write(path, value.to_string()).unwrap();
 }
 
-/// An episode of one call and its end, without pictures, but one; made by hand.
+/// An episode of one call and its end, without images, but one; made by hand.
 fn episode(root: &Path, model: &str) {
     let folder = root.join("flat/FDP_t_1").join(model);
     let apple = "_a_on_table_1_at_t_1";
@@ -42,15 +42,15 @@ fn episode(root: &Path, model: &str) {
         "Episode finished. Success: False",
     )
     .unwrap();
-    let mut picture = Vec::new();
-    let mut encoder = png::Encoder::new(&mut picture, 640, 480);
+    let mut image = Vec::new();
+    let mut encoder = png::Encoder::new(&mut image, 640, 480);
     encoder.set_color(png::ColorType::Rgb);
     encoder
         .write_header()
         .unwrap()
         .write_image_data(&vec![90; 640 * 480 * 3])
         .unwrap();
-    fs::write(folder.join("step_000/image_observation_0.png"), picture).unwrap();
+    fs::write(folder.join("step_000/image_observation_0.png"), image).unwrap();
     write(
         &folder.join("episode_summary.json"),
         &json!({"status": "finished", "success": false, "total_steps": 2}),
@@ -85,10 +85,10 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
             && !shown.contains("driven"),
         "{shown}"
     );
-    let pictures = reel!(folder, "trace frames {trace} --out pictures");
+    let images = reel!(folder, "trace frames {trace} --out images");
     assert!(
-        pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"),
-        "{pictures}"
+        images.contains("call_000.png") && images.contains("contact_sheet.png"),
+        "{images}"
     );
 
     #[cfg(feature = "analytics")]

@@ -50,6 +50,8 @@ mod tables;
 mod taxonomy;
 #[cfg(feature = "analytics")]
 mod training;
+#[cfg(feature = "analytics")]
+mod vocabulary;
 
 use std::{
     fs,
@@ -177,9 +179,7 @@ fn the_loop_end_to_end() {
     let trace = first_trace(folder);
     let trace_name = trace.to_str().unwrap();
     assert!(reel!(folder, "show {trace_name}").contains("nav_to"));
-    assert!(
-        reel!(folder, "trace frames {trace_name} --out pictures").contains("contact_sheet.png")
-    );
+    assert!(reel!(folder, "trace frames {trace_name} --out images").contains("contact_sheet.png"));
 
     // The same run again, with one worker and the tasks the other way round, gives the same bytes.
     let before = fs::read(&trace).unwrap();
@@ -189,7 +189,7 @@ fn the_loop_end_to_end() {
         "a trace depends on workers or order"
     );
 
-    // Without pictures the trace still gives them: rendered again, the same to the pixel.
+    // Without images the trace still gives them: rendered again, the same to the pixel.
     reel!(folder, "run --tasks tasks --out lean --no-images");
     let lean = folder.join("lean").join(trace.file_name().unwrap());
     expect(
@@ -198,7 +198,7 @@ fn the_loop_end_to_end() {
         &["trace", "frames", lean.to_str().unwrap(), "--out", "again"],
     );
     assert_eq!(
-        fs::read(folder.join("pictures/call_000.png")).unwrap(),
+        fs::read(folder.join("images/call_000.png")).unwrap(),
         fs::read(folder.join("again/call_000.png")).unwrap()
     );
 }

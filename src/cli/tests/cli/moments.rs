@@ -1,4 +1,4 @@
-//! Going to a moment, dropping pictures and drawing them again,
+//! Going to a moment, dropping images and drawing them again,
 //! explaining, distrusting: from outside.
 
 use std::{

@@ -89,10 +89,10 @@ impl Branch {
     }
 
     /// Plays it from there to its end, and records it. Unrecorded it is played without shading
-    /// pictures, which takes a third of the time; what comes of it is the same.
+    /// images, which takes a third of the time; what comes of it is the same.
     ///
     /// # Errors
-    /// When the policy or a call to go on with does not exist, the parent's pictures cannot be had,
+    /// When the policy or a call to go on with does not exist, the parent's images cannot be had,
     /// or the trace cannot be written.
     pub fn play(
         &self,
@@ -145,16 +145,16 @@ impl Branch {
         let episode = fork
             .open(self.info(parent), detail)
             .map_err(|verdict| failed(fork, verdict))?;
-        let mut pictures = match record {
+        let mut frames = match record {
             Some(RecordTo { options, .. }) if options.images == Images::Full => {
-                pictures_before(fork)?
+                frames_before(fork)?
             }
             _ => BTreeMap::new(),
         };
         let mut running = RunningEpisode::resume(
             episode,
             record,
-            |step| pictures.remove(&step),
+            |step| frames.remove(&step),
             witness(&mut heir),
         )?;
         for call in &self.calls {
@@ -228,14 +228,16 @@ fn witness(heir: &mut Option<Box<dyn Policy + Send>>) -> Option<&mut dyn Policy>
     heir.as_deref_mut().map(|policy| policy as &mut dyn Policy)
 }
 
-/// The pictures that the agent got up to there: as the parent holds them, or drawn again.
-fn pictures_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, BranchError> {
+/// The images that the agent got up to there: as the parent holds them, or drawn again.
+fn frames_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, BranchError> {
     let parent = fork.parent();
-    let pictured = parent.steps[..fork.call()]
+    let with_frame = parent.steps[..fork.call()]
         .iter()
         .filter(|step| step.digests.frame.is_some());
-    let moments: BTreeSet<Option<u32>> =
-        pictured.map(|step| Some(step.step)).chain([None]).collect();
+    let moments: BTreeSet<Option<u32>> = with_frame
+        .map(|step| Some(step.step))
+        .chain([None])
+        .collect();
     frames_at(parent, &moments).map_err(|verdict| BranchError::Frames {
         path: parent.path.clone(),
         call: fork.call(),

@@ -34,7 +34,7 @@ pub enum BranchError {
         from: usize,
         calls: usize,
     },
-    /// A picture of the parent is wanted and cannot be had.
+    /// An image of the parent is wanted and cannot be had.
     #[error("the images before call {call} cannot be rendered: {what}: {path}", what = told(verdict), path = path.display())]
     Frames {
         path: PathBuf,

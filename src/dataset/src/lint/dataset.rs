@@ -47,7 +47,7 @@ pub struct DatasetFile {
 
 impl Dataset {
     /// Opens files and folders; a folder is searched to any depth for `.json`, `.jsonl` and
-    /// `.parquet`. Paths of pictures are looked up below `image_root`, if given, then beside the
+    /// `.parquet`. Paths of images are looked up below `image_root`, if given, then beside the
     /// file and in the folders above it.
     ///
     /// # Errors
@@ -119,17 +119,17 @@ impl Dataset {
         self.rows().nth(usize::try_from(index).ok()?)
     }
 
-    fn resolve(&self, file: &Path, picture: &Path) -> PathBuf {
+    fn resolve(&self, file: &Path, image: &Path) -> PathBuf {
         let beside = file.parent().unwrap_or(Path::new(""));
         let roots = self
             .image_root
             .as_deref()
             .into_iter()
             .chain(beside.ancestors().take(3));
-        let mut tried = roots.map(|root| root.join(picture));
+        let mut tried = roots.map(|root| root.join(image));
         tried
             .find(|path| path.is_file())
-            .unwrap_or_else(|| self.image_root.as_deref().unwrap_or(beside).join(picture))
+            .unwrap_or_else(|| self.image_root.as_deref().unwrap_or(beside).join(image))
     }
 }
 
@@ -396,7 +396,7 @@ impl Rows<'_> {
         if let Some(provenance) = provenance {
             row.entry("provenance").or_insert(provenance);
         }
-        let resolve = |picture: &Path| ImageSource::File(self.dataset.resolve(&file.path, picture));
+        let resolve = |image: &Path| ImageSource::File(self.dataset.resolve(&file.path, image));
         let source = Source {
             place,
             format: file.format,

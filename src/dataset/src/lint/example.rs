@@ -1,4 +1,4 @@
-//! The common form of a training row: turns of text, pictures and calls,
+//! The common form of a training row: turns of text, images and calls,
 //! whatever the file's format.
 
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ pub struct Example {
     pub turns: Vec<Turn>,
     /// The tools that the row declares, as it does.
     pub tools: Option<Value>,
-    /// The pictures, in the order of their tags.
+    /// The images, in the order of their tags.
     pub images: Vec<Image>,
     /// All other keys of the row; an object under `meta`, `metadata` or `provenance` is laid flat.
     pub meta: Map<String, Value>,
@@ -81,15 +81,15 @@ pub enum Role {
 /// A piece of a turn.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Part {
-    /// Text, without the tags of pictures.
+    /// Text, without the tags of images.
     Text(String),
-    /// A picture: its number in [`Example::images`], which may be missing there.
+    /// An image: its number in [`Example::images`], which may be missing there.
     Image(usize),
     /// A call of function calling.
     Call(Call),
 }
 
-/// A picture of a row.
+/// An image of a row.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Image {
     /// The path or name as written; empty where there is none.
@@ -98,7 +98,7 @@ pub struct Image {
     pub source: ImageSource,
 }
 
-/// Where the bytes of a picture are.
+/// Where the bytes of an image are.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum ImageSource {
     /// A file, which may be missing.
@@ -131,7 +131,7 @@ impl Role {
 }
 
 impl Turn {
-    /// The text of a turn, its parts one after the other, pictures and calls left out.
+    /// The text of a turn, its parts one after the other, images and calls left out.
     pub fn text(&self) -> String {
         let texts: Vec<&str> = self.texts().collect();
         texts.join("")

@@ -1,4 +1,4 @@
-//! What a picture's file says of itself: format, size, whether it is whole. Reads
+//! What an image's file says of itself: format, size, whether it is whole. Reads
 //! headers; never decodes pixels.
 
 use std::fmt;
@@ -27,7 +27,7 @@ pub enum ImageFormat {
     WebP,
 }
 
-/// Why a picture cannot be used.
+/// Why an image cannot be used.
 #[derive(thiserror::Error, Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ImageError {
     /// There are no bytes to read.
@@ -45,7 +45,7 @@ pub enum ImageError {
 }
 
 impl ImageHeader {
-    /// Reads a whole picture's header and looks for its end.
+    /// Reads a whole image's header and looks for its end.
     ///
     /// # Errors
     /// A [`ImageError`] for what a decoder would refuse; damage inside the pixels is not seen.
@@ -107,7 +107,7 @@ fn png(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
     if &header[12..16] != b"IHDR" {
         return Err(ImageError::Header);
     }
-    let picture = ImageHeader::new(
+    let image = ImageHeader::new(
         ImageFormat::Png,
         big_u32(&header[16..20]),
         big_u32(&header[20..24]),
@@ -122,7 +122,7 @@ fn png(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
             return Err(ImageError::CutOff);
         }
         if &head[4..] == b"IEND" {
-            return Ok(picture);
+            return Ok(image);
         }
         at = end;
     }
@@ -130,7 +130,7 @@ fn png(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
 
 fn jpeg(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
     let mut at = 2;
-    let picture = loop {
+    let image = loop {
         let marker = bytes.get(at..at + 2).ok_or(ImageError::CutOff)?;
         if marker[0] != 0xff {
             return Err(ImageError::Header);
@@ -161,7 +161,7 @@ fn jpeg(bytes: &[u8]) -> Result<ImageHeader, ImageError> {
     // Some writers pad with a few bytes after the end marker.
     let tail = &bytes[bytes.len().saturating_sub(64)..];
     if tail.windows(2).any(|pair| pair == [0xff, 0xd9]) {
-        Ok(picture)
+        Ok(image)
     } else {
         Err(ImageError::CutOff)
     }
@@ -202,7 +202,7 @@ fn big_u32(bytes: &[u8]) -> u32 {
         .fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-/// Pictures written by hand, for tests of other modules too.
+/// Images written by hand, for tests of other modules too.
 #[cfg(test)]
 pub(crate) mod samples {
     /// A PNG's frame: header, one empty data chunk, end. No decoder is asked.

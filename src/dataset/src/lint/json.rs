@@ -7,7 +7,7 @@ use std::io::{self, BufRead};
 
 use serde_json::Value;
 
-/// Longest row that is read, in bytes: far beyond any context, pictures inside included.
+/// Longest row that is read, in bytes: far beyond any context, images inside included.
 const ROW_BYTES_MAX: usize = 256 << 20;
 
 /// A row as JSON with the line where it begins, or what is wrong with it.

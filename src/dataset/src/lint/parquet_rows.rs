@@ -1,4 +1,4 @@
-//! Rows of Parquet files, pictures apart from the rest so that their bytes are
+//! Rows of Parquet files, images apart from the rest so that their bytes are
 //! never turned into text.
 //!
 //! Holds one small batch at a time.
@@ -17,10 +17,10 @@ use serde_json::{Map, Value};
 
 use crate::lint::{Image, ImageSource, LintError, example::FormatWarning, formats::format_warning};
 
-/// Rows in memory at a time: pictures are large.
+/// Rows in memory at a time: images are large.
 const BATCH_ROWS: usize = 64;
 
-/// A row as JSON, and the pictures that the file holds.
+/// A row as JSON, and the images that the file holds.
 pub(crate) struct ParquetRow {
     pub(crate) fields: Map<String, Value>,
     pub(crate) images: Option<Vec<Image>>,
@@ -88,10 +88,10 @@ impl Iterator for ParquetRows {
 pub(crate) fn schema_notes(path: &Path) -> Result<Vec<FormatWarning>, LintError> {
     let builder = builder(path)?;
     let schema = builder.schema();
-    let pictures: Vec<&str> = schema
+    let frames: Vec<&str> = schema
         .fields()
         .iter()
-        .filter(|field| is_pictures(field.data_type()))
+        .filter(|field| is_frames(field.data_type()))
         .map(|field| field.name().as_str())
         .collect();
     let mut notes = Vec::new();
@@ -122,7 +122,7 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<FormatWarning>, LintError>
             ));
         }
     }
-    for name in pictures {
+    for name in frames {
         let decoded = features
             .as_ref()
             .and_then(|it| it.get(name))
@@ -160,7 +160,7 @@ fn features(builder: &ParquetRecordBatchReaderBuilder<File>) -> Option<Map<Strin
     metadata.get("info")?.get("features")?.as_object().cloned()
 }
 
-fn is_picture(kind: &DataType) -> bool {
+fn is_frame(kind: &DataType) -> bool {
     let bytes = |kind: &DataType| {
         matches!(
             kind,
@@ -171,17 +171,16 @@ fn is_picture(kind: &DataType) -> bool {
         || bytes(kind)
 }
 
-fn is_pictures(kind: &DataType) -> bool {
+fn is_frames(kind: &DataType) -> bool {
     match kind {
-        DataType::List(item) | DataType::LargeList(item) => is_picture(item.data_type()),
-        other => is_picture(other),
+        DataType::List(item) | DataType::LargeList(item) => is_frame(item.data_type()),
+        other => is_frame(other),
     }
 }
 
 fn rows_of(batch: &RecordBatch) -> Result<Vec<ParquetRow>, String> {
-    let is_column = |index: &usize| is_pictures(batch.column(*index).data_type());
-    let (pictures, others): (Vec<usize>, Vec<usize>) =
-        (0..batch.num_columns()).partition(is_column);
+    let is_column = |index: &usize| is_frames(batch.column(*index).data_type());
+    let (frames, others): (Vec<usize>, Vec<usize>) = (0..batch.num_columns()).partition(is_column);
     let others = batch.project(&others).map_err(|error| error.to_string())?;
     let mut writer = ArrayWriter::new(Vec::new());
     writer
@@ -189,20 +188,20 @@ fn rows_of(batch: &RecordBatch) -> Result<Vec<ParquetRow>, String> {
         .and_then(|()| writer.finish())
         .map_err(|error| error.to_string())?;
     let json = writer.into_inner();
-    // A file of pictures alone writes no rows of JSON.
+    // A file of images alone writes no rows of JSON.
     let fields: Vec<Map<String, Value>> = if json.is_empty() {
         Vec::new()
     } else {
         serde_json::from_slice(&json).map_err(|error| error.to_string())?
     };
     let rows = fields.into_iter().enumerate().map(|(row, fields)| {
-        let images = pictures
+        let images = frames
             .iter()
             .flat_map(|index| images_of(batch.column(*index), row))
             .collect();
         ParquetRow {
             fields,
-            images: (!pictures.is_empty()).then_some(images),
+            images: (!frames.is_empty()).then_some(images),
         }
     });
     Ok(rows.collect())
@@ -236,7 +235,7 @@ fn image_of(items: &ArrayRef, item: usize) -> Image {
     let source = match bytes.and_then(|bytes| bytes_of(&bytes, item)) {
         Some(bytes) => ImageSource::Bytes(bytes),
         None if name.is_empty() => {
-            ImageSource::Broken("a picture without bytes and without a path".into())
+            ImageSource::Broken("an image without bytes and without a path".into())
         }
         None => ImageSource::File(name.clone().into()),
     };

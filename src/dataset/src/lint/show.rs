@@ -1,4 +1,4 @@
-//! An example as the model sees it: turns under the names of who speaks, pictures in their places,
+//! An example as the model sees it: turns under the names of who speaks, images in their places,
 //! the answer laid out.
 
 use std::{borrow::Cow, fmt::Write as _, fs};
@@ -56,7 +56,7 @@ pub fn show(example: &Example) -> String {
         .filter(|number| !shown(number))
         .collect();
     if !unseen.is_empty() {
-        let _ = writeln!(text, "\n== pictures without a place in the text ==");
+        let _ = writeln!(text, "\n== images without a place in the text ==");
         for number in unseen {
             let _ = writeln!(text, "{}", tag(example.images.get(number), number));
         }
@@ -64,7 +64,7 @@ pub fn show(example: &Example) -> String {
     text
 }
 
-/// The bytes of a picture; `None` if they are elsewhere, missing or broken.
+/// The bytes of an image; `None` if they are elsewhere, missing or broken.
 pub fn image_bytes(image: &Image) -> Option<Cow<'_, [u8]>> {
     match &image.source {
         ImageSource::Bytes(bytes) => Some(Cow::Borrowed(bytes)),
@@ -79,7 +79,7 @@ fn tag(image: Option<&Image>, number: usize) -> String {
     };
     let looks = match (&image.source, image_bytes(image)) {
         (_, Some(bytes)) => ImageHeader::of(&bytes)
-            .map_or_else(|error| error.to_string(), |picture| picture.to_string()),
+            .map_or_else(|error| error.to_string(), |frame| frame.to_string()),
         (ImageSource::Broken(why), None) => why.clone(),
         (ImageSource::Remote, None) => "not read".to_owned(),
         (_, None) => "missing file".to_owned(),

@@ -102,8 +102,8 @@ fn image(id: &str, at: usize) -> ImageId {
     Digest::of(format!("{id} {at}").as_bytes())
 }
 
-/// Puts the pictures of an episode.
-pub fn put_pictures(episode: &Episode, pictures: &ImageStore) {
+/// Puts the images of an episode.
+pub fn put_frames(episode: &Episode, frames: &ImageStore) {
     for (at, image) in episode
         .steps
         .iter()
@@ -113,6 +113,6 @@ pub fn put_pictures(episode: &Episode, pictures: &ImageStore) {
         let rgb: Vec<u8> = (0..640 * 480 * 3)
             .map(|i| (i / 7 + at * 40 + usize::from(image.0[0])) as u8)
             .collect();
-        pictures.put(*image, &rgb, 640, 480).unwrap();
+        frames.put(*image, &rgb, 640, 480).unwrap();
     }
 }

@@ -10,7 +10,7 @@ use reel_dataset::{
 use reel_world::{Digest, TokenLogprobs};
 use serde_json::{Value, json};
 
-use crate::sample::{episode, put_pictures, told};
+use crate::sample::{episode, put_frames, told};
 
 /// Writes a small dataset with two parts.
 pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
@@ -31,7 +31,7 @@ pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
             PrivilegedFacts::none(),
         );
         episode.steps.retain(|step| step.error.is_none());
-        put_pictures(&episode, writer.images());
+        put_frames(&episode, writer.images());
         let made = examples(
             &episode,
             &ExampleOptions {
@@ -130,9 +130,9 @@ fn the_card_says_what_is_in_it() {
 #[test]
 fn rollouts_carry_what_decisions_were_worth() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
+    let frames = ImageStore::new(folder.path(), ImageOptions::default());
     let mut episode = episode("e1", Split::Train);
-    put_pictures(&episode, &pictures);
+    put_frames(&episode, &frames);
     let steps = episode.steps.len() as u32;
     for step in &mut episode.steps {
         let worth = Rollout {
@@ -162,7 +162,7 @@ fn rollouts_carry_what_decisions_were_worth() {
     for (format, answers) in [(Format::Trl, "completion"), (Format::MsSwift, "messages")] {
         let mut row = Vec::new();
         format
-            .write_row(&made.examples[2], &pictures, &mut row)
+            .write_row(&made.examples[2], &frames, &mut row)
             .unwrap();
         let row: Value = serde_json::from_slice(&row).unwrap();
         assert_eq!(
@@ -186,7 +186,7 @@ fn rollouts_carry_what_decisions_were_worth() {
 #[test]
 fn speed() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
+    let frames = ImageStore::new(folder.path(), ImageOptions::default());
     let mut episode = episode("e1", Split::Train);
     let steps = episode.steps.clone();
     episode.steps = steps
@@ -213,7 +213,7 @@ fn speed() {
         let mut rows = Vec::new();
         for example in &made.examples {
             Format::MsSwift
-                .write_row(example, &pictures, &mut rows)
+                .write_row(example, &frames, &mut rows)
                 .unwrap();
         }
         count += made.examples.len();
@@ -221,7 +221,7 @@ fn speed() {
     }
     let s = begin.elapsed().as_secs_f64();
     eprintln!(
-        "speed: {:.0} examples/s, {:.0} MB/s without pictures",
+        "speed: {:.0} examples/s, {:.0} MB/s without images",
         count as f64 / s,
         bytes as f64 / s / 1e6
     );
@@ -231,9 +231,9 @@ fn speed() {
 #[test]
 fn threads_may_put_the_same_image() {
     let folder = tempfile::tempdir().unwrap();
-    let pictures = ImageStore::new(folder.path(), ImageOptions::default());
+    let frames = ImageStore::new(folder.path(), ImageOptions::default());
     let grey = vec![9; 640 * 480 * 3];
-    let put = || pictures.put(Digest::of(&grey), &grey, 640, 480).unwrap();
+    let put = || frames.put(Digest::of(&grey), &grey, 640, 480).unwrap();
     let put_all: Vec<_> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..8).map(|_| scope.spawn(put)).collect();
         threads
@@ -241,6 +241,6 @@ fn threads_may_put_the_same_image() {
             .map(|thread| thread.join().unwrap())
             .collect()
     });
-    assert!(put_all.iter().all(|picture| *picture == put_all[0]));
+    assert!(put_all.iter().all(|frame| *frame == put_all[0]));
     assert_eq!(files(folder.path()).unwrap().len(), 1);
 }

@@ -39,10 +39,10 @@ fn good_rows_pass() {
 }
 
 #[test]
-fn pictures() {
+fn frames() {
     let folder = folder();
     folder.write("torn.png", &png(8, 8)[..40]);
-    folder.write("words.png", "not a picture");
+    folder.write("words.png", "not an image");
     let with = |images: Value| {
         let mut row = good("Bring a cup.");
         row["images"] = images;
@@ -245,8 +245,8 @@ fn leakage_between_splits() {
         ],
     );
     let report = linted(folder.path());
-    let kinds = ["prompt", "task", "scene", "picture", "episode"]
-        .map(|kind| count(&report, "splits", kind));
+    let kinds =
+        ["prompt", "task", "scene", "image", "episode"].map(|kind| count(&report, "splits", kind));
     assert_eq!(kinds, [1, 1, 1, 1, 0], "{report}");
     assert!(report.is_bad());
 }

@@ -97,7 +97,7 @@ fn answer(tool: &str, args: Value) -> String {
     format!("<think>The red cup has number 1.</think>\n{object}")
 }
 
-/// A row in the form of ms-swift, with its picture beside the file.
+/// A row in the form of ms-swift, with its image beside the file.
 fn swift(task: &str, outcome: &str, tool: &str, args: Value) -> Value {
     json!({
         "messages": [

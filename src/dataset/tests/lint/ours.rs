@@ -79,7 +79,7 @@ fn episode(id: &str) -> Episode {
 
 /// Writes two episodes in a format and style; the number of rows.
 fn write(root: &Path, format: Format, style: Style) -> u64 {
-    let pictures = ImageStore::new(root, ImageOptions::default());
+    let frames = ImageStore::new(root, ImageOptions::default());
     let mut shards = Shards::new(root, format, Split::Train, 3);
     let mut rows = 0;
     for episode in ["e1", "e2"].map(episode) {
@@ -92,7 +92,7 @@ fn write(root: &Path, format: Format, style: Style) -> u64 {
             let rgb: Vec<u8> = (0..40 * 30 * 3)
                 .map(|pixel| (pixel * at + usize::from(image.0[0])) as u8)
                 .collect();
-            pictures.put(*image, &rgb, 40, 30).expect("a picture");
+            frames.put(*image, &rgb, 40, 30).expect("an image");
         }
         let made = examples(
             &episode,
@@ -104,7 +104,7 @@ fn write(root: &Path, format: Format, style: Style) -> u64 {
         assert_eq!(made.refused, []);
         for example in &made.examples {
             let (mut row, mut provenance) = (Vec::new(), Vec::new());
-            match format.write_row(example, &pictures, &mut row) {
+            match format.write_row(example, &frames, &mut row) {
                 Err(DatasetError::UnsupportedFormat { .. }) => continue,
                 written => written.expect("a row"),
             }
@@ -148,7 +148,7 @@ fn every_format_and_style_is_read_back_without_a_finding() {
                     "{told}: {:?}",
                     example.meta
                 );
-                let pictures = example
+                let frames = example
                     .turns
                     .iter()
                     .flat_map(|turn| &turn.parts)
@@ -156,8 +156,8 @@ fn every_format_and_style_is_read_back_without_a_finding() {
                     .count();
                 // REAL's first prompt of an episode holds no image.
                 let bare = style == Style::SingleTurn && example.call_number() == Some(0);
-                assert!(pictures > 0 || bare, "{told}");
-                assert_eq!(pictures, example.images.len(), "{told}");
+                assert!(frames > 0 || bare, "{told}");
+                assert_eq!(frames, example.images.len(), "{told}");
             }
             let report = lint(&dataset, &LintOptions::default(), |_| ());
             assert_eq!((report.rows, report.unreadable), (rows, 0), "{told}");

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::{Folder, count, linted, of, open, png};
 
-/// Role and text of each turn, pictures as `[n]`, calls as they are.
+/// Role and text of each turn, images as `[n]`, calls as they are.
 fn turns(example: &Example) -> Vec<(Role, String)> {
     let text = |part: &Part| match part {
         Part::Text(text) => text.clone(),
@@ -207,24 +207,24 @@ fn parquet_with_images_inside() {
             None,
         )) as ArrayRef
     };
-    let picture_fields = Fields::from(vec![
+    let frame_fields = Fields::from(vec![
         Field::new("bytes", DataType::Binary, true),
         Field::new("path", DataType::Utf8, true),
     ]);
-    let picture = png(640, 480);
-    let pictures: Vec<ArrayRef> = vec![
-        Arc::new(BinaryArray::from(vec![picture.as_slice()])),
+    let frame = png(640, 480);
+    let frames: Vec<ArrayRef> = vec![
+        Arc::new(BinaryArray::from(vec![frame.as_slice()])),
         texts(&["view.png"]),
     ];
     let schema = Arc::new(Schema::new(vec![
         Field::new("task_id", DataType::Utf8, true),
         Field::new("messages", DataType::List(item(&fields)), true),
-        Field::new("images", DataType::List(item(&picture_fields)), true),
+        Field::new("images", DataType::List(item(&frame_fields)), true),
     ]));
     let columns = vec![
         texts(&["FDP/1"]),
         list(&fields, turns_of, 2),
-        list(&picture_fields, pictures, 1),
+        list(&frame_fields, frames, 1),
     ];
     let batch = RecordBatch::try_new(schema.clone(), columns).expect("a batch");
     let file = std::fs::File::create(&path).expect("a file");
@@ -240,9 +240,9 @@ fn parquet_with_images_inside() {
         (Format::Parquet, Some("test"))
     );
     assert_eq!(turns(&example), seen_and_said());
-    assert_eq!(example.images[0].source, ImageSource::Bytes(picture));
+    assert_eq!(example.images[0].source, ImageSource::Bytes(frame));
     assert_eq!(example.meta_text(&["task_id"]).as_deref(), Some("FDP/1"));
-    // Its pictures are nowhere declared.
+    // Its images are nowhere declared.
     assert_eq!(count(&linted(&path), "loader", "features"), 1);
     std::fs::write(&path, b"PAR1 torn").expect("a file");
     assert!(Dataset::open(&[path], None, None).is_err());

@@ -90,7 +90,7 @@ pub(super) fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> State
     }
 }
 
-/// What an auxiliary observation holds: what is in the picture and what was told in words.
+/// What an auxiliary observation holds: what is in the image and what was told in words.
 pub(super) fn seen(
     visible: &[reel_world::record::VisibleObject],
     listed: &[InstanceId],

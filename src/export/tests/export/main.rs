@@ -264,11 +264,11 @@ fn equal_stores_and_options_give_equal_bytes() {
     export(&before, &out, &how);
     assert!(one == files(&out), "the break shows");
 
-    // killed before it was whole: with its last files there, with a picture half written
+    // killed before it was whole: with its last files there, with an image half written
     std::fs::write(out.join(".export.jsonl"), "").unwrap();
     std::fs::remove_file(out.join("manifest.json")).unwrap();
-    let picture = one.keys().find(|name| name.starts_with("images/")).unwrap();
-    std::fs::write(out.join(picture).with_file_name("7.part"), "half").unwrap();
+    let image = one.keys().find(|name| name.starts_with("images/")).unwrap();
+    std::fs::write(out.join(image).with_file_name("7.part"), "half").unwrap();
     export(&before, &out, &how);
     assert!(one == files(&out), "the kill shows");
 
@@ -389,12 +389,12 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
     store.ingest(&traces[..2], &|_, _| ()).unwrap();
     let sets = dir.path().join("sets");
     for format in Format::ALL {
-        let pictures = ImageOptions {
+        let unscaled = ImageOptions {
             pixels_max: None,
             ..ImageOptions::default()
         };
         let writer = WriterOptions {
-            images: pictures,
+            images: unscaled,
             ..options(format).writer
         };
         let report = export(
@@ -408,7 +408,7 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
         );
         assert_eq!(report.episodes, 2, "{}", format.as_str());
     }
-    assert!(!sets.join("parquet/images").exists() && !sets.join("parquet/.pictures").exists());
+    assert!(!sets.join("parquet/images").exists() && !sets.join("parquet/.images").exists());
     // every row's frame, drawn again; the first decision of an episode is shown none,
     // as with REAL's trainer
     let frames: Vec<u8> = rows(&sets.join("trl"), "train")

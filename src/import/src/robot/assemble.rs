@@ -29,7 +29,7 @@ use crate::{
     task::{self, ObservedWorld, TaskSetup},
 };
 
-/// Where a picture stands: file, and number of its message.
+/// Where an image stands: file, and number of its message.
 pub(crate) type ImageLocation = [u64; 2];
 
 /// What a step without a result says.
@@ -122,8 +122,8 @@ pub(crate) struct EpisodeBuilder {
     start: PoseSample,
     /// What the policy said last, of which no call came yet.
     policy: Option<PolicyOutput>,
-    /// The last picture, and when it was taken.
-    picture: Option<(u64, ImageLocation)>,
+    /// The last image, and when it was taken.
+    image: Option<(u64, ImageLocation)>,
     steps: Vec<Step>,
     log: RobotLog,
     /// When the last result came.
@@ -137,7 +137,7 @@ pub(crate) struct EpisodeBuilder {
 struct PoseSample {
     pose: Option<Odometry>,
     path_m: f64,
-    picture: Option<ImageLocation>,
+    image: Option<ImageLocation>,
 }
 
 struct Step {
@@ -186,13 +186,13 @@ impl EpisodeBuilder {
         playing
     }
 
-    /// The pictures that its trace shall hold.
-    pub(crate) fn pictures(&self) -> impl Iterator<Item = ImageLocation> {
+    /// The images that its trace shall hold.
+    pub(crate) fn images(&self) -> impl Iterator<Item = ImageLocation> {
         self.steps
             .iter()
             .map(|step| &step.moment)
             .chain([&self.start])
-            .filter_map(|moment| moment.picture)
+            .filter_map(|moment| moment.image)
     }
 
     /// What was said and belongs to nothing: when, and what.
@@ -248,7 +248,7 @@ impl EpisodeBuilder {
             self.start = PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
-                picture: self.picture.map(|(_, place)| place),
+                image: self.image.map(|(_, place)| place),
             };
         }
         self.finished |= is_tool(&called.call, "finish");
@@ -273,7 +273,7 @@ impl EpisodeBuilder {
             moment: PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
-                picture: None,
+                image: None,
             },
         });
     }
@@ -309,13 +309,13 @@ impl EpisodeBuilder {
             .duration_ns
             .map(|took| ended.saturating_sub(took).max(self.answered_ns));
         let since = begun.unwrap_or(self.answered_ns);
-        let picture = self
-            .picture
+        let image = self
+            .image
             .filter(|(taken, _)| *taken >= since)
             .map(|(_, place)| place);
         if self.steps.is_empty() {
             let before = self
-                .picture
+                .image
                 .filter(|(taken, _)| *taken < since)
                 .map(|(_, place)| place);
             let pose = self
@@ -328,14 +328,14 @@ impl EpisodeBuilder {
             self.start = PoseSample {
                 pose,
                 path_m: 0.0,
-                picture: before,
+                image: before,
             };
         } else if let Some(last) = self
             .steps
             .last_mut()
-            .filter(|last| last.moment.picture == picture)
+            .filter(|last| last.moment.image == image)
         {
-            last.moment.picture = None;
+            last.moment.image = None;
         }
         let spec = ToolSpec::by_name(&outcome.skill);
         let argument = spec
@@ -364,7 +364,7 @@ impl EpisodeBuilder {
             moment: PoseSample {
                 pose: self.pose,
                 path_m: self.path_m,
-                picture,
+                image,
             },
         });
         self.answered_ns = ended;
@@ -399,19 +399,19 @@ impl EpisodeBuilder {
         }
     }
 
-    /// The picture of a step is the last one up to its result, else the first one after it.
+    /// The image of a step is the last one up to its result, else the first one after it.
     fn see(&mut self, ns: u64, place: ImageLocation) {
-        self.picture = Some((ns, place));
+        self.image = Some((ns, place));
         if let Some(step) = self
             .steps
             .last_mut()
-            .filter(|step| step.answer.is_none() || step.moment.picture.is_none())
+            .filter(|step| step.answer.is_none() || step.moment.image.is_none())
         {
-            step.moment.picture = Some(place);
+            step.moment.image = Some(place);
         }
     }
 
-    /// Makes the records. `frame` tells the digests of a picture, if there is one at a place.
+    /// Makes the records. `frame` tells the digests of an image, if there is one at a place.
     pub(crate) fn finish(
         self,
         mapping: &Mapping,
@@ -440,7 +440,7 @@ impl EpisodeBuilder {
             graph: initial.clone(),
             ..ObservedState::default()
         };
-        let start_picture = self.start.picture;
+        let start_place = self.start.image;
         let mut start = StartRecord {
             graphs: initial
                 .as_ref()
@@ -453,7 +453,7 @@ impl EpisodeBuilder {
                 .or_else(|| ended.and_then(|told| told.shortest_path_m)),
             ..StartRecord::default()
         };
-        start.digests.frame = start_picture.and_then(frame);
+        start.digests.frame = start_place.and_then(frame);
         let mut steps = Vec::new();
         for (number, step) in (0..).zip(self.steps) {
             let mut after = ObservedState {
@@ -462,13 +462,13 @@ impl EpisodeBuilder {
             };
             let robot = robot(&mut after, &step.moment);
             let timing = step.timing();
-            let picture = step.moment.picture;
+            let image = step.moment.image;
             let skill = step.skill;
-            let shown = step.shown(picture.and_then(frame));
+            let shown = step.shown(image.and_then(frame));
             let mut record = observe::record(number, shown, &before, &after);
             record.robot = robot;
             record.tool = record.tool.or(skill.map(str::to_owned));
-            steps.push((record, timing, picture));
+            steps.push((record, timing, image));
             before = after;
         }
 
@@ -546,14 +546,14 @@ impl EpisodeBuilder {
         let steps = records
             .into_iter()
             .zip(steps)
-            .map(|(record, (_, timing, picture))| (record, timing, picture))
+            .map(|(record, (_, timing, image))| (record, timing, image))
             .collect();
         AssembledEpisode {
             header,
             task,
             scene,
             start,
-            start_image: start_picture,
+            start_image: start_place,
             steps,
             log: self.log,
             end,

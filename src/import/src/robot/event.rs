@@ -40,7 +40,7 @@ pub(crate) enum EventPayload {
     Odometry(Odometry),
     Vla(VlaLatency),
     Alignment(Alignment),
-    /// The head camera's picture: file and number of its message.
+    /// The head camera's image: file and number of its message.
     Image([u64; 2]),
     /// Something of the world, under a key of the published server's debug information.
     Shows(Map<String, Value>),

@@ -1,5 +1,5 @@
-//! Pictures of a robot's camera: files as they came, and their pixels at the size that a trace
-//! holds. A picture of another shape stands in the middle between black bars, as large as it fits.
+//! Images of a robot's camera: files as they came, and their pixels at the size that a trace
+//! holds. An image of another shape stands in the middle between black bars, as large as it fits.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use fast_image_resize::{
@@ -15,10 +15,10 @@ use zune_jpeg::{
     zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions},
 };
 
-/// Most pixels of a picture.
+/// Most pixels of an image.
 const PIXELS_MAX: usize = 64 << 20;
 
-/// The picture in a message: a file in JPEG or PNG, or raw pixels beside their size, which
+/// The image in a message: a file in JPEG or PNG, or raw pixels beside their size, which
 /// become a PNG file.
 ///
 /// # Errors
@@ -93,7 +93,7 @@ fn size_of_row(beside: Option<&Value>, least: usize) -> usize {
         .unwrap_or(least)
 }
 
-/// A picture file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x
+/// An image file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x
 /// 480, one of another shape between black bars. Pixels have no digests of instances and depth:
 /// no camera tells them.
 ///
@@ -109,7 +109,7 @@ pub fn camera_image(data: Vec<u8>) -> Result<(CameraImage, Frame), String> {
     Ok((image, frame))
 }
 
-/// The picture as a trace holds it, and whether that is all there is to it.
+/// The image as a trace holds it, and whether that is all there is to it.
 ///
 /// # Errors
 /// What is wrong with it.

@@ -7,7 +7,7 @@ use toml::{Spanned, de::DeValue};
 
 use crate::mapping::{MappingError, MappingFile, Tools};
 
-/// The camera whose pictures a trace holds.
+/// The camera whose images a trace holds.
 pub(crate) const HEAD: &str = "head";
 
 /// What a topic says. The order is that of one message that says several things.

@@ -2,7 +2,7 @@
 //! Reads what can be read: a torn file, a damaged chunk or a message that says nothing is a loss
 //! that is named, and the rest is imported.
 //!
-//! A recording is read twice: what was said first, and then the pictures that are wanted, so that
+//! A recording is read twice: what was said first, and then the images that are wanted, so that
 //! memory holds no film.
 
 mod assemble;
@@ -106,19 +106,17 @@ pub fn import(
             message: format!("{what}, at {}", seconds(ns)),
         });
     }
-    let wanted: BTreeSet<ImageLocation> = played
-        .iter()
-        .flat_map(|playing| playing.pictures())
-        .collect();
-    let pictures = reading.pictures(&wanted);
+    let wanted: BTreeSet<ImageLocation> =
+        played.iter().flat_map(|playing| playing.images()).collect();
+    let images = reading.images(&wanted);
     losses.extend(reading.garbled());
 
     let mut episodes = Vec::new();
     for playing in played {
         let recorded = playing.finish(mapping, options, recording, &|place| {
-            Some(pictures.get(&place)?.digests)
+            Some(images.get(&place)?.digests)
         });
-        episodes.push(write(recorded, recording, out, &pictures)?);
+        episodes.push(write(recorded, recording, out, &images)?);
     }
     Ok(Recording {
         source: recording.to_owned(),
@@ -133,7 +131,7 @@ fn write(
     recorded: AssembledEpisode,
     source: &Path,
     out: &Path,
-    pictures: &Pictures,
+    images: &DecodedImages,
 ) -> Result<ImportedEpisode, ImportError> {
     let trace = out.join(format!("{}.mcap", episode::file_stem(&recorded.header)));
     let mut recorder = Recorder::create(
@@ -148,7 +146,7 @@ fn write(
                     step: Option<u32>,
                     place: Option<ImageLocation>|
      -> Result<Option<Frame>, ImportError> {
-        let Some(Picture { image, .. }) = place.and_then(|place| pictures.get(&place)) else {
+        let Some(DecodedImage { image, .. }) = place.and_then(|place| images.get(&place)) else {
             return Ok(None);
         };
         let (frame, whole) = image::frame(image).expect("it was read before");
@@ -185,16 +183,16 @@ fn write(
     })
 }
 
-/// The pictures that are wanted, as files: pixels take ten times the memory.
-type Pictures = BTreeMap<ImageLocation, Picture>;
+/// The images that are wanted, as files: pixels take ten times the memory.
+type DecodedImages = BTreeMap<ImageLocation, DecodedImage>;
 
-struct Picture {
+struct DecodedImage {
     image: CameraImage,
     /// Of the pixels that the trace holds.
     digests: FrameDigests,
 }
 
-impl Picture {
+impl DecodedImage {
     fn of_message(message: &Value, pointer: &str) -> Result<Self, String> {
         let image = image::of_message(message, pointer)?;
         let (frame, _) = image::frame(&image)?;
@@ -216,7 +214,7 @@ struct Reading<'a> {
 }
 
 impl Reading<'_> {
-    /// Everything that the messages say but pictures, in the order of time.
+    /// Everything that the messages say but images, in the order of time.
     fn events(&mut self) -> (Vec<Event>, Vec<ImportLoss>) {
         let (mut events, mut losses) = (Vec::new(), Vec::new());
         for (file, path) in (0..).zip(self.paths.clone()) {
@@ -230,9 +228,9 @@ impl Reading<'_> {
                     return;
                 };
                 let ns = self.ns(&message);
-                let (pictures, others): (Vec<_>, Vec<_>) =
+                let (cameras, others): (Vec<_>, Vec<_>) =
                     entries.iter().partition(|entry| entry.kind == Kind::Camera);
-                if pictures
+                if cameras
                     .iter()
                     .any(|entry| entry.name.as_deref().unwrap_or(HEAD) == HEAD)
                 {
@@ -278,9 +276,9 @@ impl Reading<'_> {
         (events, losses)
     }
 
-    /// The pictures at these places.
-    fn pictures(&mut self, wanted: &BTreeSet<ImageLocation>) -> Pictures {
-        let mut pictures = BTreeMap::new();
+    /// The images at these places.
+    fn images(&mut self, wanted: &BTreeSet<ImageLocation>) -> DecodedImages {
+        let mut images = BTreeMap::new();
         let files: BTreeSet<u64> = wanted.iter().map(|[file, _]| *file).collect();
         for file in files {
             let path = self.paths[file as usize].clone();
@@ -299,14 +297,14 @@ impl Reading<'_> {
                 let pointer = entry.places("data")[0];
                 let read = decoders
                     .decode(message.channel, message.data)
-                    .and_then(|value| Picture::of_message(&value, pointer));
+                    .and_then(|value| DecodedImage::of_message(&value, pointer));
                 match read {
-                    Ok(image) => drop(pictures.insert(place, image)),
+                    Ok(image) => drop(images.insert(place, image)),
                     Err(why) => self.garble(&path, topic, self.ns(&message), why),
                 }
             });
         }
-        pictures
+        images
     }
 
     fn ns(&self, message: &bag::Message<'_>) -> u64 {

@@ -224,7 +224,7 @@ pub fn odometry(ms: u64, x: f64, y: f64) -> Said {
     )
 }
 
-/// A picture of the camera: one colour, as a file in JPEG.
+/// An image of the camera: one colour, as a file in JPEG.
 pub fn jpeg(ms: u64, (width, height): (u16, u16), colour: [u8; 3]) -> Said {
     let rgb = colour.repeat(usize::from(width) * usize::from(height));
     let mut data = Vec::new();

@@ -32,10 +32,10 @@ pub struct Episode {
 /// What a tool gives back.
 pub enum Shown {
     /// A frame alone, without a text.
-    Picture,
-    /// A text, and the picture that follows it.
+    Image,
+    /// A text, and the image that follows it.
     Text(String),
-    /// The text of an exception: no picture, no debug payload.
+    /// The text of an exception: no image, no debug payload.
     Exception(String),
 }
 
@@ -143,7 +143,7 @@ impl Episode {
             json!({}),
             Shown::Text(format!("Episode finished. Success: {success}")),
         );
-        // The client answers `finish` itself: no picture, and of the debug payload the graph alone.
+        // The client answers `finish` itself: no image, and of the debug payload the graph alone.
         fs::remove_file(folder.join("image_observation_0.png")).unwrap();
         write_json(
             &folder.join("debug_info.json"),
@@ -188,7 +188,7 @@ impl Episode {
         let time = json!({"inference_time": seconds, "total_inference_time": self.total_s});
         write_json(&folder.join("inference_time.json"), &time);
         let text = match &shown {
-            Shown::Picture => None,
+            Shown::Image => None,
             Shown::Text(text) | Shown::Exception(text) => Some(text),
         };
         if let Some(text) = text {
@@ -233,7 +233,7 @@ pub fn full(root: &Path) -> Episode {
     e.text_step(
         "navigate_to",
         json!({"receptacle_name": "table_1"}),
-        Shown::Picture,
+        Shown::Image,
     );
     e.markers = json!({"1": APPLE, "2": OTHER});
     e.text_step(
@@ -246,32 +246,32 @@ pub fn full(root: &Path) -> Episode {
     let ask = json!({"target_category": "apple", "target_description": "the red one"});
     let answer = json!({"target_category": "apple", "target_description": "A red apple.", "source": "task_metadata"});
     e.text_step("ask", ask, Shown::Text(answer.to_string()));
-    e.text_step("focus_on", json!({"marker_id": "1"}), Shown::Picture);
+    e.text_step("focus_on", json!({"marker_id": "1"}), Shown::Image);
     e.text_step(
         "pick",
         json!({"marker_id": "7"}),
         Shown::Text("Marker ID 7 not found in the marker map.".into()),
     );
     e.take(APPLE, "table_1");
-    e.text_step("pick", json!({"marker_id": "1"}), Shown::Picture);
+    e.text_step("pick", json!({"marker_id": "1"}), Shown::Image);
     e.landmark = json!("fridge_0");
     e.markers = Value::Null;
     e.text_step(
         "navigate_to",
         json!({"receptacle_name": "fridge_0"}),
-        Shown::Picture,
+        Shown::Image,
     );
     e.markers = json!({"1": "fridge_0", "2": "table_2"});
-    e.text_step("highlight_receptacles", json!({}), Shown::Picture);
+    e.text_step("highlight_receptacles", json!({}), Shown::Image);
     e.text_step(
         "place",
         json!({"marker_id": "1"}),
         Shown::Text("The door of 'fridge_0' is closed. Use 'open' first.".into()),
     );
     e.door("fridge_0", true);
-    e.text_step("open", json!({"marker_id": "1"}), Shown::Picture);
+    e.text_step("open", json!({"marker_id": "1"}), Shown::Image);
     e.put("fridge_0");
-    e.text_step("place", json!({"marker_id": "1"}), Shown::Picture);
+    e.text_step("place", json!({"marker_id": "1"}), Shown::Image);
     e.finish(true);
     e
 }
@@ -282,12 +282,12 @@ pub fn others(root: &Path) -> Vec<Episode> {
     let mut horizon = Episode::new(root, "FDP", "verify_task_1", "gpt-4o");
     horizon.call_step(None, json!({}), Shown::Text("No tool selected.".into()));
     horizon.landmark = json!("table_1");
-    horizon.call_step(Some("navigate_to"), go(), Shown::Picture);
+    horizon.call_step(Some("navigate_to"), go(), Shown::Image);
     horizon.markers = json!({});
     horizon.call_step(
         Some("find_objects"),
         json!({"target_category": "pear"}),
-        Shown::Picture,
+        Shown::Image,
     );
     let exception =
         "Error executing pick: Traceback (most recent call last):\nKeyError: 'marker_id'\n";
@@ -296,13 +296,13 @@ pub fn others(root: &Path) -> Vec<Episode> {
 
     let mut inference = Episode::new(root, "FDO", "verify_task_2", "qwen-vl");
     inference.landmark = json!("table_1");
-    inference.text_step("navigate_to", go(), Shown::Picture);
+    inference.text_step("navigate_to", go(), Shown::Image);
     inference.failed_step("inference_error.txt");
     inference.summary("inference_error", false);
 
     let mut action = Episode::new(root, "FODP", "verify_task_3", "qwen-vl");
     action.landmark = json!("table_1");
-    action.text_step("navigate_to", go(), Shown::Picture);
+    action.text_step("navigate_to", go(), Shown::Image);
     action.failed_step("action_error.txt");
     action.summary("action_error", false);
 
@@ -311,12 +311,12 @@ pub fn others(root: &Path) -> Vec<Episode> {
     vec![horizon, inference, action, skipped]
 }
 
-/// A picture of the head camera.
+/// An image of the head camera.
 pub fn png(shade: u8) -> Vec<u8> {
     png_of(FRAME_WIDTH, FRAME_HEIGHT, shade)
 }
 
-/// A picture of any size.
+/// An image of any size.
 pub fn png_of(width: usize, height: usize, shade: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);

@@ -409,9 +409,9 @@ fn the_older_layout_reads_the_same() {
             debug_info["WORLD_GRAPH"] = full.concat().into();
         }
         fixture::write_json(&debug, &debug_info);
-        let picture = folder.join("image_observation_0.png");
-        if picture.exists() {
-            fs::rename(picture, folder.join("image_observation.png")).unwrap();
+        let frame = folder.join("image_observation_0.png");
+        if frame.exists() {
+            fs::rename(frame, folder.join("image_observation.png")).unwrap();
         }
         fixture::write_json(
             &folder.join("inference_time.json"),
@@ -501,14 +501,14 @@ fn a_question_among_what_only_the_camera_saw_is_open() {
     episode.text_step(
         "navigate_to",
         json!({"receptacle_name": "table_1"}),
-        Shown::Picture,
+        Shown::Image,
     );
     // The other apple is of another category and gets no marker.
     episode.markers = json!({"1": APPLE});
     episode.text_step(
         "find_objects",
         json!({"target_category": "apple"}),
-        Shown::Picture,
+        Shown::Image,
     );
     let nobody = json!({"error": "simulated_user_context_unavailable", "source": "task_metadata"});
     episode.text_step(
@@ -549,7 +549,7 @@ fn what_the_files_leave_open_is_said() {
     episode.text_step(
         "navigate_to",
         json!({"receptacle_name": "table_1"}),
-        Shown::Picture,
+        Shown::Image,
     );
     fs::write(
         episode.next_step().join("user_message.txt"),

@@ -191,7 +191,7 @@ fn episode() -> Vec<Said> {
     ]
 }
 
-fn without_pictures() -> Vec<Said> {
+fn without_images() -> Vec<Said> {
     episode()
         .into_iter()
         .filter(|message| message.topic != "/camera")
@@ -369,7 +369,7 @@ fn every_field_comes_through() {
         (Some(0), "table", Some(0.0178), None)
     );
 
-    // The picture up to the result, else the first after it; a wide one between black bars; each
+    // The image up to the result, else the first after it; a wide one between black bars; each
     // as it came, too.
     let at = |step: Option<u32>, row: usize| {
         let rgb = trace.frame_rgb(step).unwrap().unwrap();
@@ -740,7 +740,7 @@ fn raw_images_in_every_order_of_colours() {
             rgb.chunks_exact(3).all(|pixel| pixel == expected),
             "step {step}"
         );
-        // The picture of the step is all there is to it.
+        // The image of the step is all there is to it.
         assert_eq!(trace.camera_image(Some(step)), None);
     }
     assert_eq!(trace.image(Some(5)), None);
@@ -785,7 +785,7 @@ proptest! {
         let place = Place::new();
         let path = place.path("changed.mcap");
         // Without compression and checksums every change reaches the messages.
-        bags::write_with(&path, &without_pictures(), encoding, None);
+        bags::write_with(&path, &without_images(), encoding, None);
         let mut bytes = fs::read(&path).unwrap();
         for (at, byte) in changes {
             let at = at.index(bytes.len());
@@ -807,7 +807,7 @@ proptest! {
     ) {
         let place = Place::new();
         let path = place.path("changed.mcap");
-        let mut messages = without_pictures();
+        let mut messages = without_images();
         messages.insert(6, jpeg(2_400, (64, 64), [1, 2, 3]));
         for (index, bytes) in changes {
             index.get_mut(&mut messages).instead = Some(bytes);

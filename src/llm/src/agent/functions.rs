@@ -1,6 +1,6 @@
 //! The zero-shot baseline: one conversation an episode, the tools as functions of the endpoint's
-//! protocol. Outcomes come back as messages of role `tool`, pictures in a user's message behind
-//! them (few endpoints take pictures in the former).
+//! protocol. Outcomes come back as messages of role `tool`, images in a user's message behind
+//! them (few endpoints take images in the former).
 
 use std::sync::Arc;
 
@@ -62,13 +62,13 @@ impl FunctionCalling {
         self.messages
             .extend(pending.map(|call| Message::outcome(call, ONE_AT_A_TIME)));
         self.begun = true;
-        let picture = image_part(context);
-        if picture.is_some() {
+        let frame = image_part(context);
+        if frame.is_some() {
             text.push_str(VIEW);
         }
         if !text.is_empty() {
             let text = Part::Text(text.trim_start().to_owned());
-            let parts = [text].into_iter().chain(picture.map(image)).collect();
+            let parts = [text].into_iter().chain(frame.map(image)).collect();
             self.messages.push(Message::new(Role::User, parts));
         }
     }

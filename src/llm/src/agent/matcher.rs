@@ -1,65 +1,200 @@
-//! What a query means by the vectors of an embedding model: the categories that are
-//! near enough to it.
+//! What a query means by the vectors of its text and of the categories: by an embedding model, or
+//! by a file of vectors.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::{BTreeMap, HashMap},
+    fs,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use crate::client::Client;
 use reel_agents::{Matcher, ResponderError};
 use reel_world::record::Lookup;
 
-/// Cosine similarity from which a category is meant. Embedding models differ in how near unrelated
-/// words are: look at a few queries of your own before you trust it.
-pub const SIMILARITY_DEFAULT: f32 = 0.6;
-
-/// Matches by an endpoint's `/embeddings`. Vectors of categories are asked for once.
-pub struct Embeddings {
-    client: Arc<Client>,
-    similarity: f32,
-    known: BTreeMap<String, Vec<f32>>,
+/// Which categories a query means, by the cosine similarity of its vector to theirs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum MatchRule {
+    /// The one category with the highest similarity, as in the paper: something always matches. Of
+    /// equal ones the first in alphabetical order.
+    Best,
+    /// Every category from this similarity on, the most similar first; perhaps none.
+    Threshold(f32),
 }
 
-impl Embeddings {
-    /// Those of a model; a category is meant from this cosine similarity on.
-    pub fn new(client: Arc<Client>, similarity: f32) -> Self {
+/// Similarity from which a category is meant by [`MatchRule::Threshold`], if nobody says another. Embedding
+/// models differ in how near unrelated words are: look at a few queries of your own before you trust it.
+pub const SIMILARITY_DEFAULT: f32 = 0.6;
+
+/// Vectors of texts, each computed or read once. Shared by the episodes of a run.
+pub struct TextVectors {
+    source: VectorSource,
+    known: Mutex<HashMap<String, Arc<[f32]>>>,
+}
+
+enum VectorSource {
+    Endpoint(Arc<Client>),
+    File(PathBuf),
+}
+
+/// A file of vectors that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum VectorFileError {
+    /// The file cannot be read.
+    #[error("cannot read {path}")]
+    Read {
+        /// The error of the file system.
+        source: std::io::Error,
+        /// The file as it was named.
+        path: PathBuf,
+    },
+    /// The file is no object of lists of numbers.
+    #[error(
+        "{path} is no file of vectors: it must be one JSON object, {{\"mug\": [0.1, -0.2, ...], ...}}"
+    )]
+    Form {
+        /// What is wrong, with line and column.
+        source: serde_json::Error,
+        /// The file as it was named.
+        path: PathBuf,
+    },
+    /// Vectors differ in length.
+    #[error("{path}: the vector of \"{text}\" has {found} numbers, others have {expected}")]
+    Length {
+        /// The file as it was named.
+        path: PathBuf,
+        /// The text whose vector has another length.
+        text: String,
+        /// The length of that vector.
+        found: usize,
+        /// The length of the first vector.
+        expected: usize,
+    },
+}
+
+/// A text that the file of vectors lacks.
+#[derive(Debug, thiserror::Error)]
+#[error("{path} has no vector of \"{text}\": add it, or match by an embedding model")]
+struct MissingVector {
+    path: PathBuf,
+    text: String,
+}
+
+impl TextVectors {
+    /// The vectors of an endpoint's embedding model. A client with a cache keeps them.
+    pub fn of_endpoint(client: Arc<Client>) -> Self {
         Self {
-            client,
-            similarity,
-            known: BTreeMap::new(),
+            source: VectorSource::Endpoint(client),
+            known: Mutex::default(),
         }
+    }
+
+    /// The vectors of a file: one JSON object from text to numbers.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read, has another form, or vectors of different lengths.
+    pub fn of_file(path: &Path) -> Result<Self, VectorFileError> {
+        let text = fs::read_to_string(path).map_err(|source| VectorFileError::Read {
+            source,
+            path: path.to_owned(),
+        })?;
+        let vectors: BTreeMap<String, Vec<f32>> =
+            serde_json::from_str(&text).map_err(|source| VectorFileError::Form {
+                source,
+                path: path.to_owned(),
+            })?;
+        let expected = vectors.values().next().map_or(0, Vec::len);
+        if let Some((text, vector)) = vectors.iter().find(|(_, it)| it.len() != expected) {
+            return Err(VectorFileError::Length {
+                path: path.to_owned(),
+                text: text.clone(),
+                found: vector.len(),
+                expected,
+            });
+        }
+        let known = vectors.into_iter().map(|(text, it)| (text, it.into()));
+        Ok(Self {
+            source: VectorSource::File(path.to_owned()),
+            known: Mutex::new(known.collect()),
+        })
+    }
+
+    /// What the vectors come from, for traces: the model, or the name of the file.
+    pub fn name(&self) -> String {
+        match &self.source {
+            VectorSource::Endpoint(client) => client.endpoint().model.clone(),
+            VectorSource::File(path) => path
+                .file_name()
+                .unwrap_or(path.as_os_str())
+                .to_string_lossy()
+                .into_owned(),
+        }
+    }
+
+    /// The vectors of texts, in their order.
+    fn of(&self, texts: &[&str]) -> Result<Vec<Arc<[f32]>>, ResponderError> {
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut missing: Vec<&str> = {
+            let known = known();
+            let missing = texts.iter().filter(|text| !known.contains_key(**text));
+            missing.copied().collect()
+        };
+        missing.sort_unstable();
+        missing.dedup();
+        if let Some(first) = missing.first() {
+            match &self.source {
+                // Nobody waits for a lock while the endpoint is asked.
+                VectorSource::Endpoint(client) => {
+                    let vectors = client.embed(&missing).map_err(ResponderError::new)?;
+                    let vectors = vectors.into_iter().map(Arc::from);
+                    known().extend(missing.iter().map(ToString::to_string).zip(vectors));
+                }
+                VectorSource::File(path) => {
+                    return Err(ResponderError::new(MissingVector {
+                        path: path.clone(),
+                        text: (*first).to_owned(),
+                    }));
+                }
+            }
+        }
+        let known = known();
+        Ok(texts.iter().map(|text| Arc::clone(&known[*text])).collect())
     }
 }
 
-impl Matcher for Embeddings {
+/// Matches queries to categories by vectors.
+pub struct VectorMatcher {
+    vectors: Arc<TextVectors>,
+    rule: MatchRule,
+}
+
+impl VectorMatcher {
+    /// Matches by these vectors and this rule.
+    pub fn new(vectors: Arc<TextVectors>, rule: MatchRule) -> Self {
+        Self { vectors, rule }
+    }
+}
+
+impl Matcher for VectorMatcher {
     fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, ResponderError> {
-        let mut texts: Vec<&str> = [query]
-            .iter()
-            .chain(categories)
-            .copied()
-            .filter(|text| !self.known.contains_key(*text))
-            .collect();
-        texts.dedup();
-        if !texts.is_empty() {
-            let vectors = self.client.embed(&texts).map_err(ResponderError::new)?;
-            self.known
-                .extend(texts.iter().map(ToString::to_string).zip(vectors));
+        let texts: Vec<&str> = [query].iter().chain(categories).copied().collect();
+        let vectors = self.vectors.of(&texts)?;
+        let similarities = vectors[1..].iter().map(|it| cosine(&vectors[0], it));
+        let mut ranked: Vec<(f64, &str)> = similarities.zip(categories.iter().copied()).collect();
+        ranked.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(other.1)));
+        match self.rule {
+            MatchRule::Best => ranked.truncate(1),
+            MatchRule::Threshold(least) => ranked.retain(|(it, _)| *it >= f64::from(least)),
         }
-        let meant = |category: &&&str| {
-            cosine(&self.known[query], &self.known[**category]) >= self.similarity
-        };
-        let categories = categories
-            .iter()
-            .filter(meant)
-            .map(ToString::to_string)
-            .collect();
         Ok(Lookup {
-            categories,
-            source: self.client.endpoint().model.clone(),
+            categories: ranked.into_iter().map(|(_, it)| it.to_owned()).collect(),
+            source: self.vectors.name(),
         })
     }
 }
 
 /// 0 where one of them has no direction or they are of different lengths.
-fn cosine(one: &[f32], other: &[f32]) -> f32 {
+fn cosine(one: &[f32], other: &[f32]) -> f64 {
     let product = |a: &[f32], b: &[f32]| {
         a.iter()
             .zip(b)
@@ -70,13 +205,27 @@ fn cosine(one: &[f32], other: &[f32]) -> f32 {
     if lengths == 0.0 || one.len() != other.len() {
         0.0
     } else {
-        (product(one, other) / lengths) as f32
+        product(one, other) / lengths
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::cosine;
+    use std::{error::Error, fs, sync::Arc};
+
+    use reel_agents::Matcher;
+    use tempfile::TempDir;
+
+    use super::{MatchRule, TextVectors, VectorMatcher, cosine};
+
+    const VECTORS: &str = r#"{"cup": [1, 0], "mug": [0.9, 0.1], "plate": [0.1, 0.9], "bowl": [0.1, 0.9],
+        "nothing": [0, 0]}"#;
+
+    fn matcher(folder: &TempDir, rule: MatchRule) -> VectorMatcher {
+        let path = folder.path().join("vectors.json");
+        fs::write(&path, VECTORS).unwrap();
+        VectorMatcher::new(Arc::new(TextVectors::of_file(&path).unwrap()), rule)
+    }
 
     #[test]
     fn similarity_of_vectors() {
@@ -84,5 +233,49 @@ mod tests {
         assert_eq!(cosine(&[1.0, 0.0], &[0.0, 3.0]), 0.0);
         assert_eq!(cosine(&[0.0, 0.0], &[0.0, 3.0]), 0.0);
         assert_eq!(cosine(&[1.0], &[1.0, 0.0]), 0.0);
+    }
+
+    #[test]
+    fn a_rule_decides_which_categories_are_meant() {
+        let folder = TempDir::new().unwrap();
+        let categories = ["bowl", "mug", "nothing", "plate"];
+        let found = |rule, query| {
+            let mut matcher = matcher(&folder, rule);
+            matcher.look_up(query, &categories).unwrap().categories
+        };
+        assert_eq!(found(MatchRule::Best, "cup"), ["mug"]);
+        // Equal ones: the first by name. And something always matches.
+        assert_eq!(found(MatchRule::Best, "plate"), ["bowl"]);
+        assert_eq!(found(MatchRule::Best, "nothing"), ["bowl"]);
+        assert_eq!(
+            found(MatchRule::Threshold(0.05), "cup"),
+            ["mug", "bowl", "plate"]
+        );
+        assert_eq!(found(MatchRule::Threshold(0.95), "cup"), ["mug"]);
+        assert!(found(MatchRule::Threshold(0.9999), "cup").is_empty());
+    }
+
+    #[test]
+    fn a_file_that_lacks_a_text_or_has_another_form_is_named() {
+        let folder = TempDir::new().unwrap();
+        let mut matcher = matcher(&folder, MatchRule::Best);
+        let error = matcher.look_up("spoon", &["mug"]).unwrap_err().to_string();
+        assert!(
+            error.contains("vectors.json has no vector of \"spoon\""),
+            "{error}"
+        );
+        let path = folder.path().join("wrong.json");
+        let refused = |text: &str| {
+            fs::write(&path, text).unwrap();
+            let error = TextVectors::of_file(&path).err().unwrap();
+            format!("{error}: {:?}", error.source().map(ToString::to_string))
+        };
+        assert!(refused("[1, 2]").contains("must be one JSON object"));
+        assert!(refused(r#"{"mug": [1, "x"]}"#).contains("line 1"));
+        assert!(
+            refused(r#"{"a": [1, 2], "b": [1]}"#)
+                .contains("the vector of \"b\" has 1 numbers, others have 2")
+        );
+        assert!(TextVectors::of_file(&folder.path().join("none")).is_err());
     }
 }

@@ -13,7 +13,7 @@ use std::{
 };
 
 use reel_prompt::{
-    DecisionAnswer, HistoryLines, action, arguments,
+    CallLog, DecisionAnswer, HistoryLines, action, arguments,
     python::{self, Ascii},
 };
 use reel_trace::Trace;
@@ -158,7 +158,7 @@ impl Script {
                     .trim()
                     .trim_start_matches("New Schedule: ")
                     .to_owned();
-                let history = histories.next(&said.history, Some(""));
+                let history = histories.next(&said.history, CallLog::Last(Some("")));
                 let line = history.lines().next_back().unwrap_or_default();
                 let history = line
                     .split_once(") ")
@@ -570,7 +570,7 @@ fn text_message(text: &str) -> Value {
     json!({"role": "assistant", "content": text})
 }
 
-/// The body of a chat completion. Four letters are a token, and pictures cost nothing.
+/// The body of a chat completion. Four letters are a token, and images cost nothing.
 fn completion(request: &Value, message: &Value, reason: &str) -> Value {
     let messages = request["messages"].as_array().into_iter().flatten();
     let read = messages

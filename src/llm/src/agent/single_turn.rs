@@ -12,6 +12,7 @@ use reel_world::{
     answer::AssistantTurn,
     record::{PolicyInfo, StepInput},
 };
+use serde_json::json;
 
 use crate::agent::style::{AgentStyle, image, image_part, info, no_call, output};
 
@@ -23,8 +24,8 @@ pub struct SingleTurn {
     /// What it remembers; `None` before the first decision.
     turn: Option<reel_prompt::SingleTurn>,
     last: Option<Last>,
-    /// The latest one; a call without a picture leaves it.
-    picture: Option<Vec<u8>>,
+    /// The latest one, kept if the prompt keeps views.
+    latest_image: Option<Vec<u8>>,
 }
 
 /// The last call, whose outcome is not known yet.
@@ -43,14 +44,18 @@ impl SingleTurn {
             seed,
             turn: None,
             last: None,
-            picture: None,
+            latest_image: None,
         }
     }
 
     /// Takes in what came of the last call, and asks for the next.
     fn request(&mut self, context: &PolicyContext<'_>) -> Request {
-        self.picture = image_part(context).or(self.picture.take());
         let prompt = &self.prompt;
+        let kept = self
+            .latest_image
+            .take()
+            .filter(|_| prompt.memory().keep_view);
+        self.latest_image = image_part(context).or(kept);
         let turn = self.turn.get_or_insert_with(|| {
             let receptacles = context
                 .briefing
@@ -67,7 +72,7 @@ impl SingleTurn {
         // REAL's first prompt holds no observation yet, and so no image.
         let mut shown = None;
         if let Some(Last { call, answer }) = self.last.take() {
-            shown.clone_from(&self.picture);
+            shown.clone_from(&self.latest_image);
             let outcome = CallOutcome {
                 tool: &call.name,
                 text: &context.observation.text,
@@ -92,12 +97,16 @@ impl SingleTurn {
 
 impl Policy for SingleTurn {
     fn info(&self) -> PolicyInfo {
-        info(
+        let mut info = info(
             AgentStyle::SingleTurn,
             &self.client,
             self.seed,
             self.prompt.digest(),
-        )
+        );
+        let enabled = self.prompt.memory().enabled();
+        info.parameters
+            .extend(enabled.map(|option| (option.to_owned(), json!(true))));
+        info
     }
 
     fn needs_privileged(&self) -> bool {
@@ -145,8 +154,9 @@ mod tests {
         TaskBriefing, examples,
     };
     use reel_episode::{Briefing, Observation};
+    use reel_prompt::MemoryOptions;
     use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, NameSet};
-    use serde_json::{Value, json};
+    use serde_json::Value;
 
     use super::*;
 
@@ -162,6 +172,20 @@ mod tests {
 
     #[test]
     fn a_model_is_asked_as_it_was_taught() {
+        for keep_view in [false, true] {
+            let memory = MemoryOptions {
+                keep_view,
+                ..MemoryOptions::default()
+            };
+            asked_as_taught(&prompt(memory));
+        }
+    }
+
+    fn prompt(memory: MemoryOptions) -> Arc<Prompt> {
+        Arc::new(Prompt::clone(&Prompt::builtin()).with_memory(memory))
+    }
+
+    fn asked_as_taught(prompt: &Arc<Prompt>) {
         #[rustfmt::skip]
         let calls = [
             ("nav_to", json!({"receptacle_name": "table_1"}), "Arrived at table_1."),
@@ -190,7 +214,11 @@ mod tests {
             outcome: (*outcome).to_owned(),
             history: format!("I made {index} calls."),
             held: (index == 2).then(|| "mug".to_owned()),
-            images: vec![reel_world::Digest::of(b"view")],
+            // The second call gives no image.
+            images: (index != 2 || prompt.memory().keep_view)
+                .then(|| reel_world::Digest::of(b"view"))
+                .into_iter()
+                .collect(),
             learn: true,
             ..Step::default()
         };
@@ -207,6 +235,7 @@ mod tests {
                 vec![table],
                 PrivilegedFacts::none(),
             )
+            .with_prompt(Arc::clone(prompt))
             .into(),
             names: NameSet::Paper,
             steps: calls
@@ -223,13 +252,12 @@ mod tests {
             .map(|example| example.messages()[1].1.to_string())
             .collect();
 
-        let mut agent = SingleTurn::new(Arc::new(client), Prompt::builtin(), 0);
+        let mut agent = SingleTurn::new(Arc::new(client), Arc::clone(prompt), 0);
         let pixels = vec![0; FRAME_WIDTH * FRAME_HEIGHT * 3];
         for (step, taught) in taught.iter().enumerate() {
             let text = step
                 .checked_sub(1)
                 .map_or(String::new(), |before| calls[before].2.to_owned());
-            // The second call gives no picture: the one before stays.
             let frame = (step != 2).then(|| Frame {
                 rgb: pixels.clone(),
                 ids: Vec::new(),
@@ -280,8 +308,8 @@ mod tests {
         }
     }
 
-    #[test]
-    fn calls_of_others_are_remembered() {
+    /// The prompt after a call that somebody else made.
+    fn prompt_after_a_call_of_others(memory: MemoryOptions) -> String {
         let briefing = Briefing {
             instruction: "Bring it.".to_owned(),
             receptacles: Vec::new(),
@@ -291,7 +319,7 @@ mod tests {
             Arc::new(NoClock),
         )
         .unwrap();
-        let mut agent = SingleTurn::new(Arc::new(client), Prompt::builtin(), 0);
+        let mut agent = SingleTurn::new(Arc::new(client), prompt(memory), 0);
         let observation = |text: &str| Observation {
             text: text.to_owned(),
             error: None,
@@ -317,6 +345,19 @@ mod tests {
         let [Part::Text(text)] = &asked.messages[0].parts[..] else {
             panic!("one text")
         };
+        text.clone()
+    }
+
+    #[test]
+    fn calls_of_others_are_the_last_action_and_with_a_log_the_history() {
+        let text = prompt_after_a_call_of_others(MemoryOptions::default());
+        assert!(!text.contains("'History'"), "{text}");
+        assert!(text.contains(r#"{"tool_name": "navigate_to""#), "{text}");
+        let logged = MemoryOptions {
+            call_log: true,
+            ..MemoryOptions::default()
+        };
+        let text = prompt_after_a_call_of_others(logged);
         assert!(
             text.contains(
                 r#"{'History': '0) {"tool_name":"navigate_to","args":{"receptacle_name":"table_1"}}: Arrived at table_1.'}"#

@@ -113,7 +113,7 @@ pub(crate) fn output(answer: &AssistantTurn, raw: String, reply: &Reply) -> Poli
     }
 }
 
-/// The newest picture, where the last call gave one.
+/// The newest image, where the last call gave one.
 pub(crate) fn image_part(context: &PolicyContext<'_>) -> Option<Vec<u8>> {
     let frame = context.observation.frame.as_ref()?;
     Some(encode_png(
@@ -123,7 +123,7 @@ pub(crate) fn image_part(context: &PolicyContext<'_>) -> Option<Vec<u8>> {
     ))
 }
 
-/// A picture as a part of a message.
+/// An image as a part of a message.
 pub(crate) fn image(png: Vec<u8>) -> Part {
     Part::Image {
         media_type: "image/png".to_owned(),

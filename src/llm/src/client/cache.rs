@@ -1,4 +1,4 @@
-//! Replies kept in a folder, one file a request, named after the request's digest.
+//! Replies and vectors kept in a folder, one file a request, named after the request's digest.
 
 use std::{
     fs,
@@ -7,7 +7,7 @@ use std::{
 };
 
 use reel_world::Digest;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::client::{ModelError, reply::Answer};
 
@@ -41,15 +41,15 @@ impl Cache {
         self.folder.join(format!("{request}.json"))
     }
 
-    /// The kept answer with its latency. A file that is not as it was written is as good as none,
+    /// What was kept for a request. A file that is not as it was written is as good as none,
     /// and is written again.
-    pub(crate) fn get(&self, request: &Digest) -> Option<CachedReply> {
-        let file: File = serde_json::from_slice(&fs::read(self.path(request)).ok()?).ok()?;
+    pub(crate) fn get<T: Serialize + DeserializeOwned>(&self, request: &Digest) -> Option<T> {
+        let file: File<T> = serde_json::from_slice(&fs::read(self.path(request)).ok()?).ok()?;
         (file.digest == digest(request, &file.kept)).then_some(file.kept)
     }
 
-    /// Keeps an answer: the file is there as a whole or not at all.
-    pub(crate) fn put(&self, request: &Digest, kept: CachedReply) -> Result<(), ModelError> {
+    /// Keeps what a request gave: the file is there as a whole or not at all.
+    pub(crate) fn put<T: Serialize>(&self, request: &Digest, kept: T) -> Result<(), ModelError> {
         let path = self.path(request);
         let file = File {
             digest: digest(request, &kept),
@@ -72,13 +72,13 @@ pub(crate) struct CachedReply {
 }
 
 #[derive(Serialize, Deserialize)]
-struct File {
-    kept: CachedReply,
+struct File<T> {
+    kept: T,
     /// Of request and content.
     digest: Digest,
 }
 
-fn digest(request: &Digest, kept: &CachedReply) -> Digest {
+fn digest<T: Serialize>(request: &Digest, kept: &T) -> Digest {
     Digest::of_json(&(request, kept))
 }
 

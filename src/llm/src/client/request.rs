@@ -20,7 +20,7 @@ pub struct Request {
 pub struct Message {
     /// Who wrote the message: system, user, assistant or tool.
     pub role: Role,
-    /// Texts and pictures in their order.
+    /// Texts and images in their order.
     pub parts: Vec<Part>,
     /// The functions that the model called in it, as it wrote them.
     pub calls: Vec<Value>,
@@ -29,7 +29,7 @@ pub struct Message {
 }
 
 impl Message {
-    /// A message of texts and pictures.
+    /// A message of texts and images.
     pub fn new(role: Role, parts: Vec<Part>) -> Self {
         Self {
             role,
@@ -71,7 +71,7 @@ pub enum Role {
 pub enum Part {
     /// Plain text in a message's content.
     Text(String),
-    /// A picture, sent as a data URL.
+    /// An image, sent as a data URL.
     Image {
         /// Media type of the image file, e.g. `image/png`.
         media_type: String,

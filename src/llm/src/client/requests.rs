@@ -102,11 +102,33 @@ impl Client {
         Ok(reply(result?, cached, digest))
     }
 
-    /// The vectors of texts, by the endpoint's `/embeddings`, in the order of the texts.
+    /// The vectors of texts, by the endpoint's `/embeddings`, in the order of the texts. A cache
+    /// keeps each text's vector.
     ///
     /// # Errors
-    /// When there is no answer after all tries, or it cannot be logged as it should.
+    /// When there is no answer after all tries, or it cannot be kept or logged as it should.
     pub fn embed(&self, texts: &[&str]) -> Result<Vec<Vec<f32>>, ModelError> {
+        let Some(cache) = &self.cache else {
+            return self.request_vectors(texts);
+        };
+        let request =
+            |text: &str| Digest::of_json(&request::embedding_body(&self.endpoint, &[text]));
+        let mut vectors: Vec<Option<Vec<f32>>> =
+            texts.iter().map(|text| cache.get(&request(text))).collect();
+        let missing: Vec<usize> = (0..texts.len())
+            .filter(|index| vectors[*index].is_none())
+            .collect();
+        if !missing.is_empty() {
+            let asked: Vec<&str> = missing.iter().map(|index| texts[*index]).collect();
+            for (index, vector) in missing.into_iter().zip(self.request_vectors(&asked)?) {
+                cache.put(&request(texts[index]), &vector)?;
+                vectors[index] = Some(vector);
+            }
+        }
+        Ok(vectors.into_iter().flatten().collect())
+    }
+
+    fn request_vectors(&self, texts: &[&str]) -> Result<Vec<Vec<f32>>, ModelError> {
         let url = self.endpoint.embeddings_url()?;
         let body = canonical_json(&request::embedding_body(&self.endpoint, texts));
         let time_ns = self.clock.now_ns();

@@ -233,8 +233,8 @@ fn a_cut_answer_is_asked_for_again() {
         Act::Raw(format!("{}{}", head("Connection: close\r\n"), &body[..40])),
         Act::Reply("whole".to_owned()),
     ]);
-    let (patient, clock) = client(&server.base_url);
-    assert_eq!(patient.complete(&ask("how?")).unwrap().text, "whole");
+    let (retrying, clock) = client(&server.base_url);
+    assert_eq!(retrying.complete(&ask("how?")).unwrap().text, "whole");
     assert_eq!(clock.pauses_s(), [1, 2, 4]);
 
     let server = Scripted::answering(move |_| {

@@ -39,7 +39,7 @@ pub(crate) fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToo
     }
 }
 
-fn picture(frame: &Frame) -> ContentBlock {
+fn image(frame: &Frame) -> ContentBlock {
     let png = reel_trace::encode_png(
         &frame.rgb,
         reel_world::FRAME_WIDTH as u32,

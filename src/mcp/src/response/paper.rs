@@ -1,4 +1,4 @@
-//! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state:
+//! Profile `paper`: text, image, execution feedback. Nothing of the simulator's state:
 //! no instances, poses, goals.
 
 use reel_live::{CallResult, LiveError, StartedEpisode};
@@ -6,7 +6,7 @@ use reel_world::{HORIZON, record::EndReason};
 use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Value, json};
 
-use super::{COMPLETED, Response, picture, task_ids};
+use super::{COMPLETED, Response, image, task_ids};
 
 pub(super) fn say(said: &Response) -> CallToolResult {
     match said {
@@ -56,7 +56,7 @@ fn call(made: &CallResult) -> CallToolResult {
         }
     }
     let mut content = vec![ContentBlock::text(text)];
-    content.extend(made.frame.as_ref().map(picture));
+    content.extend(made.frame.as_ref().map(image));
     let mut result = if outcome.is_ok() {
         CallToolResult::success(content)
     } else {
@@ -83,8 +83,7 @@ fn briefing(begun: &StartedEpisode) -> CallToolResult {
         "decisions_left": HORIZON,
         "episode": {"task_id": begun.task.task_id, "instruction": briefing.instruction, "receptacles": receptacles},
     });
-    let mut result =
-        CallToolResult::success(vec![ContentBlock::text(lines), picture(&begun.frame)]);
+    let mut result = CallToolResult::success(vec![ContentBlock::text(lines), image(&begun.frame)]);
     result.structured_content = Some(said);
     result
 }

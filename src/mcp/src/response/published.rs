@@ -11,9 +11,9 @@ use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Map, Value, json};
 
 use super::{
-    COMPLETED, Response,
+    COMPLETED, Response, image,
     payload::{self, OrderedGraph},
-    picture, task_ids,
+    task_ids,
 };
 
 /// A failure of the domain is text and no protocol error: the trainer would take that
@@ -34,7 +34,7 @@ pub(super) fn say(profile: Profile, said: &Response) -> CallToolResult {
             });
             vec![
                 ContentBlock::text(scene.furniture_listing()),
-                picture(&Frame::new()),
+                image(&Frame::new()),
                 debug_text(&before),
             ]
         }
@@ -55,12 +55,7 @@ fn call(made: &CallResult) -> Vec<ContentBlock> {
     if outcome.is_exception() {
         return content;
     }
-    content.extend(
-        made.frame
-            .as_ref()
-            .or(made.head_frame.as_ref())
-            .map(picture),
-    );
+    content.extend(made.frame.as_ref().or(made.head_frame.as_ref()).map(image));
     content.push(debug_text(&state(&made.view)));
     content
 }

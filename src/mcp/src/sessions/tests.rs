@@ -18,7 +18,7 @@ use tokio_util::sync::CancellationToken;
 use super::*;
 use crate::router::serve;
 
-const PICTURE: usize = 130_000;
+const FRAME: usize = 130_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 const PING: &str = r#"{"jsonrpc":"2.0","id":8,"method":"ping"}"#;
 /// The last of an answer to a call.
@@ -39,8 +39,8 @@ impl ServerHandler for Slow {
             "tell" => context.peer.notify_tool_list_changed().await.unwrap(),
             _ => {}
         }
-        let picture = ContentBlock::image("p".repeat(PICTURE), "image/png");
-        Ok(CallToolResult::success(vec![picture, ContentBlock::text(ANSWERED)]).into())
+        let frame = ContentBlock::image("p".repeat(FRAME), "image/png");
+        Ok(CallToolResult::success(vec![frame, ContentBlock::text(ANSWERED)]).into())
     }
 }
 
@@ -210,7 +210,7 @@ async fn an_answer_that_came_while_the_client_was_cut_off_is_fetched() {
     );
     let answer = read(&mut client.resume(&primed).await, None).await;
     assert!(
-        answer.contains(ANSWERED) && answer.contains(r#""id":7"#) && answer.len() > PICTURE,
+        answer.contains(ANSWERED) && answer.contains(r#""id":7"#) && answer.len() > FRAME,
         "{answer:.300}"
     );
     assert_eq!(id(&answer), "2/1");
@@ -306,7 +306,7 @@ async fn answers_take_a_bounded_memory() {
     }
     let kept = server.sessions.events.usage();
     assert!(
-        kept.bytes > PICTURE && kept.bytes <= (2 << 20) + 3 * 100,
+        kept.bytes > FRAME && kept.bytes <= (2 << 20) + 3 * 100,
         "{kept:?}"
     );
     for client in &clients {

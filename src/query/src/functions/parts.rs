@@ -1,4 +1,4 @@
-//! The function by which rows are dealt out to other machines. For plans, not for people.
+//! The function by which rows are partitioned over machines. For plans, not for people.
 
 use std::sync::Arc;
 

@@ -204,7 +204,7 @@ fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
 fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let steps = arrays[1].as_primitive::<Int64Type>();
-    let pictures = each(&arrays[0], control, |path, row| {
+    let files = each(&arrays[0], control, |path, row| {
         if steps.is_null(row) {
             return Ok(None);
         }
@@ -237,9 +237,9 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         )))
     })?;
     let mut bytes = BinaryBuilder::new();
-    pictures
+    files
         .into_iter()
-        .for_each(|picture| bytes.append_option(picture.flatten()));
+        .for_each(|png| bytes.append_option(png.flatten()));
     Ok(ColumnarValue::Array(Arc::new(bytes.finish())))
 }
 

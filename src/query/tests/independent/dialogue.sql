@@ -51,3 +51,16 @@ WITH sources AS (
 )
 SELECT *, successes / nullif(episodes, 0) AS success, low(successes, episodes) AS low, high(successes, episodes) AS high
 FROM sources ORDER BY policy, source;
+
+CREATE TABLE answer.vocabulary_misses AS
+WITH missed AS (
+  SELECT
+    lower(trim(call.argument)) AS word, call.step AS step, episode_id, policy, success, trace,
+    call.error_code IS NOT NULL AS failed
+  FROM calls WHERE call.tool = 'show_object_by_category' AND call.match_categories IS NULL AND NOT call.query_known
+)
+SELECT
+  word AS "query", count(*) AS calls, tally(failed) AS failed, count(DISTINCT episode_id) AS episodes,
+  count(DISTINCT policy) AS policies, count(DISTINCT if(success, episode_id, NULL)) AS successes,
+  min(trace) AS trace, arg_min(step, (trace, step)) AS step
+FROM missed GROUP BY word ORDER BY calls DESC, "query";

@@ -288,9 +288,9 @@ fn the_simulator_answers_in_sql() {
         .run("SELECT frame(trace, -1) AS start, frame(trace, 0) AS first FROM episodes LIMIT 1")
         .unwrap();
     for column in rows[0].columns() {
-        let picture = arrow::array::AsArray::as_binary::<i32>(column.as_ref()).value(0);
+        let image = arrow::array::AsArray::as_binary::<i32>(column.as_ref()).value(0);
         assert_eq!(
-            &picture[..8],
+            &image[..8],
             b"\x89PNG\r\n\x1a\n",
             "lean traces are drawn again"
         );

@@ -1,4 +1,4 @@
-//! Any moment from any camera: the same picture by any way to the moment, and nothing
+//! Any moment from any camera: the same image by any way to the moment, and nothing
 //! changes by taking it.
 
 use reel_replay::{Viewpoint, frame_at, view_at, views};
@@ -30,16 +30,16 @@ fn every_moment_from_every_camera_is_the_same_by_any_way() {
     ];
     let mut all = Vec::new();
     for camera in &cameras {
-        let pictures = views(&trace, camera).unwrap();
-        assert_eq!(pictures.len(), trace.steps.len() + 1);
+        let images = views(&trace, camera).unwrap();
+        assert_eq!(images.len(), trace.steps.len() + 1);
         for call in [None, Some(3)] {
-            let expected = &pictures[call.map_or(0, |call| call as usize + 1)];
+            let expected = &images[call.map_or(0, |call| call as usize + 1)];
             assert!(
                 view_at(&trace, call, camera, None).unwrap() == *expected,
                 "{camera:?} after {call:?}"
             );
         }
-        all.push(pictures);
+        all.push(images);
     }
     assert!(all[0][4] == frame_at(&trace, Some(3), None).unwrap());
     // From above the target is on another place in the end, and the robot too.

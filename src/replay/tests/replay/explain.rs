@@ -1,4 +1,4 @@
-//! What differs is explained: every field with its distance, the picture, the text, the state at a
+//! What differs is explained: every field with its distance, the image, the text, the state at a
 //! physics step. Traces are written again as another build might have recorded them: changed, with
 //! checksums and chain that hold.
 
@@ -171,12 +171,12 @@ fn a_differing_image_is_measured() {
     recorder.end(other.end.as_ref().unwrap()).unwrap();
 
     let explanation = explain(&Trace::read(&path).unwrap());
-    let picture = explanation.image.unwrap();
+    let change = explanation.image.unwrap();
     assert_eq!(
-        (picture.pixels, picture.bbox, picture.most),
+        (change.pixels, change.bbox, change.most),
         (Some(2), Some([40, 30, 41, 33]), Some(7))
     );
-    assert!(picture.recorded.is_some() && picture.replayed.is_some());
+    assert!(change.recorded.is_some() && change.replayed.is_some());
 }
 
 #[test]

@@ -30,8 +30,8 @@ struct Case {
 #[test]
 fn no_changed_trace_is_exact() {
     let folder = tempfile::tempdir().unwrap();
-    let pictured = record(
-        &folder.path().join("pictured.mcap"),
+    let with_frames = record(
+        &folder.path().join("with_frames.mcap"),
         &tasks()[0],
         "oracle",
         Images::Full,
@@ -48,7 +48,7 @@ fn no_changed_trace_is_exact() {
         "oracle",
         Images::None,
     );
-    let flips = flipped(&pictured) + flipped(&plain);
+    let flips = flipped(&with_frames) + flipped(&plain);
 
     let bases = [Trace::read(&plain).unwrap(), Trace::read(&doors).unwrap()];
     let files: Vec<(usize, u32)> = (0..bases.len())
@@ -295,20 +295,20 @@ fn other_outputs(base: &Trace) -> Vec<Case> {
             ..moved
         });
     }
-    let picture = base
+    let image = base
         .steps
         .iter()
         .find(|step| step.digests.frame.is_some())
         .unwrap()
         .step;
-    let other = Digest::of(b"another picture");
-    let trace = changed(base, picture, |step| {
+    let other = Digest::of(b"another image");
+    let trace = changed(base, image, |step| {
         step.digests.frame.as_mut().unwrap().rgb = other
     });
     cases.push(Case::new(
-        "picture",
+        "image",
         trace,
-        EpisodePosition::Call(picture),
+        EpisodePosition::Call(image),
         "digests.frame.rgb",
     ));
     let moving = base

@@ -99,12 +99,12 @@ fn images_drawn_again_are_those_that_were_recorded() {
         Trace::read(&path).unwrap()
     });
     assert!(full.image_count() > 0 && lean.image_count() == 0);
-    let pictured = full
+    let with_frame = full
         .steps
         .iter()
         .filter(|record| record.digests.frame.is_some())
         .map(|record| Some(record.step));
-    let moments: BTreeSet<Option<u32>> = pictured.step_by(2).chain([None]).collect();
+    let moments: BTreeSet<Option<u32>> = with_frame.step_by(2).chain([None]).collect();
     let recorded = frames_at(&full, &moments).unwrap();
     assert_eq!(
         recorded.keys().collect::<Vec<_>>(),

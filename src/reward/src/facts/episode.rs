@@ -35,7 +35,7 @@ pub struct StartFacts<'a> {
     pub physics: &'a [Change],
     /// From the task's initial graph to the registry.
     pub registry: &'a [Change],
-    /// Objects in the first picture.
+    /// Objects in the first image.
     pub visible: &'a [ObjectKey],
 }
 
@@ -48,7 +48,7 @@ pub struct StepFacts<'a> {
     pub physics: &'a [Change],
     /// Changes of the registry.
     pub registry: &'a [Change],
-    /// Objects in the picture or told in words. Those seen before may be left out.
+    /// Objects in the image or told in words. Those seen before may be left out.
     pub visible: &'a [ObjectKey],
     /// The marker map after the call; none: as it was before.
     pub markers: Option<&'a [(u32, MarkerReferent)]>,
@@ -98,7 +98,7 @@ impl EpisodeFacts {
         self.close();
     }
 
-    /// An object in the picture, or told in words. It is enough to tell when it is seen
+    /// An object in the image, or told in words. It is enough to tell when it is seen
     /// for the first time.
     pub fn push_visible(&mut self, object: ObjectKey) {
         self.seen.push(object);

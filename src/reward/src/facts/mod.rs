@@ -2,7 +2,7 @@
 //! [`EpisodeFacts`] once an episode.
 //!
 //! Records ([`crate::Preset::rewarder`]) and table columns are turned into the same facts, and the
-//! rules run on facts only, so both give the same bits. Never holds a reward, a pose or a picture.
+//! rules run on facts only, so both give the same bits. Never holds a reward, a pose or an image.
 
 mod counts;
 mod episode;

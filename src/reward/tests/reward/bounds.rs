@@ -96,7 +96,7 @@ fn any_act() -> impl Strategy<Value = Act> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A record without pictures, in which only some of what was seen is told, and the one with
+    /// A record without images, in which only some of what was seen is told, and the one with
     /// everything.
     #[test]
     fn the_reward_of_who_saw_everything_lies_between_the_bounds(

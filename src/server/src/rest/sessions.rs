@@ -91,7 +91,7 @@ pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Answer {
-    /// In plain words; it is on tape as a person's.
+    /// In plain words; it is persisted as a person's.
     answer: String,
 }
 

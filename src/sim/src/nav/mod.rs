@@ -127,7 +127,7 @@ impl NavMap {
     /// the door) past everything else.
     ///
     /// Of those the one that sees most of the surface past the furniture's own parts, then with all
-    /// of it in the picture, then nearest to the standoff, then to the robot. `None` if there is
+    /// of it in the image, then nearest to the standoff, then to the robot. `None` if there is
     /// none or the furniture is not there.
     pub fn viewpoint(
         &self,

@@ -450,7 +450,7 @@ fn a_table_is_seen_from_its_nearer_side() {
     assert!(
         (STANDOFF_M..STANDOFF_M + 0.2).contains(&gap(from_left.base, model.furniture[0].bounds))
     );
-    // All four corners are in the picture, and the centre is in the middle of it.
+    // All four corners are in the image, and the centre is in the middle of it.
     for corner in [[2.4, 2.0], [3.6, 2.0], [2.4, 2.8], [3.6, 2.8]] {
         let [u, v] = from_left
             .camera
@@ -491,7 +491,7 @@ fn a_fridge_is_opened_from_the_front() {
     let viewpoint = map.viewpoint(&model, [5.0, 3.0], 0).unwrap();
     let [x, y] = viewpoint.base;
     assert!(x > 0.7 + STANDOFF_M - 1e-3 && (y - 0.7).abs() < 1.7321 * (x - 0.7));
-    // Door centre and interior are both in the picture.
+    // Door centre and interior are both in the image.
     for point in [[0.7, 0.7, 0.4], [0.4, 0.7, 0.3]] {
         let [u, v] = viewpoint.camera.project(point).unwrap();
         assert!((0.0..=640.0).contains(&u) && (0.0..=480.0).contains(&v));

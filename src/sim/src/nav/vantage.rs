@@ -103,7 +103,7 @@ pub(super) fn viewpoint(
         places.sort_unstable();
 
         // The first with the least hidden; it cannot get better than nothing hidden and
-        // all in the picture.
+        // all in the image.
         let mut best: Option<((usize, bool), Viewpoint)> = None;
         for (_, cost, cell) in places {
             let base = map.grid.center(cell);
@@ -111,7 +111,7 @@ pub(super) fn viewpoint(
             let unseen =
                 |point: &&[f32; 3]| !is_clear(own.iter().copied(), camera.position, **point);
             let hidden = samples.iter().chain([&center]).filter(unseen).count();
-            let rank = (hidden, !in_picture(&camera, &furniture.surface));
+            let rank = (hidden, !in_image(&camera, &furniture.surface));
             if best.as_ref().is_none_or(|(least, _)| rank < *least)
                 && is_clear(others.iter().copied(), camera.position, target)
             {
@@ -210,8 +210,8 @@ fn surface_points(surface: &Surface) -> [[f32; 3]; 5] {
     ]
 }
 
-/// Whether a whole surface projects into the picture.
-fn in_picture(camera: &Camera, surface: &Surface) -> bool {
+/// Whether a whole surface projects into the image.
+fn in_image(camera: &Camera, surface: &Surface) -> bool {
     let axes = camera.axes();
     let [[left, back], [right, front]] = [surface.min, surface.max];
     [[left, back], [right, back], [left, front], [right, front]]

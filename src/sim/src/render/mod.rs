@@ -1,6 +1,6 @@
-//! Pictures: a software rasterizer with exact integer coverage, and Set-of-Mark overlays.
+//! Images: a software rasterizer with exact integer coverage, and Set-of-Mark overlays.
 //!
-//! Every picture is a pure function of its arguments, to the bit, on every platform. Never decides
+//! Every image is a pure function of its arguments, to the bit, on every platform. Never decides
 //! what is in a scene or what is worth a mark, and never encodes files.
 
 mod mesh;
@@ -55,17 +55,17 @@ pub struct OverlayMark {
 pub enum Region {
     /// The pixels of an entity: its mask is tinted and outlined.
     Entity(u16),
-    /// A rectangle in pixels: x0, y0, x1, y1 (inclusive, clipped to the picture by the caller).
+    /// A rectangle in pixels: x0, y0, x1, y1 (inclusive, clipped to the image by the caller).
     Rectangle([u16; 4]),
 }
 
-/// How much of a picture is drawn.
+/// How much of an image is drawn.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Detail {
     /// The complete frame: RGB, instance ids and depth.
     #[default]
     Full,
-    /// Instance ids and depth; RGB stays black. Everything but the picture itself
+    /// Instance ids and depth; RGB stays black. Everything but the image itself
     /// is decided by these.
     Geometry,
 }

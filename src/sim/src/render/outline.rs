@@ -1,4 +1,4 @@
-//! Owns what makes a picture readable: shadows where things touch what they stand on, and thin
+//! Owns what makes an image readable: shadows where things touch what they stand on, and thin
 //! lines between things. Works on pixels and their neighbours only.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
@@ -98,7 +98,7 @@ const OUTLINE: u8 = 130;
 const PART_EDGE: u8 = 64;
 const FACE_EDGE: u8 = 34;
 
-/// Side of the square tiles in which neighbours are looked for; both sides of the picture
+/// Side of the square tiles in which neighbours are looked for; both sides of the image
 /// are multiples of it.
 const TILE: usize = 32;
 

@@ -8,7 +8,7 @@ use super::{OverlayMark, Region};
 
 /// Draws numbered Set-of-Mark overlays into the RGB of a frame; ids and depth stay.
 ///
-/// Entities without a visible pixel get nothing. Labels lie inside the picture and do not overlap,
+/// Entities without a visible pixel get nothing. Labels lie inside the image and do not overlap,
 /// as long as there is room for all of them.
 pub fn overlay(frame: &mut Frame, marks: &[OverlayMark]) {
     overlay_tinted(frame, marks, ENTITY_TINT);
@@ -156,7 +156,7 @@ impl Mask {
         }
     }
 
-    /// Pixels of the mask in the picture, with their distances to its border.
+    /// Pixels of the mask in the image, with their distances to its border.
     fn pixels(&self) -> impl Iterator<Item = ([i32; 2], i32)> {
         (self.top..)
             .zip(self.depths.chunks_exact(self.width as usize))
@@ -287,7 +287,7 @@ fn place_labels(marks: &[OverlayMark], masks: &[Option<Mask>]) -> Vec<Label> {
 }
 
 impl Label {
-    /// Moves the label there, or as near as the picture lets it.
+    /// Moves the label there, or as near as the image lets it.
     fn centre_on(&mut self, [x, y]: [i32; 2]) {
         self.left = (x - self.width / 2).clamp(0, FRAME_WIDTH as i32 - self.width);
         self.top = (y - LABEL_HEIGHT / 2).clamp(0, FRAME_HEIGHT as i32 - LABEL_HEIGHT);
@@ -356,7 +356,7 @@ impl Label {
     }
 }
 
-/// Points around a centre, ring by ring, until the whole picture is covered.
+/// Points around a centre, ring by ring, until the whole image is covered.
 fn spiral([x, y]: [i32; 2]) -> impl Iterator<Item = [i32; 2]> {
     const STEP_PX: i32 = 4;
     let rings = FRAME_WIDTH as i32 / STEP_PX;

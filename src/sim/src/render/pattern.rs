@@ -1,5 +1,5 @@
 //! Owns the patterns of surfaces: where the second colour shows. Arithmetic on object
-//! space only, no pictures.
+//! space only, no images.
 
 use crate::geometry::Shape;
 

@@ -173,7 +173,7 @@ impl Visibility {
             nearest = if weight > nearest { weight } else { nearest };
             farthest = if weight < farthest { weight } else { farthest };
         }
-        // Inverse depth is linear over the picture.
+        // Inverse depth is linear over the image.
         let scale = 1.0 / area as f64;
         let share = weights.map(|weight| f64::from(weight) * scale);
         let slope = (0..3)
@@ -223,7 +223,7 @@ pub(super) const SUBPIXELS: i64 = 256;
 /// Corners are held within about a million pixels, so that edge functions fit 64 bits.
 const FARTHEST_SUBPIXEL: f32 = (1u32 << 28) as f32;
 
-/// A projected point in fixed-point picture coordinates.
+/// A projected point in fixed-point image coordinates.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ScreenPoint {
     pub x: i64,
@@ -325,7 +325,7 @@ fn span(
 /// same and spares divisions.
 const NARROW: i64 = 24;
 
-/// First and last pixel whose centre can lie within three coordinates, within the picture.
+/// First and last pixel whose centre can lie within three coordinates, within the image.
 fn pixel_range([a, b, c]: [i64; 3], size: usize) -> (i64, i64) {
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     let first = (low - SUBPIXELS / 2 + SUBPIXELS - 1).div_euclid(SUBPIXELS);

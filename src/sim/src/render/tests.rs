@@ -1,4 +1,4 @@
-//! Pictures against a ray caster that knows the shapes analytically, and against themselves.
+//! Images against a ray caster that knows the shapes analytically, and against themselves.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
@@ -486,7 +486,7 @@ fn patterns_show_their_second_colour() {
         yaw: 0.0,
         pitch: 0.0,
     };
-    let picture = |pattern| -> Frame {
+    let image = |pattern| -> Frame {
         let mut block = part(
             Shape::Cuboid {
                 half: [0.2, 0.4, 0.3],
@@ -506,7 +506,7 @@ fn patterns_show_their_second_colour() {
             Detail::Full,
         )
     };
-    let plain = picture(Pattern::Plain);
+    let plain = image(Pattern::Plain);
     let blue = |frame: &Frame| {
         frame
             .rgb
@@ -519,9 +519,9 @@ fn patterns_show_their_second_colour() {
     };
     assert_eq!(blue(&plain), 0);
     for pattern in [Pattern::Stripes, Pattern::Dots, Pattern::Grain] {
-        let frame = picture(pattern);
+        let frame = image(pattern);
         assert_eq!((&frame.ids, &frame.depth_mm), (&plain.ids, &plain.depth_mm));
         assert!(blue(&frame) > 1000, "{pattern:?}: {}", blue(&frame));
     }
-    assert!(picture(Pattern::Glossy).rgb != plain.rgb);
+    assert!(image(Pattern::Glossy).rgb != plain.rgb);
 }

@@ -1,4 +1,4 @@
-//! Owns text in pictures: ASCII from a fixed bitmap font. Never measures or breaks
+//! Owns text in images: ASCII from a fixed bitmap font. Never measures or breaks
 //! lines for its callers.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
@@ -35,11 +35,11 @@ impl TextSize {
     }
 }
 
-/// Draws one line of text into an 8-bit RGB picture, `x` and `y` being its upper left corner. What
-/// is not printable ASCII becomes `?`; what lies outside the picture is left out.
+/// Draws one line of text into an 8-bit RGB image, `x` and `y` being its upper left corner. What
+/// is not printable ASCII becomes `?`; what lies outside the image is left out.
 #[expect(
     clippy::too_many_arguments,
-    reason = "a picture is three arguments, and contact sheets have plain buffers"
+    reason = "an image is three arguments, and contact sheets have plain buffers"
 )]
 pub fn draw_text(
     rgb: &mut [u8],
@@ -114,13 +114,13 @@ mod tests {
 
     #[test]
     fn unknown_characters_are_question_marks() {
-        let picture = |text| {
+        let image = |text| {
             let mut rgb = vec![0; 40 * 30 * 3];
             draw_text(&mut rgb, 40, 30, 0, 0, TextSize::Medium, [255; 3], text);
             rgb
         };
-        assert_eq!(picture("\u{e9}\n"), picture("??"));
-        assert_ne!(picture("1"), picture("?"));
+        assert_eq!(image("\u{e9}\n"), image("??"));
+        assert_ne!(image("1"), image("?"));
         assert_eq!(
             TextSize::Medium.width("12"),
             2 * TextSize::Medium.width("1")

@@ -1,6 +1,6 @@
 //! Owns how meshes look: colours, textures and smooth normals of their triangles, in the light of
 //! everything else. What a pixel shows of a triangle follows from the point it sees, so nothing is
-//! interpolated over the picture.
+//! interpolated over the image.
 
 use reel_world::mesh::{Texture, Triangle};
 

@@ -111,6 +111,14 @@ pub const STEP: &[Column] = columns! {
         "of an answered question: whether the answer tells the target from all other candidates seen \
          so far, as the words of both are understood";
     may reply_source: Text, "who answered: `rule-based`, `model`, `human`";
+    may match_source: Text,
+        "of a `show_object_by_category`: what decided which categories the query means: `words` (Reel's \
+         word list), else the name of the embedding model or of the file of vectors";
+    may match_categories: List(&Text),
+        "categories that the query means by vectors, the most similar first; null if words decided";
+    may query_known: Flag,
+        "of a `show_object_by_category`: whether Reel's word list knows the query or its head noun, or \
+         an object of the task has that category";
     may raw: Text, "the policy's unparsed output";
     may prompt_tokens: Int, "tokens of the model's prompt";
     may completion_tokens: Int, "tokens of the model's completion";

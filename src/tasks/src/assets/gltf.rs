@@ -69,7 +69,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, 
         buffers: buffers(document.as_json(), binary, beside)?,
         document: &document,
         beside,
-        pictures: TextureSet::default(),
+        frames: TextureSet::default(),
         materials: Vec::new(),
         textured: false,
         data: MeshData::default(),
@@ -84,7 +84,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, 
     reader.walk()?;
     Ok(MeshData {
         materials: reader.materials,
-        textures: reader.pictures.finish(),
+        textures: reader.frames.finish(),
         ..reader.data
     })
 }
@@ -172,7 +172,7 @@ struct Reader<'a> {
     document: &'a Document,
     buffers: Vec<Vec<u8>>,
     beside: &'a dyn SiblingFiles,
-    pictures: TextureSet,
+    frames: TextureSet,
     /// Those of the document, then the default.
     materials: Vec<Material>,
     textured: bool,
@@ -215,7 +215,7 @@ impl Reader<'_> {
             .clone()
             .filter(|uri| !uri.starts_with("data:"))
             .unwrap_or_else(|| format!("image {image}"));
-        self.pictures
+        self.frames
             .of(&name, || match (&json.uri, json.buffer_view) {
                 (Some(uri), _) => {
                     resource(uri, beside).map_err(|reason| MeshError::texture(&name, reason))

@@ -38,7 +38,7 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn SiblingFiles) -> Result<MeshData, 
     let mut materials = Materials {
         list: vec![Material::default()],
         names: BTreeMap::new(),
-        pictures: TextureSet::default(),
+        images: TextureSet::default(),
     };
     let mut faces: Vec<([Corner; 3], u16)> = Vec::new();
     let mut material = 0;
@@ -116,7 +116,7 @@ fn joined(
     faces: &[([Corner; 3], u16)],
     materials: Materials,
 ) -> MeshData {
-    let textures = materials.pictures.finish();
+    let textures = materials.images.finish();
     let (textured, smooth) = (
         !textures.is_empty(),
         faces
@@ -163,7 +163,7 @@ fn joined(
 struct Materials {
     list: Vec<Material>,
     names: BTreeMap<String, u16>,
-    pictures: TextureSet,
+    images: TextureSet,
 }
 
 impl Materials {
@@ -196,7 +196,7 @@ impl Materials {
                     let color: [f32; 3] = *values
                         .first_chunk()
                         .ok_or_else(|| broken("a colour has three values".into()))?;
-                    // A picture is not darkened by the colour that stands for it elsewhere, unless
+                    // An image is not darkened by the colour that stands for it elsewhere, unless
                     // a file means it: most do not.
                     material.color = if material.texture.is_some() {
                         [1.0; 3]
@@ -211,7 +211,7 @@ impl Materials {
                     } else {
                         rest.trim()
                     };
-                    material.texture = Some(self.pictures.file(file, beside)?);
+                    material.texture = Some(self.images.file(file, beside)?);
                     material.color = [1.0; 3];
                 }
                 _ => {}

@@ -10,7 +10,7 @@ use reel_world::Frame;
 
 const BOARD: [u8; 3] = [214, 206, 190];
 
-/// A picture of an object from above and before it, so near that it fills most of the picture.
+/// An image of an object from above and before it, so near that it fills most of the image.
 pub fn object_thumbnail(object: &LibraryObject) -> Frame {
     let instance = object.instance_at(&"board".into(), "picture", [0.0; 3]);
     let model = object_model(&instance);

@@ -144,9 +144,9 @@ impl Checkout {
         let mut report = LoadReport::default();
         for file in self.of(&scene.scene_id) {
             match real_schema::read(&Field::root(&file.root), scene) {
-                Ok((task, oddities)) => {
+                Ok((task, warnings)) => {
                     report.tasks.push(task);
-                    report.warnings.extend(oddities);
+                    report.warnings.extend(warnings);
                 }
                 Err(problem) => report
                     .broken

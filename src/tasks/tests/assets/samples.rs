@@ -146,9 +146,9 @@ pub fn gltf(shape: &Shape, more: &[u8]) -> (Value, Vec<u8>) {
     (document, binary)
 }
 
-/// The document with the picture behind the vertices as the texture of its material.
-pub fn textured(shape: &Shape, picture: &[u8]) -> (Value, Vec<u8>) {
-    let (mut document, binary) = gltf(shape, picture);
+/// The document with the image behind the vertices as the texture of its material.
+pub fn textured(shape: &Shape, image: &[u8]) -> (Value, Vec<u8>) {
+    let (mut document, binary) = gltf(shape, image);
     document["images"] = json!([{ "bufferView": 3, "mimeType": "image/png" }]);
     document["textures"] = json!([{ "source": 0 }]);
     document["materials"] =

@@ -241,7 +241,8 @@ fn what_gathers_moves_several_objects_and_only_that_has_no_published_form() {
         let text = real::write(task, &scenes[*scene], index);
         assert_eq!(text.is_none(), gathers);
         let Some(text) = text else { continue };
-        let (published, oddities) = reel_tasks::parse(&text, "real.yaml", &scenes[*scene]).unwrap();
+        let (published, deviations) =
+            reel_tasks::parse(&text, "real.yaml", &scenes[*scene]).unwrap();
         let same = |task: &Task| {
             (
                 task.goal.clone(),
@@ -252,11 +253,12 @@ fn what_gathers_moves_several_objects_and_only_that_has_no_published_form() {
         };
         assert_eq!(same(&published), same(task));
         assert!(
-            oddities.iter().all(
-                |odd| ["graph omits receptacles", "same asset in several places"]
-                    .contains(&odd.kind.as_str())
-            ),
-            "{oddities:?}"
+            deviations.iter().all(|odd| [
+                "graph omits receptacles",
+                "same asset in several places"
+            ]
+            .contains(&odd.kind.as_str())),
+            "{deviations:?}"
         );
     }
 }

@@ -215,7 +215,7 @@ fn writing_and_loading_gives_the_same_tasks() {
         report
             .warnings
             .iter()
-            .all(|oddity| oddity.kind == TaskWarningKind::SameAssetInSeveralPlaces),
+            .all(|deviation| deviation.kind == TaskWarningKind::SameAssetInSeveralPlaces),
         "{:#?}",
         report.warnings
     );

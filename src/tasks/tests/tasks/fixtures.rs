@@ -1,4 +1,4 @@
-//! Our own files in the published schema: oddities are taken, broken files are
+//! Our own files in the published schema: deviations are taken, broken files are
 //! named, gibberish never panics.
 
 use std::{collections::BTreeMap, fs};
@@ -23,7 +23,7 @@ fn messages(broken: &[TaskError]) -> Vec<String> {
 }
 
 #[test]
-fn every_oddity_is_taken_and_listed() {
+fn every_deviation_is_taken_and_listed() {
     let report = load("real_schema");
     assert_eq!(messages(&report.broken), Vec::<String>::new());
     let families = Family::ALL.map(|family| {

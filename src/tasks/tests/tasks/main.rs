@@ -27,10 +27,10 @@ fn fixture_scene() -> Scene {
     reel_tasks::scene::load(&data("scene.json")).unwrap().scene
 }
 
-fn count_by_kind(oddities: &[TaskWarning]) -> BTreeMap<TaskWarningKind, usize> {
+fn count_by_kind(deviations: &[TaskWarning]) -> BTreeMap<TaskWarningKind, usize> {
     let mut counts = BTreeMap::new();
-    for oddity in oddities {
-        *counts.entry(oddity.kind).or_default() += 1;
+    for deviation in deviations {
+        *counts.entry(deviation.kind).or_default() += 1;
     }
     counts
 }

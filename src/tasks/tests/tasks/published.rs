@@ -1,4 +1,4 @@
-//! All published tasks load, with the oddities known of them.
+//! All published tasks load, with the deviations known of them.
 
 use reel_tasks::TaskWarningKind::*;
 use reel_world::Family;
@@ -6,7 +6,7 @@ use reel_world::Family;
 use crate::{count_by_kind, real_bench};
 
 #[test]
-fn every_published_task_loads_and_its_oddities_are_listed() {
+fn every_published_task_loads_and_its_deviations_are_listed() {
     let Some(data) = real_bench() else { return };
     let loaded = reel_tasks::scene::load(&data.join("s7_scene.json")).unwrap();
     assert_eq!(loaded.warnings, Vec::<String>::new());

@@ -1,4 +1,4 @@
-//! A case as a request: the prompt file, then the record between two lines, then pictures.
+//! A case as a request: the prompt file, then the record between two lines, then images.
 
 use std::ops::Range;
 
@@ -46,14 +46,14 @@ pub(super) fn request(case: &Case, options: &JudgeOptions) -> Request {
         };
     }
     let mut parts = vec![Part::Text(record)];
-    for picture in spread(&case.frames, options.frames) {
+    for image in spread(&case.frames, options.frames) {
         parts.push(Part::Text(format!(
             "What the robot saw after step {}:",
-            picture.step
+            image.step
         )));
         parts.push(Part::Image {
-            media_type: picture.media_type.clone(),
-            bytes: picture.bytes.clone(),
+            media_type: image.media_type.clone(),
+            bytes: image.bytes.clone(),
         });
     }
     parts.push(Part::Text(question.to_owned()));
@@ -173,10 +173,10 @@ fn shortened(text: &str, bytes_max: usize) -> String {
     )
 }
 
-/// So many pictures with even gaps, the last one always.
-fn spread(pictures: &[CaseImage], count: usize) -> impl Iterator<Item = &CaseImage> {
-    let count = count.min(pictures.len());
-    (1..=count).map(move |nth| &pictures[(nth * pictures.len()).div_ceil(count) - 1])
+/// So many images with even gaps, the last one always.
+fn spread(images: &[CaseImage], count: usize) -> impl Iterator<Item = &CaseImage> {
+    let count = count.min(images.len());
+    (1..=count).map(move |nth| &images[(nth * images.len()).div_ceil(count) - 1])
 }
 
 #[cfg(test)]
@@ -261,15 +261,15 @@ mod tests {
 
     #[test]
     fn images_are_spread_to_the_last() {
-        let picture = |step| CaseImage {
+        let image = |step| CaseImage {
             step,
             media_type: "image/png".to_owned(),
             bytes: vec![0],
         };
-        let pictures: Vec<CaseImage> = (0..10).map(picture).collect();
+        let images: Vec<CaseImage> = (0..10).map(image).collect();
         let steps = |count| {
-            spread(&pictures, count)
-                .map(|picture| picture.step)
+            spread(&images, count)
+                .map(|image| image.step)
                 .collect::<Vec<_>>()
         };
         assert_eq!(steps(0), [] as [u32; 0]);

@@ -15,22 +15,22 @@ use super::text::ELLIPSIS;
 pub fn draw(scene: &Scene, scale: f32) -> Result<Vec<u8>, SankeyError> {
     let [width_px, height_px] =
         [scene.width, scene.height].map(|length| (length as f32 * scale).round() as u32);
-    let mut picture = Pixmap::new(width_px, height_px).ok_or(SankeyError::Size {
+    let mut image = Pixmap::new(width_px, height_px).ok_or(SankeyError::Size {
         width_px,
         height_px,
     })?;
     let [red, green, blue] = BACKGROUND;
-    picture.fill(tiny_skia::Color::from_rgba8(red, green, blue, 255));
+    image.fill(tiny_skia::Color::from_rgba8(red, green, blue, 255));
     for item in &scene.items {
         match item {
-            Item::Shape(shape) => draw_shape(&mut picture, shape, scale),
-            Item::Text(text) => draw_text(&mut picture, text, scale),
+            Item::Shape(shape) => draw_shape(&mut image, shape, scale),
+            Item::Text(text) => draw_text(&mut image, text, scale),
         }
     }
-    encode(&picture)
+    encode(&image)
 }
 
-fn draw_shape(picture: &mut Pixmap, shape: &Shape, scale: f32) {
+fn draw_shape(image: &mut Pixmap, shape: &Shape, scale: f32) {
     let Some(path) = path_of(&shape.path) else {
         return;
     };
@@ -46,9 +46,9 @@ fn draw_shape(picture: &mut Pixmap, shape: &Shape, scale: f32) {
                 line_join: LineJoin::Round,
                 ..Stroke::default()
             };
-            picture.stroke_path(&path, &paint, &stroke, transform, None);
+            image.stroke_path(&path, &paint, &stroke, transform, None);
         }
-        None => picture.fill_path(&path, &paint, FillRule::Winding, transform, None),
+        None => image.fill_path(&path, &paint, FillRule::Winding, transform, None),
     }
 }
 
@@ -83,7 +83,7 @@ const RASTERS: [RasterHeight; 4] = [
     RasterHeight::Size32,
 ];
 
-fn draw_text(picture: &mut Pixmap, text: &Text, scale: f32) {
+fn draw_text(image: &mut Pixmap, text: &Text, scale: f32) {
     let height_px = text.style.line_height() as f32 * scale;
     let raster = RASTERS
         .into_iter()
@@ -121,7 +121,7 @@ fn draw_text(picture: &mut Pixmap, text: &Text, scale: f32) {
     };
     let mut put = |line: &Pixmap, opacity: f32, dx: f32, dy: f32| {
         let transform = Transform::from_row(zoom, 0.0, 0.0, zoom, left + dx, top + dy);
-        picture.draw_pixmap(
+        image.draw_pixmap(
             0,
             0,
             line.as_ref(),
@@ -189,15 +189,15 @@ fn line_of(
     Some(line)
 }
 
-fn encode(picture: &Pixmap) -> Result<Vec<u8>, SankeyError> {
+fn encode(image: &Pixmap) -> Result<Vec<u8>, SankeyError> {
     // Nothing shows through the background, so that there is no alpha to keep.
-    let rgb: Vec<u8> = picture
+    let rgb: Vec<u8> = image
         .pixels()
         .iter()
         .flat_map(|pixel| [pixel.red(), pixel.green(), pixel.blue()])
         .collect();
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, picture.width(), picture.height());
+    let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     let mut writer = encoder.write_header()?;

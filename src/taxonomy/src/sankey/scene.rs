@@ -1,4 +1,4 @@
-//! Owns what is drawn where: shapes and texts of the whole picture, in units that are pixels at
+//! Owns what is drawn where: shapes and texts of the whole image, in units that are pixels at
 //! scale 1. Knows neither SVG nor PNG, so that both show the same.
 
 use super::layout::{Layout, Node, Ribbon};

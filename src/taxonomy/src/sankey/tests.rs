@@ -430,7 +430,7 @@ fn the_smallest_of_very_many_are_drawn_together() {
 fn the_order_of_flows_does_not_matter_and_same_input_gives_same_bytes() {
     let bytes = |flows: &[Flow]| {
         let sankey = Sankey::new("t", "s", flows, 100, 47);
-        (sankey.svg(), sankey.png(1.0).expect("a picture"))
+        (sankey.svg(), sankey.png(1.0).expect("an image"))
     };
     let mut flows = skewed(false);
     let first = bytes(&flows);
@@ -449,7 +449,7 @@ fn the_png_shows_every_class_in_the_right_size() {
         let (width, height, rgb) = decoded(
             &Sankey::new("t", "s", &paper(), 100, 47)
                 .png(scale)
-                .expect("a picture"),
+                .expect("an image"),
         );
         assert_eq!(
             [width, height],
@@ -458,7 +458,7 @@ fn the_png_shows_every_class_in_the_right_size() {
         for (class, color) in palette::CLASSES {
             assert!(
                 rgb.as_chunks::<3>().0.contains(&color),
-                "{class} is not in the picture"
+                "{class} is not in the image"
             );
         }
     }
@@ -466,7 +466,7 @@ fn the_png_shows_every_class_in_the_right_size() {
         let (width, height, rgb) = decoded(
             &Sankey::new("t", "s", &flows, 3, 0)
                 .png(0.5)
-                .expect("a picture"),
+                .expect("an image"),
         );
         assert_eq!(rgb.len(), (width * height * 3) as usize);
         assert!(rgb.iter().any(|&channel| channel < 128), "blank");

@@ -339,14 +339,14 @@ fn a_long_episode_is_cut_in_the_middle_and_images_are_chosen() {
         reasoning: "where is it? ".repeat(400),
         ..CaseStep::default()
     };
-    let picture = |step| CaseImage {
+    let image = |step| CaseImage {
         step,
         media_type: "image/png".to_owned(),
         bytes: vec![u8::try_from(step).unwrap()],
     };
     let case = Case {
         transcript: (0..200).map(turn).collect(),
-        frames: (0..200).map(picture).collect(),
+        frames: (0..200).map(image).collect(),
         ..case("mug")
     };
     let server =
@@ -377,17 +377,14 @@ fn a_long_episode_is_cut_in_the_middle_and_images_are_chosen() {
         record.contains(r#"{"step":0,"#) && record.contains(r#"{"step":199,"#),
         "{record}"
     );
-    let pictures: Vec<&Value> = content
+    let images: Vec<&Value> = content
         .as_array()
         .unwrap()
         .iter()
         .filter(|part| part["type"] == "image_url")
         .collect();
-    assert_eq!(pictures.len(), 2);
-    assert_eq!(
-        pictures[1]["image_url"]["url"],
-        "data:image/png;base64,xw=="
-    );
+    assert_eq!(images.len(), 2);
+    assert_eq!(images[1]["image_url"]["url"], "data:image/png;base64,xw==");
     assert!(
         content[3]["text"]
             .as_str()

@@ -1,6 +1,6 @@
 //! A case for every rule, and what decides between several that hold.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, fs, path::Path};
 
 use reel_query::QuerySession;
 use reel_tables::Store;
@@ -220,6 +220,51 @@ fn without_physics_the_evidence_is_reduced() {
         (found[0].sub_class.as_str(), found[0].evidence.as_str()),
         ("wrong_attribute", "reduced")
     );
+}
+
+/// Rules, pages and the judge's instructions name the sub-classes each in its own way.
+#[test]
+fn the_pages_and_the_judge_know_every_sub_class() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let rules: BTreeSet<(String, String)> = RuleSet::built_in()
+        .rules()
+        .iter()
+        .map(|rule| (rule.class.to_owned(), rule.sub_class.clone()))
+        .collect();
+
+    let pages = fs::read_to_string(root.join("../../dashboards/src/lib/taxonomy.ts")).unwrap();
+    let table = pages.split("CLASSES").nth(1).unwrap();
+    let table = &table[..table.find("};").unwrap()];
+    let (mut class, mut buttons) = (String::new(), BTreeSet::new());
+    for line in table.lines() {
+        let (name, list) = line.split_once(": [").unwrap_or(("", line));
+        if !name.is_empty() {
+            class = name.trim().trim_matches('"').to_owned();
+        }
+        let names = list.split('"').skip(1).step_by(2);
+        buttons.extend(names.map(|name| (class.clone(), name.to_owned())));
+    }
+    assert_eq!(buttons, rules, "dashboards/src/lib/taxonomy.ts");
+
+    let judge = fs::read_to_string(root.join("prompts/judge.md")).unwrap();
+    let section = judge
+        .split("\n# ")
+        .find(|part| part.starts_with("Classes\n"));
+    let (mut class, mut explained) = (String::new(), BTreeSet::new());
+    for (name, _) in section
+        .unwrap()
+        .lines()
+        .filter_map(|line| line.split_once(": "))
+    {
+        match name.strip_prefix("- ") {
+            Some(sub_class) => drop(explained.insert((class.clone(), sub_class.to_owned()))),
+            None => class = name.to_owned(),
+        }
+    }
+    let mut expected = rules;
+    // What no rule explains a judge is asked about; it cannot be the answer.
+    expected.remove(&("Other".to_owned(), "unexplained".to_owned()));
+    assert_eq!(explained, expected, "src/taxonomy/prompts/judge.md");
 }
 
 #[test]

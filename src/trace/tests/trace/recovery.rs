@@ -630,7 +630,7 @@ impl RestoreScorer for Scored {
 }
 
 /// A call that was passed on to a robot happened, whether its result was written or not. Its
-/// pictures came in Base64.
+/// images came in Base64.
 #[test]
 fn a_call_under_way_in_another_world_is_restored() {
     let mut sample = Source::seeded(3).sample(2);

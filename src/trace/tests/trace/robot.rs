@@ -136,7 +136,7 @@ fn what_was_measured_comes_back() {
         (&trace.robot, None, 0)
     );
 
-    // Written again it is the same file; without pictures it keeps what was measured.
+    // Written again it is the same file; without images it keeps what was measured.
     let again = folder.path().join("again.mcap");
     trace
         .rewrite(&again, Images::Full, |step| {

@@ -330,7 +330,7 @@ impl Sample {
         self.end.chain = link;
     }
 
-    /// Gives every moment a picture and its digests.
+    /// Gives every moment an image and its digests.
     pub fn with_frames(mut self) -> (Self, Vec<Frame>) {
         let frames: Vec<Frame> = (0..=self.steps.len()).map(frame).collect();
         self.start.digests.frame = Some(frames[0].digests());
@@ -357,7 +357,7 @@ impl Sample {
         Ok(recorder)
     }
 
-    /// Records everything, without pictures.
+    /// Records everything, without images.
     pub fn record(&self, path: &Path) -> TraceSummary {
         self.record_open(path, &[], Images::None)
             .unwrap()
@@ -444,7 +444,7 @@ fn task_and_scene() -> (Task, Scene) {
     (task, scene)
 }
 
-/// A picture with areas, a gradient and some detail.
+/// An image with areas, a gradient and some detail.
 fn frame(index: usize) -> Frame {
     let mut frame = Frame::new();
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {

@@ -28,8 +28,8 @@ with open(path, 'rb') as file:
     assert sum(1 for _ in reader.iter_messages()) == sum(map(len, seen.values()))
 assert len(seen['/tool/call']) == len(seen['/sim/digest']) - 1 == 3, seen.keys()
 assert [call.step for call in seen['/tool/call']] == [0, 1, 2]
-picture = seen['/camera/head'][0]
-assert picture.format == 'webp' and picture.data[:4] == b'RIFF', picture.format
+image = seen['/camera/head'][0]
+assert image.format == 'webp' and image.data[:4] == b'RIFF', image.format
 assert seen['/camera/head/calibration'][0].width == 640
 assert {t.child_frame_id for t in seen['/tf'][0].transforms} >= {'base', 'camera'}
 assert len(seen['/scene'][0].entities) == 4

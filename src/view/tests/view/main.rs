@@ -126,7 +126,7 @@ fn a_video_has_an_image_for_every_step_and_waits_for_the_longer_one() {
             && film
                 .frames
                 .iter()
-                .all(|picture| picture.len() == film.width * film.height * 3)
+                .all(|image| image.len() == film.width * film.height * 3)
     );
     let right = |moment: usize| -> Vec<u8> {
         film.frames[moment]

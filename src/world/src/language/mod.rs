@@ -83,6 +83,14 @@ pub fn match_category(query: &str, categories: &BTreeSet<&str>) -> Match {
         })
 }
 
+/// Whether the word list knows a query: as it stands, or without its first words.
+pub fn is_known_word(query: &str) -> bool {
+    let name = normal(query);
+    std::iter::once(name.as_str())
+        .chain(heads(&name))
+        .any(|part| vocabulary().known(part) || is_known_kind(part))
+}
+
 /// Whether a thing of this category is also called `kind`: the same, a synonym, a hypernym or its
 /// head noun (`alarm clock` is a `timekeeping device`).
 pub fn is_a(category: &str, kind: &str) -> bool {

@@ -48,7 +48,7 @@ struct Sighting {
     fits: Vec<bool>,
 }
 
-/// What is in the picture, or was told, after a call.
+/// What is in the image, or was told, after a call.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct PerceivedView {
     /// Things, with their places and whether the words fit them.

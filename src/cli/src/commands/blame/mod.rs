@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// Print the cost of every step
     #[arg(long)]
     steps: bool,
@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     };
     let measured =
         match arguments
-            .elsewhere
+            .in_cluster
             .map_traces("blame", &asked(&options), &paths, |more| bar.inc(more))?
         {
             Some(answers) => answers
@@ -253,14 +253,14 @@ pub fn measure(location: &str) -> anyhow::Result<()> {
 /// Measures the failed episodes of a store, and says what came of it.
 #[cfg(feature = "analytics")]
 pub fn measure_and_print(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
-    let (paths, store, elsewhere) = (
+    let (paths, store, in_cluster) = (
         Vec::new(),
         Some(store.to_owned()),
         ClusterArguments::default(),
     );
     let arguments = Arguments {
         paths,
-        elsewhere,
+        in_cluster,
         store,
         jobs,
         steps: false,

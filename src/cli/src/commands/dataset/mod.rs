@@ -78,7 +78,7 @@ enum Command {
         row: u64,
         /// Write the images into this folder
         #[arg(long = "images-out", alias = "pictures", value_name = "DIR")]
-        pictures: Option<PathBuf>,
+        frames: Option<PathBuf>,
     },
     #[command(about = "Write reasoning and History for traces of agents that wrote none")]
     Annotate(annotate::Arguments),
@@ -138,18 +138,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 ExitStatus::Success
             })
         }
-        Command::Show {
-            input,
-            row,
-            pictures,
-        } => {
+        Command::Show { input, row, frames } => {
             let dataset = input.open()?;
             let Some(example) = dataset.row(*row) else {
                 bail!("there is no example {row}; count from 0");
             };
             let example = example.with_context(|| format!("example {row} cannot be read"))?;
             println!("{}", show(&example));
-            let Some(folder) = pictures else {
+            let Some(folder) = frames else {
                 return Ok(ExitStatus::Success);
             };
             fs::create_dir_all(folder)

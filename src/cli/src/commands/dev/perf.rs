@@ -28,7 +28,7 @@ use crate::{ExitStatus, inputs};
 /// Physics steps after spawning that are timed: the world is awake in all of them.
 const PHYSICS_STEPS: u32 = 200;
 const PHYSICS_ROUNDS: u32 = 12;
-const PICTURES: u32 = 60;
+const FRAMES: u32 = 60;
 
 /// Policies whose failures are measured.
 const FAULTY: [&str; 3] = ["wrong-object", "wrong-receptacle", "oscillating"];
@@ -116,7 +116,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
     let first = tasks.first().context("no task could be made")?;
 
     let (ours, bare) = physics(&scene, first);
-    let [frame_ms, geometry_ms, webp_ms] = pictures(&scene, first);
+    let [frame_ms, geometry_ms, webp_ms] = frames(&scene, first);
 
     let play = |name: &str,
                 images: Option<Images>,
@@ -217,16 +217,16 @@ fn print(figures: &Figures) {
         steps,
     );
     row(
-        "picture",
+        "image",
         format!("{:.2} ms", figures.frame_ms),
         format!("{:.2} ms ids and depth alone", figures.geometry_ms),
     );
     row(
-        "picture, encoded as WebP",
+        "image, encoded as WebP",
         format!("{:.2} ms", figures.webp_ms),
         String::new(),
     );
-    let note = format!("recorded with pictures, {calls_per_episode:.1} calls each");
+    let note = format!("recorded with images, {calls_per_episode:.1} calls each");
     row(
         "episodes per second per core",
         format!("{:.2}", figures.episodes_per_s),
@@ -237,7 +237,7 @@ fn print(figures: &Figures) {
         format!("{:.2}", figures.two_workers_to_one),
         "episodes per second".to_owned(),
     );
-    let note = format!("{:.2} without pictures", figures.lean_record_to_unrecorded);
+    let note = format!("{:.2} without images", figures.lean_record_to_unrecorded);
     row(
         "recorded to unrecorded time",
         format!("{:.2}", figures.record_to_unrecorded),
@@ -268,7 +268,7 @@ fn print(figures: &Figures) {
         "{records:.3} from the records alone, {replayed:.2} with the branch recorded and replayed; medians"
     );
     row("blame to replay time", format!("{played:.2}"), note);
-    let note = format!("{:.0} without pictures", figures.bytes_lean);
+    let note = format!("{:.0} without images", figures.bytes_lean);
     row(
         "trace bytes per episode",
         format!("{:.0}", figures.bytes_full),
@@ -413,14 +413,14 @@ fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
 }
 
 /// Milliseconds per image, rendered, rendered without shading, and encoded: the medians.
-fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
+fn frames(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
     let mut simulator = Simulator::new(
         PreparedTask::new(scene.clone(), task.clone()),
         Profile::Paper,
         0,
     );
     let (mut render, mut geometry, mut encode) = (Vec::new(), Vec::new(), Vec::new());
-    for index in 0..PICTURES {
+    for index in 0..FRAMES {
         let target = &scene.receptacles[index as usize % scene.receptacles.len()].id;
         simulator.call(
             &reel_world::Tool::NavTo {

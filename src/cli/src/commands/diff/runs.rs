@@ -1,10 +1,7 @@
 //! Two runs of the same tasks: which episodes flip, where they come apart, and how certain the
 //! difference is.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use anyhow::bail;
 use reel_counterfactual::{
@@ -33,7 +30,7 @@ pub fn compare_in_store(store: &str, arguments: &Arguments) -> anyhow::Result<Ex
         let text = format(&session.run(sql)?, Format::Json)?;
         Ok(serde_json::from_str(&text)?)
     };
-    let traces = |name: &Path| -> anyhow::Result<Vec<PathBuf>> {
+    let traces = |name: &std::path::Path| -> anyhow::Result<Vec<PathBuf>> {
         let quoted = name.display().to_string().replace('\'', "''");
         let rows = ask(&format!(
             "SELECT trace FROM episodes WHERE policy = '{quoted}' OR run_id = '{quoted}' ORDER BY trace"

@@ -206,9 +206,9 @@ fn write(
     }
     preferences.flush()?;
     values.flush()?;
-    let pictures = examples.join("images");
-    if pictures.exists() {
-        fs::rename(pictures, out.join("images"))?;
+    let frames = examples.join("images");
+    if frames.exists() {
+        fs::rename(frames, out.join("images"))?;
     }
     fs::remove_dir_all(&examples)?;
     fs::remove_dir_all(&work)?;

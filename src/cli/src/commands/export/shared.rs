@@ -1,4 +1,4 @@
-//! What `reel export sft` and `reel export rl` share: the store, the words, the pictures, the
+//! What `reel export sft` and `reel export rl` share: the store, the words, the images, the
 //! parts, the run and the telling.
 
 use std::{
@@ -12,7 +12,10 @@ use reel_export::{AnnotationSource, ExportOptions, ExportReport, Selection, Spli
 use reel_query::QuerySession;
 use reel_tables::Store;
 
-use crate::{ExitStatus, inputs, progress, prompt::PromptArguments};
+use crate::{
+    ExitStatus, inputs, progress,
+    prompt::{MemoryArguments, PromptArguments},
+};
 
 /// Which episodes of which store.
 #[derive(clap::Args)]
@@ -68,6 +71,8 @@ pub struct CommonArguments {
     words: AnnotationSource,
     #[command(flatten)]
     prompt: PromptArguments,
+    #[command(flatten)]
+    memory: MemoryArguments,
     /// What is kept together in a part of the dataset: task or scene
     #[arg(long, value_name = "WHAT", default_value = "task", value_parser = split_by)]
     split: SplitBy,
@@ -80,7 +85,7 @@ pub struct CommonArguments {
     /// Images: png, webp (both lossless), jpeg or none
     #[arg(long = "image-format", alias = "images", value_name = "FORMAT", default_value = "png", value_parser = ["png", "webp", "jpeg", "none"])]
     images: String,
-    /// Most pixels of a image; 0: as they were taken (640 x 480)
+    /// Most pixels of an image; 0: as they were taken (640 x 480)
     #[arg(
         long = "max-pixels",
         alias = "pixels",
@@ -156,7 +161,7 @@ impl CommonArguments {
                 ..WriterOptions::new(format)
             },
             style,
-            prompt: self.prompt.prompt()?,
+            prompt: self.memory.apply(&self.prompt.prompt()?),
             words: self.words,
             split_by: self.split,
             ratios: Ratios::new([train, self.validation, self.test])

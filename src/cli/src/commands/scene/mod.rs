@@ -55,7 +55,7 @@ enum Command {
         scene: PathBuf,
         /// Write a contact sheet: each receptacle from where the robot looks at it, doors open
         #[arg(long = "image", alias = "pictures", value_name = "PNG")]
-        pictures: Option<PathBuf>,
+        images: Option<PathBuf>,
         /// Print the scene file
         #[arg(long)]
         json: bool,
@@ -118,7 +118,7 @@ enum Command {
         seed: u64,
         /// Write a contact sheet, each object with its caption
         #[arg(long = "image", alias = "pictures", value_name = "PNG")]
-        pictures: Option<PathBuf>,
+        images: Option<PathBuf>,
         /// Print the objects as a JSON array
         #[arg(long)]
         json: bool,
@@ -159,9 +159,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::List { json } => list(*json),
         Command::Show {
             scene,
-            pictures,
+            images,
             json,
-        } => show(scene, pictures.as_deref(), *json),
+        } => show(scene, images.as_deref(), *json),
         Command::Generate {
             seed,
             rooms,
@@ -199,9 +199,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::Objects {
             sample,
             seed,
-            pictures,
+            images,
             json,
-        } => list_objects(*sample, *seed, pictures.as_deref(), *json),
+        } => list_objects(*sample, *seed, images.as_deref(), *json),
         Command::Plan { scene, out } => {
             let scene = inputs::scene(Some(scene))?;
             let plan = Plan::of(&scene);
@@ -235,7 +235,7 @@ fn list(as_json: bool) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<ExitStatus> {
+fn show(path: &Path, images: Option<&Path>, as_json: bool) -> anyhow::Result<ExitStatus> {
     let scene = inputs::scene(Some(path))?;
     if as_json {
         print!("{}", scene_file(&scene)?);
@@ -259,7 +259,7 @@ fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<E
             }
         }
     }
-    if let Some(file) = pictures {
+    if let Some(file) = images {
         write(file, &sheet(&scene)?)?;
     }
     Ok(ExitStatus::Success)
@@ -292,7 +292,7 @@ fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
 fn list_objects(
     sample: Option<usize>,
     seed: u64,
-    pictures: Option<&Path>,
+    images: Option<&Path>,
     as_json: bool,
 ) -> anyhow::Result<ExitStatus> {
     let all: Vec<&LibraryObject> = objects().iter().collect();
@@ -318,7 +318,7 @@ fn list_objects(
             .iter()
             .for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
     }
-    if let Some(file) = pictures {
+    if let Some(file) = images {
         let card = |object: &&LibraryObject| reel_view::SheetImage {
             image: Some(object_thumbnail(object).rgb),
             title: object.asset.to_string(),

@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// Score under this preset and keep the result
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
@@ -100,8 +100,8 @@ fn keep(
         spinner.tick();
     };
     let mut scored = RescoredEpisodes::default();
-    let elsewhere =
-        score_elsewhere(
+    let in_cluster =
+        score_in_cluster(
             arguments,
             &store,
             &Request::Keep(text.clone()),
@@ -113,7 +113,7 @@ fn keep(
                 _ => bail!("an executor answered something else"),
             },
         )?;
-    let report = if elsewhere {
+    let report = if in_cluster {
         store.append_rescored(scored, preset)
     } else {
         store.rescore(preset, told)
@@ -149,7 +149,7 @@ fn compare(
     let store = Store::open(&arguments.store)?;
     let (mut changed, mut episodes) = (0_usize, 0_usize);
     let asked = Request::Compare(a.text.clone(), b.text.clone(), arguments.json);
-    let elsewhere = score_elsewhere(arguments, &store, &asked, |part| match part {
+    let in_cluster = score_in_cluster(arguments, &store, &asked, |part| match part {
         Response::Compared {
             episodes: more,
             lines,
@@ -161,7 +161,7 @@ fn compare(
         }
         _ => bail!("an executor answered something else"),
     })?;
-    if !elsewhere {
+    if !in_cluster {
         differences(
             &store,
             &store.file_names(Table::Episodes),
@@ -277,7 +277,7 @@ fn checked(store: &Store, files: &[String]) -> Result<TermComparison, StoreError
 fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = Store::open(&arguments.store)?;
     let mut found = TermComparison::default();
-    let elsewhere = score_elsewhere(arguments, &store, &Request::Check, |part| match part {
+    let in_cluster = score_in_cluster(arguments, &store, &Request::Check, |part| match part {
         Response::Checked(more) => {
             found.equal += more.equal;
             found.unknown += more.unknown;
@@ -286,7 +286,7 @@ fn check(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
         _ => bail!("an executor answered something else"),
     })?;
-    if !elsewhere {
+    if !in_cluster {
         found = checked(&store, &store.file_names(Table::Episodes))?;
     }
     let TermComparison {
@@ -343,13 +343,13 @@ enum Response {
 /// Lets the cluster score the files of a store, if one is named: `take` gets what came of
 /// each, in their order.
 #[cfg(feature = "cluster")]
-fn score_elsewhere(
+fn score_in_cluster(
     arguments: &Arguments,
     store: &Store,
     asked: &Request,
     mut take: impl FnMut(Response) -> anyhow::Result<()>,
 ) -> anyhow::Result<bool> {
-    let Some(cluster) = arguments.elsewhere.open()? else {
+    let Some(cluster) = arguments.in_cluster.open()? else {
         return Ok(false);
     };
     let place = crate::cluster_arguments::named_from_root(&[PathBuf::from(&arguments.store)])?;
@@ -369,7 +369,7 @@ fn score_elsewhere(
 }
 
 #[cfg(not(feature = "cluster"))]
-fn score_elsewhere(
+fn score_in_cluster(
     _: &Arguments,
     _: &Store,
     _: &Request,

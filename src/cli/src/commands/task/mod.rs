@@ -177,15 +177,15 @@ fn check(path: &Path, scene: &inputs::SceneArguments, as_json: bool) -> anyhow::
             json!({ "loaded": loaded, "files": files, "warnings": report.warnings, "broken": broken })
         );
     } else {
-        for oddity in &report.warnings {
-            println!("{oddity}");
+        for warning in &report.warnings {
+            println!("{warning}");
         }
         for error in &report.broken {
             println!("broken: {error}");
         }
         let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
-        for oddity in &report.warnings {
-            *kinds.entry(oddity.kind.as_str()).or_default() += 1;
+        for warning in &report.warnings {
+            *kinds.entry(warning.kind.as_str()).or_default() += 1;
         }
         let names: Vec<&str> = scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
         println!(

@@ -194,7 +194,7 @@ fn case(files: &TraceFiles, episode: &StoredClass, arguments: &Arguments) -> any
     };
     let decisive = u32::try_from(episode.step).unwrap_or(0);
     let first = decisive.saturating_sub(frames as u32 / 2);
-    let pictures = (first..).take(frames).filter_map(|step| {
+    let images = (first..).take(frames).filter_map(|step| {
         let bytes = trace.image(Some(step))?.to_vec();
         Some(CaseImage {
             step,
@@ -207,7 +207,7 @@ fn case(files: &TraceFiles, episode: &StoredClass, arguments: &Arguments) -> any
         instruction: trace.task.instruction.clone(),
         truth: truth.then(|| case_truth(&trace.task)),
         transcript: trace.steps.iter().map(turn).collect(),
-        frames: pictures.collect(),
+        frames: images.collect(),
         rule_finding: Some(RuleFinding {
             class: episode.class.clone(),
             sub_class: Some(episode.sub_class.clone()),

@@ -66,7 +66,7 @@ struct Classify {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
-    elsewhere: ClusterArguments,
+    in_cluster: ClusterArguments,
     /// Folder with rule files of your own, beside those that come with Reel
     #[arg(long, value_name = "DIR")]
     rules: Option<PathBuf>,
@@ -166,10 +166,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// When the store cannot be read or written, or the image cannot be written.
 pub fn classify_and_print(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
     let sankey = vec![sankey];
-    let elsewhere = ClusterArguments::default();
+    let in_cluster = ClusterArguments::default();
     let classify = Classify {
         store: store.to_owned(),
-        elsewhere,
+        in_cluster,
         rules: None,
         condition: None,
         dry_run: false,
@@ -211,7 +211,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner.set_message("asking the rules");
     let session = arguments
-        .elsewhere
+        .in_cluster
         .session(inputs::store(&arguments.store, None)?, Limits::default())?;
     let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
     if !arguments.dry_run && arguments.condition.is_none() {
@@ -243,11 +243,11 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
             arguments.store,
             set.version().short()
         );
-        let picture = Sankey::new("Why do they fail?", &subtitle, &flows, episodes, successes);
+        let image = Sankey::new("Why do they fail?", &subtitle, &flows, episodes, successes);
         arguments
             .sankey
             .iter()
-            .try_for_each(|file| draw(&picture, file))?;
+            .try_for_each(|file| draw(&image, file))?;
     }
     Ok(ExitStatus::Success)
 }
@@ -264,10 +264,10 @@ fn how_many(session: &QuerySession, condition: &str) -> anyhow::Result<(u64, u64
     Ok((episodes.parse()?, successes.parse()?))
 }
 
-fn draw(picture: &Sankey, file: &Path) -> anyhow::Result<()> {
+fn draw(image: &Sankey, file: &Path) -> anyhow::Result<()> {
     let bytes = match file.extension().and_then(|extension| extension.to_str()) {
-        Some("svg") => picture.svg().into_bytes(),
-        Some("png") => picture.png(2.0)?,
+        Some("svg") => image.svg().into_bytes(),
+        Some("png") => image.png(2.0)?,
         _ => bail!("the name has to end in .svg or .png: {}", file.display()),
     };
     fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))

@@ -1,4 +1,4 @@
-//! `reel trace frames`: the pictures of a trace as PNG files.
+//! `reel trace frames`: the images of a trace as PNG files.
 
 use std::{
     fs,
@@ -58,10 +58,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut files = Vec::new();
     if let Some(call) = arguments.at {
         let path = arguments.out.join(file_name(Some(call)));
-        write(&path, &png(&picture_at(&trace, call, arguments)?))?;
+        write(&path, &png(&image_at(&trace, call, arguments)?))?;
         files.push(path);
     } else if !arguments.sheet_only {
-        for (step, rgb) in pictures(&trace, &arguments.camera)? {
+        for (step, rgb) in images(&trace, &arguments.camera)? {
             let path = arguments.out.join(file_name(step));
             write(&path, &png(&rgb))?;
             files.push(path);
@@ -84,8 +84,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 /// The images as the trace holds them; where it holds none, or from another camera, rendered
 /// again by an exact replay.
-fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
-    let mut pictures = Vec::new();
+fn images(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
+    let mut images = Vec::new();
     if !camera.is_head() {
         let views = reel_replay::views(trace, &camera.viewpoint(&trace.task)?);
         let views = views.map_err(|verdict| {
@@ -99,13 +99,12 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
     }
     for step in std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step))) {
         if let Some(rgb) = trace.frame_rgb(step)? {
-            pictures.push((step, rgb));
+            images.push((step, rgb));
         }
     }
-    if pictures.is_empty() {
-        let replayed = reel_replay::replay_with(trace, |step, frame| {
-            pictures.push((step, frame.rgb.clone()))
-        });
+    if images.is_empty() {
+        let replayed =
+            reel_replay::replay_with(trace, |step, frame| images.push((step, frame.rgb.clone())));
         if let Err(verdict) = replayed {
             bail!(
                 "{}: the frames cannot be rendered again: {verdict}",
@@ -113,19 +112,19 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
             );
         }
     }
-    Ok(pictures)
+    Ok(images)
 }
 
 /// The image of one call, rendered again.
-fn picture_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Vec<u8>> {
+fn image_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Vec<u8>> {
     let viewpoint = arguments.camera.viewpoint(&trace.task)?;
-    let picture = reel_replay::view_at(
+    let image = reel_replay::view_at(
         trace,
         Some(call),
         &viewpoint,
         arguments.cache.open().as_ref(),
     );
-    picture.map_err(|verdict| {
+    image.map_err(|verdict| {
         anyhow!(
             "{}: cannot go to call {call}: {verdict}",
             trace.path.display()

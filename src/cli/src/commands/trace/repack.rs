@@ -1,4 +1,4 @@
-//! `reel trace compact` and `reel trace expand`: traces without their pictures, and with them again.
+//! `reel trace compact` and `reel trace expand`: traces without their images, and with them again.
 
 use std::{
     collections::BTreeMap,

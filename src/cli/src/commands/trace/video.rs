@@ -1,4 +1,4 @@
-//! `reel trace video`: an episode as moving pictures, with the calls as captions.
+//! `reel trace video`: an episode as moving images, with the calls as captions.
 
 use std::{
     fs,
@@ -78,10 +78,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if let [trace, beside] = &traces[..] {
         compare(trace, beside)?;
     }
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     for trace in &traces {
         match views(trace, &arguments.camera.viewpoint(&trace.task)?) {
-            Ok(views) => pictures.push(views),
+            Ok(views) => images.push(views),
             Err(verdict) => {
                 eprintln!(
                     "reel: {}: the frames cannot be rendered: {verdict}",
@@ -93,10 +93,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let parts: Vec<VideoSegment<'_>> = traces
         .iter()
-        .zip(&pictures)
-        .map(|(trace, pictures)| VideoSegment {
+        .zip(&images)
+        .map(|(trace, images)| VideoSegment {
             trace,
-            frames: pictures,
+            frames: images,
         })
         .collect();
     let film = Video::new(&parts);
@@ -109,18 +109,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let Video {
         width,
         height,
-        frames: pictures,
+        frames: images,
     } = &film;
     if arguments.json {
         println!(
             "{}",
-            json!({ "file": out, "width": width, "height": height, "frames": pictures.len(), "bytes": bytes })
+            json!({ "file": out, "width": width, "height": height, "frames": images.len(), "bytes": bytes })
         );
     } else {
         println!(
             "{}: {} frames of {width} x {height}, {} KB",
             out.display(),
-            pictures.len(),
+            images.len(),
             bytes / 1000
         );
     }
@@ -159,9 +159,7 @@ fn mp4(film: &Video, fps: f64, out: &Path) -> anyhow::Result<()> {
         spawned => spawned.context("cannot run ffmpeg")?,
     };
     let written = match encoder.stdin.take() {
-        Some(mut input) => film
-            .stream()
-            .try_for_each(|picture| input.write_all(picture)),
+        Some(mut input) => film.stream().try_for_each(|image| input.write_all(image)),
         None => Ok(()),
     };
     let output = encoder

@@ -1,4 +1,4 @@
-//! Rows that say the same as an earlier one: same turns but for white space, same pictures.
+//! Rows that say the same as an earlier one: same turns but for white space, same images.
 //!
 //! Why: they count double in training, and a filter or a merge probably went wrong. Sure: yes.
 //! Memory: some 40 bytes for each distinct row.
@@ -15,7 +15,7 @@ impl Check for Duplicates {
     fn about(&self) -> (&'static str, &'static str) {
         (
             "duplicates",
-            "rows that are the same as an earlier one, pictures included",
+            "rows that are the same as an earlier one, images included",
         )
     }
 

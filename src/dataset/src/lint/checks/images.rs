@@ -1,9 +1,9 @@
-//! Pictures: files that are missing, bytes that no decoder takes, tags and pictures that
+//! Images: files that are missing, bytes that no decoder takes, tags and images that
 //! do not pair off.
 //!
-//! Sure: yes for missing files, counts and roles; a picture whose header is whole may still
+//! Sure: yes for missing files, counts and roles; an image whose header is whole may still
 //! be damaged inside. URLs are not read. Memory: what [`super::row_facts::ImageProbes`] keeps
-//! of each picture file.
+//! of each image file.
 
 use super::{Check, RowFacts};
 use crate::lint::{Format, Part, Role, Severity, formats::has_tags, report::Findings};
@@ -14,7 +14,7 @@ impl Check for Images {
     fn about(&self) -> (&'static str, &'static str) {
         (
             "images",
-            "missing or broken pictures, <image> tags without a picture, tags where no loader looks for them",
+            "missing or broken images, <image> tags without an image, tags where no loader looks for them",
         )
     }
 
@@ -38,7 +38,7 @@ impl Check for Images {
             .count();
         if tags != example.images.len() {
             let told = format!(
-                "{tags} tags for {} pictures: the loader fails on the row or shows the wrong picture",
+                "{tags} tags for {} images: the loader fails on the row or shows the wrong image",
                 example.images.len()
             );
             found.add("tag mismatch", Severity::Error, &places, || {
@@ -46,11 +46,11 @@ impl Check for Images {
             });
         }
         let elsewhere = parts().find(|(role, part)| {
-            matches!(part, Part::Image(_)) && !takes_pictures(example.format, role)
+            matches!(part, Part::Image(_)) && !takes_images(example.format, role)
         });
         if let Some((role, _)) = elsewhere {
             let told = format!(
-                "a picture in a turn of the {}: only the user's turns may show one",
+                "an image in a turn of the {}: only the user's turns may show one",
                 role.as_str()
             );
             found.add("wrong turn", Severity::Error, &places, || {
@@ -81,7 +81,7 @@ impl Check for Images {
     }
 }
 
-fn takes_pictures(format: Format, role: &Role) -> bool {
+fn takes_images(format: Format, role: &Role) -> bool {
     match role {
         Role::User => true,
         // ms-swift, LLaMA-Factory and TRL show what a tool brings.

@@ -1,4 +1,4 @@
-//! Label noise: the same context (text but for white space, and pictures), another action.
+//! Label noise: the same context (text but for white space, and images), another action.
 //!
 //! Why: no model can learn both. Sure: that the context is the same, yes; that it is noise, no:
 //! several actions may be right, and policies may explore. Rows are compared at each turn of the

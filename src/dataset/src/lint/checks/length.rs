@@ -1,6 +1,6 @@
 //! Contexts beyond a budget: what the trainer cuts off is the end, which is the answer.
 //!
-//! Sure: an estimate, unless the model's own tokenizer counts. Pictures count at their
+//! Sure: an estimate, unless the model's own tokenizer counts. Images count at their
 //! own size. Memory: constant.
 
 use std::sync::Arc;
@@ -32,8 +32,8 @@ impl Length {
         }
     }
 
-    /// The tokens of a row: of its text and of its pictures.
-    fn tokens(&self, example: &Example, pictures: &[ImageProbe]) -> (u64, u64) {
+    /// The tokens of a row: of its text and of its images.
+    fn tokens(&self, example: &Example, frames: &[ImageProbe]) -> (u64, u64) {
         let count = |text: &str| u64::from(self.tokenizer.count(text));
         let turn = |turn: &Turn| {
             let calls: u64 = turn.calls().map(|call| count(&call.canonical())).sum();
@@ -43,14 +43,11 @@ impl Length {
             .tools
             .as_ref()
             .map_or(0, |tools| count(&tools.to_string()));
-        let pictures = pictures.iter().filter_map(|look| look.header);
-        let pictures = pictures
+        let frames = frames.iter().filter_map(|look| look.header);
+        let frames = frames
             .map(|it| u64::from(image_tokens(it.width, it.height, self.image_side)))
             .sum();
-        (
-            example.turns.iter().map(turn).sum::<u64>() + tools,
-            pictures,
-        )
+        (example.turns.iter().map(turn).sum::<u64>() + tools, frames)
     }
 }
 
@@ -63,14 +60,14 @@ impl Check for Length {
     }
 
     fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
-        let (text, pictures) = self.tokens(seen.example, &seen.images);
-        let all = text + pictures;
+        let (text, frames) = self.tokens(seen.example, &seen.images);
+        let all = text + frames;
         self.longest = self.longest.max(all);
         self.sum += all;
         self.rows += 1;
         if all > self.tokens_max {
             let told = format!(
-                "about {all} tokens ({text} of text, {pictures} of pictures), budget {}",
+                "about {all} tokens ({text} of text, {frames} of images), budget {}",
                 self.tokens_max
             );
             found.add("over budget", Severity::Error, &[seen.place()], || {

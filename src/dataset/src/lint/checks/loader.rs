@@ -1,7 +1,7 @@
 //! What the loader of each format passes over in silence,
 //! or fails on (docs/spec.md#dataset-formats).
 //!
-//! Why: rows that are skipped and pictures that are ignored are noticed after the training, if
+//! Why: rows that are skipped and images that are ignored are noticed after the training, if
 //! ever. Sure: yes, for the loaders of docs/spec.md#dataset-formats as they are; other loaders of
 //! the same format may be kinder. Memory: constant.
 
@@ -46,15 +46,15 @@ impl Check for Loader {
         let mut add = |kind, severity, told: String| {
             found.add(kind, severity, &places, || (told, String::new()))
         };
-        for oddity in &example.warnings {
+        for warning in &example.warnings {
             add(
-                oddity.kind,
-                if oddity.harmful {
+                warning.kind,
+                if warning.harmful {
                     Severity::Error
                 } else {
                     Severity::Warning
                 },
-                oddity.message.clone(),
+                warning.message.clone(),
             );
         }
         if let Some(name) = example.turns.iter().find_map(|turn| {
@@ -125,14 +125,14 @@ impl Check for Loader {
     }
 
     fn finish(&mut self, found: &mut Findings) {
-        for (path, oddity) in &self.files {
-            let severity = if oddity.harmful {
+        for (path, warning) in &self.files {
+            let severity = if warning.harmful {
                 Severity::Error
             } else {
                 Severity::Warning
             };
-            found.add(oddity.kind, severity, &[], || {
-                (format!("{} ({path})", oddity.message), String::new())
+            found.add(warning.kind, severity, &[], || {
+                (format!("{} ({path})", warning.message), String::new())
             });
         }
     }

@@ -33,7 +33,7 @@ use crate::lint::{
 pub struct LintOptions {
     /// Budget of a context, in tokens.
     pub context_tokens_max: u64,
-    /// Side of a picture's token, in pixels: 28 for Qwen2-VL and Qwen2.5-VL, 32 for Qwen3-VL.
+    /// Side of an image's token, in pixels: 28 for Qwen2-VL and Qwen2.5-VL, 32 for Qwen3-VL.
     pub image_side: u32,
     /// What counts the tokens of texts.
     pub tokenizer: Arc<dyn Tokenizer>,

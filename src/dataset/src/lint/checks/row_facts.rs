@@ -1,5 +1,5 @@
 //! What several checks need of a row, worked out once: answers, calls, declared tools, what
-//! its pictures look like.
+//! its images look like.
 
 use std::collections::HashMap;
 
@@ -17,12 +17,12 @@ pub(super) type Key = [u8; 16];
 pub(super) struct RowFacts<'a> {
     pub(super) example: &'a Example,
     pub(super) answers: Vec<ModelTurn>,
-    /// One for each picture of the row.
+    /// One for each image of the row.
     pub(super) images: Vec<ImageProbe>,
     /// Everything but answers, up to each answer: text with even white space,
-    /// and pictures by digest.
+    /// and images by digest.
     pub(super) contexts: Vec<Key>,
-    /// The whole row: all turns and pictures.
+    /// The whole row: all turns and images.
     pub(super) whole: Key,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct ModelTurn {
     pub(super) by_function: bool,
 }
 
-/// What a picture looks like from outside.
+/// What an image looks like from outside.
 #[derive(Clone, Debug)]
 pub(super) struct ImageProbe {
     /// Of its bytes; of its path or URL where there are none.
@@ -47,15 +47,14 @@ pub(super) struct ImageProbe {
     pub(super) fault: Option<(&'static str, String)>,
 }
 
-/// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for
-/// each file of pictures.
+/// Looks of image files by path, so that each is read once. Memory: some 150 bytes for
+/// each file of images.
 #[derive(Default)]
 pub(super) struct ImageProbes(HashMap<Key, ImageProbe>);
 
 impl<'a> RowFacts<'a> {
     pub(super) fn new(example: &'a Example, looks: &mut ImageProbes) -> Self {
-        let pictures: Vec<ImageProbe> =
-            example.images.iter().map(|image| looks.of(image)).collect();
+        let frames: Vec<ImageProbe> = example.images.iter().map(|image| looks.of(image)).collect();
         let answers = example
             .turns
             .iter()
@@ -77,7 +76,7 @@ impl<'a> RowFacts<'a> {
                         hasher.update(word.as_bytes()).update(b" ");
                     }),
                     Part::Image(number) => {
-                        let digest = pictures.get(*number).map_or([0; 16], |look| look.digest);
+                        let digest = frames.get(*number).map_or([0; 16], |look| look.digest);
                         hasher.update(b"\0image").update(&digest);
                     }
                     Part::Call(call) => {
@@ -90,7 +89,7 @@ impl<'a> RowFacts<'a> {
         Self {
             example,
             answers,
-            images: pictures,
+            images: frames,
             contexts,
             whole: key(&hasher),
         }
@@ -172,9 +171,9 @@ fn look(image: &Image, name: Key) -> ImageProbe {
         (_, Some(bytes)) => {
             let digest = key_of(&bytes);
             match ImageHeader::of(&bytes) {
-                Ok(picture) => ImageProbe {
+                Ok(frame) => ImageProbe {
                     digest,
-                    header: Some(picture),
+                    header: Some(frame),
                     fault: None,
                 },
                 Err(error) => ImageProbe {

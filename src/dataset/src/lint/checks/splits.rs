@@ -1,8 +1,8 @@
-//! Leakage between splits: prompts, episodes, tasks, scenes and pictures that stand in two of them.
+//! Leakage between splits: prompts, episodes, tasks, scenes and images that stand in two of them.
 //!
 //! Why: a test on what was trained says nothing. Sure: that the thing is in both, yes. A scene or a
-//! picture in both is wrong only where the split is by scene; the same view may be met in two
-//! tasks. Memory: some 50 bytes for each distinct prompt, picture, task, episode and scene.
+//! image in both is wrong only where the split is by scene; the same view may be met in two
+//! tasks. Memory: some 50 bytes for each distinct prompt, image, task, episode and scene.
 
 use std::collections::HashMap;
 
@@ -24,7 +24,7 @@ impl Check for Splits {
     fn about(&self) -> (&'static str, &'static str) {
         (
             "splits",
-            "prompts, episodes, tasks, scenes and pictures that are in two splits",
+            "prompts, episodes, tasks, scenes and images that are in two splits",
         )
     }
 
@@ -83,7 +83,7 @@ impl Check for Splits {
             .zip(&seen.images)
             .filter(|(_, look)| look.header.is_some())
         {
-            meet("picture", Severity::Warning, &look.digest, &|| {
+            meet("image", Severity::Warning, &look.digest, &|| {
                 image.name.clone()
             });
         }

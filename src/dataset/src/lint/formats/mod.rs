@@ -18,7 +18,7 @@ use crate::lint::{
     Example, Image, ImageSource, Part, Role, RowLocation, Turn, example::FormatWarning,
 };
 
-/// Whether `<image>` in a text stands for a picture.
+/// Whether `<image>` in a text stands for an image.
 pub(crate) fn has_tags(format: Format) -> bool {
     !matches!(format, Format::Trl | Format::OpenAi)
 }
@@ -70,7 +70,7 @@ fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
                 .is_some_and(|it| names.contains(&it))
         })
     };
-    // TRL has calls too, and pictures beside the turns.
+    // TRL has calls too, and images beside the turns.
     let calls =
         turns.iter().any(|turn| turn.get("tool_calls").is_some()) && !row.contains_key("images");
     if url || calls || role(&["developer"]) {
@@ -97,11 +97,11 @@ pub(crate) struct Source<'a> {
     pub(crate) columns: &'a Columns,
     /// Split by the names of file and folder.
     pub(crate) split: Option<&'a str>,
-    /// Where a path of a picture leads.
+    /// Where a path of an image leads.
     pub(crate) resolve: &'a dyn Fn(&Path) -> ImageSource,
 }
 
-/// A row in the common form. `inside` are pictures that the file itself holds.
+/// A row in the common form. `inside` are images that the file itself holds.
 ///
 /// # Errors
 /// What is missing and what was expected.
@@ -163,7 +163,7 @@ pub(crate) fn example(
             turn.parts.splice(0..0, (0..images.len()).map(Part::Image));
         }
     }
-    let (own, oddities) = reader.finish();
+    let (own, warnings) = reader.finish();
     if !own.is_empty() {
         images = own;
     }
@@ -190,7 +190,7 @@ pub(crate) fn example(
         tools,
         images,
         meta,
-        warnings: oddities,
+        warnings,
     })
 }
 
@@ -223,7 +223,7 @@ fn flat(mut row: Map<String, Value>) -> Map<String, Value> {
     row
 }
 
-/// A picture by the path, the URL or the data URL that is written.
+/// An image by the path, the URL or the data URL that is written.
 pub(crate) fn image(written: &str, resolve: &dyn Fn(&Path) -> ImageSource) -> Image {
     if let Some(data) = written.strip_prefix("data:") {
         let name = data.split([';', ',']).next().unwrap_or_default();

@@ -9,9 +9,9 @@ use crate::lint::{Call, Format, Image, ImageSource, Part, Role, Turn, example::F
 pub(super) struct Reader<'a> {
     source: &'a Source<'a>,
     tags: usize,
-    /// Pictures that stand in the turns themselves.
+    /// Images that stand in the turns themselves.
     own: Vec<Image>,
-    oddities: Vec<FormatWarning>,
+    warnings: Vec<FormatWarning>,
 }
 
 impl<'a> Reader<'a> {
@@ -20,12 +20,12 @@ impl<'a> Reader<'a> {
             source,
             tags: 0,
             own: Vec::new(),
-            oddities: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 
     pub(super) fn finish(self) -> (Vec<Image>, Vec<FormatWarning>) {
-        (self.own, self.oddities)
+        (self.own, self.warnings)
     }
 
     /// A list of turns.
@@ -65,7 +65,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Pictures listed beside the turns: a path, an object with bytes or a path, or
+    /// Images listed beside the turns: a path, an object with bytes or a path, or
     /// a list of those.
     pub(super) fn images(&mut self, listed: &Value) -> Vec<Image> {
         match listed {
@@ -136,7 +136,7 @@ impl<'a> Reader<'a> {
                 .map(Call::of_value)
                 .collect();
             if read.is_empty() || read.contains(&None) {
-                self.oddities.push(format_warning(
+                self.warnings.push(format_warning(
                     "tool calls",
                     true,
                     "`tool_calls` holds something that is no call: expected {id, type, function}",
@@ -149,7 +149,7 @@ impl<'a> Reader<'a> {
             && self.source.format == Format::OpenAi
             && fields.get("tool_call_id").is_none()
         {
-            self.oddities.push(format_warning(
+            self.warnings.push(format_warning(
                 "tool call id",
                 true,
                 "a tool's result without `tool_call_id`: the server refuses it",
@@ -175,7 +175,7 @@ impl<'a> Reader<'a> {
                 }
                 _ => "`arguments` is no text: the OpenAI format wants JSON inside a string",
             };
-            self.oddities.push(format_warning("tool calls", true, told));
+            self.warnings.push(format_warning("tool calls", true, told));
         }
     }
 
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
         let Some(calls) = calls else {
             let told =
                 "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}";
-            self.oddities.push(format_warning("tool calls", true, told));
+            self.warnings.push(format_warning("tool calls", true, told));
             return turn.parts;
         };
         let thought = (!thought.is_empty()).then(|| Part::Text(thought.to_owned()));
@@ -232,7 +232,7 @@ impl<'a> Reader<'a> {
             }
             other => {
                 let other = other.unwrap_or("nothing").to_owned();
-                self.oddities.push(format_warning(
+                self.warnings.push(format_warning(
                     "part",
                     true,
                     format!("a part of type {other}: expected text or image"),

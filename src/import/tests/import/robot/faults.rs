@@ -18,7 +18,7 @@ fn out_of_order() {
 fn torn_anywhere_up_to_the_tear() {
     let place = Place::new();
     let path = place.path("whole.mcap");
-    bags::write(&path, &without_pictures(), Encoding::Cdr);
+    bags::write(&path, &without_images(), Encoding::Cdr);
     let (_, whole) = place.import(&path);
     let bytes = fs::read(&path).unwrap();
     let torn = place.path("torn.mcap");
@@ -68,7 +68,7 @@ fn torn_anywhere_up_to_the_tear() {
 fn a_damaged_chunk_costs_its_messages() {
     let place = Place::new();
     let path = place.path("damaged.mcap");
-    // Chunks of one picture each, with small ones between.
+    // Chunks of one image each, with small ones between.
     let mut messages = episode();
     messages.truncate(9);
     messages.extend((0..8).flat_map(|number| {

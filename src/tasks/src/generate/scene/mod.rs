@@ -5,9 +5,9 @@ mod captions;
 mod check;
 mod flat;
 mod furnish;
+mod image;
 mod kinds;
 mod looks;
-mod picture;
 mod plan;
 mod plan_png;
 
@@ -18,7 +18,7 @@ use reel_world::{Door, Receptacle, Rect, Room, Scene};
 
 pub use brief::{Brief, ROOMS_MAX};
 pub use check::{Finding, PASSAGE_M, SceneFault, check};
-pub use picture::{View, receptacle_views};
+pub use image::{View, receptacle_views};
 pub use plan::Plan;
 
 use self::{
@@ -61,7 +61,7 @@ pub enum SceneError {
         "no flat was found in {tries} tries for these rooms and this furniture; another seed or less furniture may do"
     )]
     NoFlat { tries: usize },
-    /// A picture cannot be encoded.
+    /// An image cannot be encoded.
     #[error("cannot encode the floor plan: {reason}")]
     Png { reason: String },
 }

@@ -111,7 +111,7 @@ impl Plan {
     /// As a PNG file.
     ///
     /// # Errors
-    /// When the picture is too large.
+    /// When the image is too large.
     pub fn png(&self) -> Result<Vec<u8>, SceneError> {
         plan_png::draw(self)
     }

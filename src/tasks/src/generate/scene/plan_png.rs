@@ -15,17 +15,17 @@ use super::{
 pub(super) fn draw(plan: &Plan) -> Result<Vec<u8>, SceneError> {
     let [width, height] = plan.size.map(|length| length.ceil() as u32);
     let failed = |reason: String| SceneError::Png { reason };
-    let mut picture = Pixmap::new(width, height)
+    let mut image = Pixmap::new(width, height)
         .ok_or_else(|| failed(format!("{width} x {height} pixels are too many")))?;
-    picture.fill(Color::WHITE);
+    image.fill(Color::WHITE);
     for item in &plan.items {
         match item {
-            Item::Text(label) => write(&mut picture, label),
-            shape => draw_shape(&mut picture, shape),
+            Item::Text(label) => write(&mut image, label),
+            shape => draw_shape(&mut image, shape),
         }
     }
     // Nothing shows through the paper, so that there is no alpha to keep.
-    let rgb: Vec<u8> = picture
+    let rgb: Vec<u8> = image
         .pixels()
         .iter()
         .flat_map(|pixel| [pixel.red(), pixel.green(), pixel.blue()])
@@ -41,7 +41,7 @@ pub(super) fn draw(plan: &Plan) -> Result<Vec<u8>, SceneError> {
     Ok(bytes)
 }
 
-fn draw_shape(picture: &mut Pixmap, item: &Item) {
+fn draw_shape(image: &mut Pixmap, item: &Item) {
     let paint = |[red, green, blue]: Colour| {
         let mut paint = Paint::default();
         paint.set_color_rgba8(red, green, blue, 255);
@@ -87,7 +87,7 @@ fn draw_shape(picture: &mut Pixmap, item: &Item) {
     };
     let Some(path) = path.finish() else { return };
     if let Some(fill) = fill {
-        picture.fill_path(
+        image.fill_path(
             &path,
             &paint(fill),
             FillRule::Winding,
@@ -101,12 +101,12 @@ fn draw_shape(picture: &mut Pixmap, item: &Item) {
             line_join: LineJoin::Round,
             ..Stroke::default()
         };
-        picture.stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
+        image.stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
     }
 }
 
 /// Writes a line of text around its centre; what the font does not have is a `?`.
-fn write(picture: &mut Pixmap, label: &Label) {
+fn write(image: &mut Pixmap, label: &Label) {
     let weight = if label.bold {
         FontWeight::Bold
     } else {
@@ -118,7 +118,7 @@ fn write(picture: &mut Pixmap, label: &Label) {
         RasterHeight::Size20.val() as f64,
     ];
     let [x, y] = label.centre.map(f64::round);
-    let (width, height) = (i64::from(picture.width()), i64::from(picture.height()));
+    let (width, height) = (i64::from(image.width()), i64::from(image.height()));
     for (index, character) in label.text.chars().enumerate() {
         let Some(glyph) = glyph(character).or_else(|| glyph('?')) else {
             continue;
@@ -136,7 +136,7 @@ fn write(picture: &mut Pixmap, label: &Label) {
                 let (x, y) = (x as i64 + dx, y as i64 + dy);
                 if *ink > 0 && (0..width).contains(&x) && (0..height).contains(&y) {
                     blend(
-                        &mut picture.pixels_mut()[(y * width + x) as usize],
+                        &mut image.pixels_mut()[(y * width + x) as usize],
                         label.colour,
                         *ink,
                     );

@@ -272,7 +272,7 @@ fn asks_about(step: &PlanStep) -> Option<QuestionTopic> {
         .find(|known| known.as_str() == about)
 }
 
-/// What is in the first picture of an episode.
+/// What is in the first image of an episode.
 fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
     let stage = PreparedTask::new(Arc::new(scene.clone()), Arc::new(task.clone()));
     let mut simulator = Simulator::new(stage, Profile::Paper, 0);

@@ -106,7 +106,7 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
     let (recovery, _) = recovered("longer.mcap.part", &[&part[..], b"rubbish"].concat());
     assert_eq!((recovery.steps, recovery.lost.len()), (6, 1));
 
-    // In a picture: only that is lost.
+    // In an image: only that is lost.
     let webp = Trace::from_bytes(&path, &trace, &Default::default())
         .unwrap()
         .image(Some(3))
@@ -119,7 +119,7 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
         + webp.len() / 2;
     let mut bytes = part.clone();
     bytes[at] ^= 1;
-    let (recovery, found) = recovered("picture.mcap.part", &bytes);
+    let (recovery, found) = recovered("image.mcap.part", &bytes);
     assert_eq!((recovery.steps, recovery.lost.len()), (6, 1));
     assert!(
         recovery.lost[0].starts_with("the image of step 3 is dropped"),
@@ -130,7 +130,7 @@ fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
     assert!(
         found
             .iter()
-            .any(|finding| finding.record == "picture" && finding.step == Some(3)),
+            .any(|finding| finding.record == "image" && finding.step == Some(3)),
         "{found:?}"
     );
 

@@ -1,4 +1,4 @@
-//! Pictures of a scene without a task: each receptacle as the robot sees it from its
+//! Images of a scene without a task: each receptacle as the robot sees it from its
 //! viewpoint. Never moves anything.
 
 use reel_sim::{
@@ -15,7 +15,7 @@ use super::check::viewpoints;
 pub struct View {
     /// Id of the receptacle that the view shows.
     pub receptacle: ReceptacleId,
-    /// The picture; none where it has no viewpoint.
+    /// The image; none where it has no viewpoint.
     pub frame: Option<Frame>,
 }
 

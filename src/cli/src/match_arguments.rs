@@ -1,0 +1,93 @@
+//! What `show_object_by_category` means by a query, from the command line: the word list of Reel, an
+//! embedding model, or vectors from a file.
+
+use std::{path::PathBuf, sync::Arc};
+
+use anyhow::{Context, bail};
+use reel_agents::Responders;
+use reel_llm::{
+    agent::{MatchRule, SIMILARITY_DEFAULT, TextVectors, VectorMatcher},
+    client::Client,
+};
+use serde_json::json;
+
+/// Folder of kept vectors, beside the traces that a run writes.
+pub const EMBEDDINGS: &str = "embeddings";
+
+/// How queries are matched to categories.
+#[derive(clap::Args)]
+pub struct MatchArguments {
+    /// Match the query of `show_object_by_category` by this embedding model at the endpoint;
+    /// without it Reel's word list decides among the categories in view
+    #[arg(
+        long,
+        alias = "match-model",
+        value_name = "NAME",
+        conflicts_with = "embedding_vectors"
+    )]
+    embedding_model: Option<String>,
+    /// Match it by the vectors of this file: one JSON object, {"mug": [0.1, ...], ...}, with
+    /// every category and every query
+    #[arg(long, value_name = "FILE")]
+    embedding_vectors: Option<PathBuf>,
+    /// Which categories a query means by vectors: best (the most similar one of the whole scene, as in
+    /// the paper) or threshold (all from --min-similarity on)
+    #[arg(long, value_name = "RULE", default_value = "best", value_parser = ["best", "threshold"])]
+    match_rule: String,
+    /// Cosine similarity from which a category is meant; implies --match-rule threshold
+    #[arg(long, alias = "match-similarity", value_name = "S")]
+    min_similarity: Option<f32>,
+}
+
+/// A chosen way to match, shared by all episodes of a run.
+pub struct Matching {
+    vectors: Arc<TextVectors>,
+    rule: MatchRule,
+}
+
+impl MatchArguments {
+    /// The way to match; `None` if the word list decides. `client` connects to a model of the
+    /// endpoint.
+    ///
+    /// # Errors
+    /// Fails if the endpoint or the file of vectors cannot be used.
+    pub fn matching(
+        &self,
+        client: impl FnOnce(&str) -> anyhow::Result<Arc<Client>>,
+    ) -> anyhow::Result<Option<Matching>> {
+        let vectors = match (&self.embedding_model, &self.embedding_vectors) {
+            (Some(model), _) => TextVectors::of_endpoint(client(model)?),
+            (None, Some(path)) => TextVectors::of_file(path).context("--embedding-vectors")?,
+            (None, None) if self.min_similarity.is_some() => {
+                bail!("--min-similarity needs --embedding-model or --embedding-vectors")
+            }
+            (None, None) => return Ok(None),
+        };
+        let rule = match (self.min_similarity, self.match_rule.as_str()) {
+            (Some(least), _) => MatchRule::Threshold(least),
+            (None, "threshold") => MatchRule::Threshold(SIMILARITY_DEFAULT),
+            (None, _) => MatchRule::Best,
+        };
+        Ok(Some(Matching {
+            vectors: Arc::new(vectors),
+            rule,
+        }))
+    }
+}
+
+impl Matching {
+    /// Lets it answer in an episode, and names it in the trace.
+    pub fn install(&self, outside: &mut Responders) {
+        let settings = match self.rule {
+            MatchRule::Best => json!({"vectors": self.vectors.name(), "rule": "best"}),
+            MatchRule::Threshold(least) => {
+                json!({"vectors": self.vectors.name(), "rule": "threshold", "similarity": least})
+            }
+        };
+        outside.settings.insert("matcher".to_owned(), settings);
+        outside.matcher = Some(Box::new(VectorMatcher::new(
+            Arc::clone(&self.vectors),
+            self.rule,
+        )));
+    }
+}
