@@ -4,18 +4,19 @@
 use std::{path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_agents::Responders;
+use reel_agents::{Matcher as _, Responders};
 use reel_llm::{
     agent::{MatchRule, SIMILARITY_DEFAULT, TextVectors, VectorMatcher},
     client::Client,
 };
+use reel_server::{LookUp, MatcherConfig};
 use serde_json::json;
 
 /// Folder of kept vectors, beside the traces that a run writes.
 pub const EMBEDDINGS: &str = "embeddings";
 
 /// How queries are matched to categories.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct MatchArguments {
     /// Match the query of `show_object_by_category` by this embedding model at the endpoint;
     /// without it Reel's word list decides among the categories in view
@@ -31,12 +32,23 @@ pub struct MatchArguments {
     #[arg(long, value_name = "FILE")]
     embedding_vectors: Option<PathBuf>,
     /// Which categories a query means by vectors: best (the most similar one of the whole scene, as in
-    /// the paper) or threshold (all from --min-similarity on)
-    #[arg(long, value_name = "RULE", default_value = "best", value_parser = ["best", "threshold"])]
-    match_rule: String,
+    /// the paper; the default) or threshold (all from --min-similarity on)
+    #[arg(long, value_name = "RULE", value_parser = ["best", "threshold"])]
+    match_rule: Option<String>,
     /// Cosine similarity from which a category is meant; implies --match-rule threshold
     #[arg(long, alias = "match-similarity", value_name = "S")]
     min_similarity: Option<f32>,
+}
+
+impl From<MatcherConfig> for MatchArguments {
+    fn from(configured: MatcherConfig) -> Self {
+        Self {
+            embedding_model: configured.model,
+            embedding_vectors: configured.vectors,
+            match_rule: configured.rule,
+            min_similarity: configured.min_similarity,
+        }
+    }
 }
 
 /// A chosen way to match, shared by all episodes of a run.
@@ -46,6 +58,14 @@ pub struct Matching {
 }
 
 impl MatchArguments {
+    /// Whether any of them was given.
+    pub fn are_given(&self) -> bool {
+        self.embedding_model.is_some()
+            || self.embedding_vectors.is_some()
+            || self.match_rule.is_some()
+            || self.min_similarity.is_some()
+    }
+
     /// The way to match; `None` if the word list decides. `client` connects to a model of the
     /// endpoint.
     ///
@@ -58,15 +78,16 @@ impl MatchArguments {
         let vectors = match (&self.embedding_model, &self.embedding_vectors) {
             (Some(model), _) => TextVectors::of_endpoint(client(model)?),
             (None, Some(path)) => TextVectors::of_file(path).context("--embedding-vectors")?,
-            (None, None) if self.min_similarity.is_some() => {
-                bail!("--min-similarity needs --embedding-model or --embedding-vectors")
-            }
+            (None, None) if self.min_similarity.is_some() || self.match_rule.is_some() => bail!(
+                "--match-rule and --min-similarity need --embedding-model or --embedding-vectors"
+            ),
             (None, None) => return Ok(None),
         };
-        let rule = match (self.min_similarity, self.match_rule.as_str()) {
+        let rule = match (self.min_similarity, self.match_rule.as_deref()) {
             (Some(least), _) => MatchRule::Threshold(least),
-            (None, "threshold") => MatchRule::Threshold(SIMILARITY_DEFAULT),
-            (None, _) => MatchRule::Best,
+            (None, Some("threshold")) => MatchRule::Threshold(SIMILARITY_DEFAULT),
+            (None, None | Some("best")) => MatchRule::Best,
+            (None, Some(other)) => bail!("the rule is best or threshold, not '{other}'"),
         };
         Ok(Some(Matching {
             vectors: Arc::new(vectors),
@@ -85,9 +106,15 @@ impl Matching {
             }
         };
         outside.settings.insert("matcher".to_owned(), settings);
-        outside.matcher = Some(Box::new(VectorMatcher::new(
-            Arc::clone(&self.vectors),
-            self.rule,
-        )));
+        outside.matcher = Some(Box::new(self.matcher()));
+    }
+
+    /// Lets it answer for a server, which names nobody in the trace but the source of each answer.
+    pub fn look_up(self) -> LookUp {
+        Arc::new(move |query, categories| Ok(self.matcher().look_up(query, categories)?))
+    }
+
+    fn matcher(&self) -> VectorMatcher {
+        VectorMatcher::new(Arc::clone(&self.vectors), self.rule)
     }
 }

@@ -2,6 +2,7 @@
 //! decides anything, never speaks a protocol.
 
 use std::{
+    collections::BTreeSet,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -280,6 +281,21 @@ impl Session {
             _ => return Err(self.refusal()),
         };
         Ok(Briefing::new(task, self.setup.scene(task)))
+    }
+
+    /// The categories of the objects of the episode's task, sorted.
+    ///
+    /// # Errors
+    /// When no episode runs.
+    pub fn categories(&self) -> Result<Vec<String>, LiveError> {
+        let task = match &self.now {
+            Phase::Playing(playing) => playing.episode.task(),
+            Phase::Parked(resting) => resting.episode.task(),
+            _ => return Err(self.refusal()),
+        };
+        let objects = task.objects.iter();
+        let categories: BTreeSet<&String> = objects.map(|object| &object.category).collect();
+        Ok(categories.into_iter().cloned().collect())
     }
 
     /// What the robot's head sees now; the episode stays as it is, awake or not.

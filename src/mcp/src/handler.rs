@@ -2,6 +2,7 @@
 
 use std::{
     borrow::Cow,
+    error::Error,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -10,12 +11,12 @@ use axum::http::request::Parts;
 use reel_live::{LiveError, Owner, Session, SessionPool, StartedEpisode};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
-    record::{StepInput, UserReply, UserSource},
+    record::{Lookup, StepInput, UserReply, UserSource},
 };
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, ElicitRequest,
+        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, ElicitRequest,
         ElicitRequestParams, ElicitResult, ElicitationAction, ElicitationSchema, Implementation,
         InputRequest, InputRequiredResult, ListToolsResult, PaginatedRequestParams,
         ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
@@ -25,7 +26,7 @@ use rmcp::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tokio::{runtime::Handle, sync::oneshot};
+use tokio::{runtime::Handle, sync::oneshot, task::spawn_blocking};
 
 use crate::{
     Caller, Questions, VERSIONS, Worker, catalogue, methods::WITH_SESSIONS, response, tools_only,
@@ -46,6 +47,11 @@ pub enum AskResponder {
     Rest,
 }
 
+/// Says which of the categories of a task a query means. It may take its time: it is asked on a thread
+/// that serves nobody else.
+pub type LookUp =
+    Arc<dyn Fn(&str, &[&str]) -> Result<Lookup, Box<dyn Error + Send + Sync>> + Send + Sync>;
+
 /// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
 /// long it took, waiting included.
 pub type CallObserver = Arc<dyn Fn(&'static str, &'static str, Duration) + Send + Sync>;
@@ -59,6 +65,8 @@ pub struct ToolServerOptions {
     pub ask_patience: Duration,
     /// Name of the policy in the traces; without it, what the client calls itself.
     pub policy: Option<String>,
+    /// Says what `show_object_by_category` looks for; `None` if Reel's word list does.
+    pub matcher: Option<LookUp>,
     /// Who is told of every call.
     pub watch: Option<CallObserver>,
 }
@@ -69,6 +77,7 @@ impl Default for ToolServerOptions {
             ask: AskResponder::Rules,
             ask_patience: Duration::from_secs(120),
             policy: None,
+            matcher: None,
             watch: None,
         }
     }
@@ -129,6 +138,10 @@ struct Reply {
     answer: String,
 }
 elicit_safe!(Reply);
+
+/// What a policy is told when nobody says what its query means.
+const NO_LOOK_UP: &str =
+    "What this category means cannot be looked up now. Nothing was done; call again later.";
 
 /// The key of the one question that a call may have.
 const ANSWER: &str = "answer";
@@ -226,15 +239,14 @@ impl ToolServer {
     async fn answer(
         &self,
         session: &str,
-        call: ToolCall,
+        input: StepInput,
         tool: Option<Tool>,
-        reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
     ) -> CallToolResult {
         let profile = self.profile();
-        let (name, begun) = (call.name.clone(), Instant::now());
+        let (name, begun) = (input.call.name.clone(), Instant::now());
         let known = tool.as_ref().map_or("unknown", Tool::paper_name);
-        let said = self.request(session, call, tool, reply, context).await;
+        let said = self.request(session, input, tool, context).await;
         let outcome = match &said {
             Ok(Response::CallMade(made)) if !made.step.outcome.is_ok() => "error",
             Ok(_) => "ok",
@@ -266,9 +278,8 @@ impl ToolServer {
     async fn request(
         &self,
         session: &str,
-        call: ToolCall,
+        input: StepInput,
         tool: Option<Tool>,
-        reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
     ) -> Result<Response, LiveError> {
         let setup = self.pool.setup().clone();
@@ -305,7 +316,7 @@ impl ToolServer {
                 }
                 Some(Tool::Finish) => {
                     if session.is_running() {
-                        session.call(StepInput::from_call(call))?;
+                        session.call(input)?;
                     }
                     Ok(session
                         .begin_next()?
@@ -315,10 +326,7 @@ impl ToolServer {
                     session.begin(&task_id).map(said_begun)
                 }
                 _ => {
-                    let made = session.call(StepInput {
-                        user_reply: reply,
-                        ..StepInput::from_call(call)
-                    })?;
+                    let made = session.call(input)?;
                     Ok(Response::CallMade(Box::new(made)))
                 }
             }
@@ -414,6 +422,43 @@ impl ToolServer {
         }
     }
 
+    /// Looks up what a query means, where that is decided outside of the simulator. An error of the
+    /// result is what to answer the client instead.
+    async fn look_up(
+        &self,
+        session: &str,
+        query: &str,
+        context: &RequestContext<RoleServer>,
+    ) -> Result<Option<Lookup>, CallToolResponse> {
+        let Some(matcher) = self.options.matcher.clone().filter(|_| self.runs(session)) else {
+            return Ok(None);
+        };
+        let owner = self.owner(context);
+        let categories = |session: &mut Session| session.categories();
+        // Where this is refused, the call itself is, too.
+        let Ok(Ok(categories)) = self
+            .pool
+            .with_own_session(session, &owner, categories)
+            .await
+        else {
+            return Ok(None);
+        };
+        let query = query.to_owned();
+        let looked_up = spawn_blocking(move || {
+            let categories: Vec<&str> = categories.iter().map(String::as_str).collect();
+            matcher(&query, &categories)
+        });
+        let unknown = |error: String| -> CallToolResponse {
+            tracing::error!(session, error, "a category could not be looked up");
+            CallToolResult::error(vec![ContentBlock::text(NO_LOOK_UP)]).into()
+        };
+        match looked_up.await {
+            Ok(Ok(lookup)) => Ok(Some(lookup)),
+            Ok(Err(error)) => Err(unknown(error.to_string())),
+            Err(error) => Err(unknown(error.to_string())),
+        }
+    }
+
     /// Whether an episode runs.
     fn runs(&self, session: &str) -> bool {
         self.pool
@@ -502,10 +547,18 @@ impl ServerHandler for ToolServer {
                 }
                 _ => None,
             };
-            Ok(self
-                .answer(&session, call, tool, reply, &context)
-                .await
-                .into())
+            let lookup = match &tool {
+                Some(Tool::ShowObjectByCategory { category }) => {
+                    self.look_up(&session, category, &context).await?
+                }
+                _ => None,
+            };
+            let input = StepInput {
+                user_reply: reply,
+                lookup,
+                ..StepInput::from_call(call)
+            };
+            Ok(self.answer(&session, input, tool, &context).await.into())
         };
         // A cancelled call was not made, or is persisted as a whole.
         tokio::select! {

@@ -19,7 +19,7 @@ mod sessions;
 pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
-pub use handler::{AskResponder, CallObserver, ToolServer, ToolServerOptions};
+pub use handler::{AskResponder, CallObserver, LookUp, ToolServer, ToolServerOptions};
 pub use methods::{VERSIONS, agreed_version, refusal};
 pub use questions::{Question, Questions};
 pub use router::{Worker, router, stdio, streamable_http};

@@ -9,7 +9,7 @@ use std::{
 };
 
 use reel_live::{Host, PreparedTaskCache, Setup};
-use reel_mcp::AskResponder;
+use reel_mcp::{AskResponder, LookUp};
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
 use reel_trace::{Durability, Images, RecordOptions};
@@ -104,6 +104,34 @@ pub struct Play {
     /// How long a person may take to answer, in seconds.
     #[serde(alias = "ask_patience_s")]
     pub ask_timeout_s: u64,
+    /// How the queries of `show_object_by_category` are matched by vectors; without it, by Reel's
+    /// word list.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matcher: Option<MatcherConfig>,
+}
+
+/// Where the vectors of words come from, and what is made of them (docs/agents.md#open-vocabulary).
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MatcherConfig {
+    /// Embedding model at the endpoint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// OpenAI-compatible endpoint of that model, up to `/v1`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub endpoint: Option<String>,
+    /// Environment variable that holds the endpoint's key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub api_key_env: Option<String>,
+    /// File of vectors, instead of a model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vectors: Option<PathBuf>,
+    /// `best` (without it) or `threshold`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rule: Option<String>,
+    /// Similarity from which a category is meant by `threshold`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_similarity: Option<f32>,
 }
 
 /// In which order tasks are played.
@@ -198,6 +226,7 @@ impl Default for Play {
             durability: "write".to_owned(),
             ask: AskResponder::Rules,
             ask_timeout_s: 120,
+            matcher: None,
         }
     }
 }
@@ -490,12 +519,17 @@ impl Config {
     }
 
     /// How policy sessions behave; `watch` is told of every call.
-    pub fn options(&self, watch: Option<reel_mcp::CallObserver>) -> reel_mcp::ToolServerOptions {
+    pub fn options(
+        &self,
+        matcher: Option<LookUp>,
+        watch: Option<reel_mcp::CallObserver>,
+    ) -> reel_mcp::ToolServerOptions {
         let play = &self.play;
         reel_mcp::ToolServerOptions {
             ask: play.ask,
             ask_patience: Duration::from_secs(play.ask_timeout_s),
             policy: play.policy.clone(),
+            matcher,
             watch,
         }
     }

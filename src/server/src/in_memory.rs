@@ -45,7 +45,8 @@ impl InMemoryServer {
             .map_err(ServeError::System)?;
         let (pipes, accepted) = mpsc::unbounded_channel();
         let listen = async { Ok(Pipes(accepted)) };
-        let service = Service::start_on(Host::default(), config, TraceFiles::default(), listen);
+        let service =
+            Service::start_on(Host::default(), config, TraceFiles::default(), None, listen);
         let service = runtime.block_on(service)?;
         let (stop, stopped) = oneshot::channel();
         let serving = runtime.spawn(service.run(async { drop(stopped.await) }));

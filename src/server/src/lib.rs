@@ -34,11 +34,11 @@ mod tokens;
 mod viewer;
 
 pub use audit::{AuditEntry, AuditLog};
-pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
+pub use config::{Config, ConfigError, Limits, LogFormat, MatcherConfig, Order, Play};
 #[doc(hidden)]
 pub use in_memory::InMemoryServer;
 pub use mock_llm::{MockOptions, mock_llm};
-pub use reel_mcp::AskResponder;
+pub use reel_mcp::{AskResponder, LookUp};
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};

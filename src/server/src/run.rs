@@ -3,6 +3,7 @@
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
 use reel_live::SessionPool;
+use reel_mcp::LookUp;
 use reel_trace::TraceFiles;
 use tokio::{
     runtime::{Builder, Runtime},
@@ -15,13 +16,15 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and
-/// the number of tasks. Questions about the store read traces from `trace_files`.
+/// the number of tasks. Questions about the store read traces from `trace_files`; `matcher` says what
+/// `show_object_by_category` looks for, else Reel's word list does.
 ///
 /// # Errors
 /// When the service cannot start.
 pub fn run(
     config: Config,
     trace_files: TraceFiles,
+    matcher: Option<LookUp>,
     on_listening: impl FnOnce(SocketAddr, usize),
 ) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
@@ -30,7 +33,7 @@ pub fn run(
     let served = runtime.block_on(async {
         // Whoever is told the address may end the service at once.
         let stopped = stopped();
-        let service = Service::start(config, trace_files).await?;
+        let service = Service::start(config, trace_files, matcher).await?;
         on_listening(
             service.address().map_err(ServeError::System)?,
             service.tasks(),
@@ -47,7 +50,7 @@ pub fn run(
 ///
 /// # Errors
 /// When the configuration is wrong, or what comes in is not the protocol.
-pub fn run_stdio(config: Config) -> Result<(), ServeError> {
+pub fn run_stdio(config: Config, matcher: Option<LookUp>) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
     let run = config
         .play
@@ -56,7 +59,7 @@ pub fn run_stdio(config: Config) -> Result<(), ServeError> {
         .unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
     let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
     std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;
-    let options = config.options(None);
+    let options = config.options(matcher, None);
     let pool = Arc::new(SessionPool::new(setup, config.pool()));
     let runtime = runtime(Some(2))?;
     let served = runtime.block_on(async {

@@ -17,7 +17,7 @@ use axum::{
     serve::{Listener, ListenerExt as _, TapIo},
 };
 use reel_live::{Host, Owner, SessionPool, Turn, Turns, restore_on};
-use reel_mcp::{Guard, Questions};
+use reel_mcp::{Guard, LookUp, Questions};
 use reel_trace::TraceFiles;
 use tokio::{
     net::{TcpListener, TcpStream},
@@ -53,6 +53,7 @@ pub(crate) struct App {
     pub config: Config,
     pub pool: Arc<SessionPool>,
     pub questions: Arc<Questions>,
+    pub matcher: Option<LookUp>,
     pub archive: Archive,
     pub snapshots: SnapshotFolder,
     #[cfg(feature = "tables")]
@@ -147,7 +148,11 @@ impl Service {
     ///
     /// # Errors
     /// When the configuration is wrong, or the address or a folder cannot be had.
-    pub async fn start(config: Config, trace_files: TraceFiles) -> Result<Self, ServeError> {
+    pub async fn start(
+        config: Config,
+        trace_files: TraceFiles,
+        matcher: Option<LookUp>,
+    ) -> Result<Self, ServeError> {
         let address = config.listen;
         let listen = async move {
             let listener = TcpListener::bind(address)
@@ -156,7 +161,7 @@ impl Service {
             let at_once: fn(&mut TcpStream) = |stream| drop(stream.set_nodelay(true));
             Ok(listener.tap_io(at_once))
         };
-        Self::start_on(Host::default(), config, trace_files, listen).await
+        Self::start_on(Host::default(), config, trace_files, matcher, listen).await
     }
 }
 
@@ -173,6 +178,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         host: Host,
         config: Config,
         trace_files: TraceFiles,
+        matcher: Option<LookUp>,
         listen: impl Future<Output = Result<L, ServeError>>,
     ) -> Result<Self, ServeError> {
         let tokens = Tokens::open(&config.tokens())?;
@@ -208,6 +214,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
+            matcher,
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
@@ -321,11 +328,12 @@ pub fn start_logs(config: &Config) -> WorkerGuard {
 
 fn router(app: &Arc<App>) -> Router {
     let metrics = app.metrics.clone();
-    let options = app
-        .config
-        .options(Some(Arc::new(move |tool, outcome, took| {
+    let options = app.config.options(
+        app.matcher.clone(),
+        Some(Arc::new(move |tool, outcome, took| {
             metrics.call(tool, outcome, took)
-        })));
+        })),
+    );
     let max_body = app.config.limits.body_mib << 20;
     let policies = reel_mcp::router(
         app.pool.clone(),

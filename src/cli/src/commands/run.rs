@@ -211,7 +211,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(report) => reports.push(report),
             Err(error) => {
                 failed += 1;
-                eprintln!("reel: {error}");
+                eprintln!("reel: {:#}", anyhow::Error::from(error));
             }
         }
     }

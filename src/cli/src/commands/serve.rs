@@ -1,12 +1,17 @@
 //! `reel serve` and `reel mcp`: live worlds for agents, and the service around them.
 
-use std::{net::SocketAddr, path::PathBuf};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_server::{AskResponder, Config, Order, TlsFiles};
+use reel_llm::client::Endpoint;
+use reel_server::{AskResponder, Config, LookUp, Order, TlsFiles};
 use reel_world::Profile;
 
-use crate::{ExitStatus, inputs};
+use crate::{
+    ExitStatus, inputs,
+    match_arguments::{EMBEDDINGS, MatchArguments, Matching},
+    model::client_of,
+};
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
 /// Every call is persisted before it is answered.
@@ -99,6 +104,14 @@ pub struct Settings {
     /// (a person, through /api/questions)
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
     ask: Option<String>,
+    #[command(flatten)]
+    matching: MatchArguments,
+    /// OpenAI-compatible endpoint of the embedding model, up to /v1
+    #[arg(long, value_name = "URL", requires = "embedding_model")]
+    endpoint: Option<String>,
+    /// Environment variable that holds the endpoint's key, where one is needed
+    #[arg(long = "api-key-env", value_name = "VARIABLE", requires = "endpoint")]
+    key_from: Option<String>,
 }
 
 impl Settings {
@@ -139,6 +152,34 @@ impl Settings {
     }
 }
 
+impl Settings {
+    /// What says which categories a query means: the flags, else `[play.matcher]` of the
+    /// configuration; `None` if Reel's word list does.
+    fn matcher(&self, config: &Config) -> anyhow::Result<Option<LookUp>> {
+        let configured = config.play.matcher.clone().unwrap_or_default();
+        let (url, key_from, arguments) = if self.matching.are_given() {
+            let (url, key_from) = (self.endpoint.clone(), self.key_from.clone());
+            (url, key_from, self.matching.clone())
+        } else {
+            let (url, key_from) = (configured.endpoint.clone(), configured.api_key_env.clone());
+            (url, key_from, configured.into())
+        };
+        let matching = arguments.matching(|model| {
+            let url = url.context(
+                "--endpoint (play.matcher.endpoint) is missing: the address of the embedding model",
+            )?;
+            std::fs::create_dir_all(&config.data)
+                .with_context(|| format!("cannot make the folder {}", config.data.display()))?;
+            let (cache, log) = (
+                config.data.join(EMBEDDINGS),
+                config.data.join("calls.jsonl"),
+            );
+            client_of(Endpoint::new(url, model), key_from.as_deref(), &cache, &log).map(Arc::new)
+        })?;
+        Ok(matching.map(Matching::look_up))
+    }
+}
+
 /// Applies the flags to the configuration and serves agents until Ctrl-C.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut config = arguments.settings.config()?;
@@ -152,15 +193,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         });
     }
     config.check()?;
+    let matcher = arguments.settings.matcher(&config)?;
     let scheme = config.tls.as_ref().map_or("http", |_| "https");
-    reel_server::run(config, inputs::trace_files(), move |address, tasks| {
-        println!("listening on {scheme}://{address}: {tasks} tasks; Ctrl-C stops");
-    })?;
+    reel_server::run(
+        config,
+        inputs::trace_files(),
+        matcher,
+        move |address, tasks| {
+            println!("listening on {scheme}://{address}: {tasks} tasks; Ctrl-C stops");
+        },
+    )?;
     Ok(ExitStatus::Success)
 }
 
 /// Serves one agent over standard input and output (`reel mcp`).
 pub fn mcp(arguments: &Mcp) -> anyhow::Result<ExitStatus> {
-    reel_server::run_stdio(arguments.settings.config()?)?;
+    let config = arguments.settings.config()?;
+    let matcher = arguments.settings.matcher(&config)?;
+    reel_server::run_stdio(config, matcher)?;
     Ok(ExitStatus::Success)
 }

@@ -377,7 +377,7 @@ impl<'g> World<'g> {
         let killed = runtime.block_on(async {
             let (network, connections) = network();
             let listen = async { Ok(connections) };
-            let service = Service::start_on(host, config, TraceFiles::default(), listen)
+            let service = Service::start_on(host, config, TraceFiles::default(), None, listen)
                 .await
                 .expect("the configuration is right");
             let (stop, stopped) = oneshot::channel::<()>();
