@@ -63,6 +63,11 @@ impl Archive {
         }
     }
 
+    /// Puts the names of all traces on the disk.
+    pub fn sync(&self) -> io::Result<()> {
+        self.host.disk.sync_folder(&self.folder)
+    }
+
     /// Where a trace of that name lies, or would lie.
     pub fn path(&self, name: &str) -> Result<PathBuf, ApiError> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);

@@ -416,4 +416,9 @@ fn restore_all(files: &TraceFiles, archive: &Archive) {
             Err(error) => tracing::warn!(trace, %error, "could not be restored"),
         }
     }
+    // A server that was killed between giving a trace its name and syncing the folder left a name that a
+    // loss of power takes away. From here on clients are shown it.
+    if let Err(error) = archive.sync() {
+        tracing::warn!(%error, "the names of traces could not be synced");
+    }
 }

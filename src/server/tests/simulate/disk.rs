@@ -141,6 +141,17 @@ impl SimulatedDisk {
         state.names.iter().map(content).collect()
     }
 
+    /// The files that a loss of power leaves as they are, by their names.
+    pub fn durable_files(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+        let state = self.lock();
+        let durable = |(path, file): (&PathBuf, &usize)| {
+            let content = &state.files[*file];
+            (state.synced.get(path) == Some(file) && content.synced == content.bytes)
+                .then(|| (path.clone(), content.bytes.clone()))
+        };
+        state.names.iter().filter_map(durable).collect()
+    }
+
     /// A digest of everything that was done to it.
     pub fn history(&self) -> blake3::Hash {
         self.lock().history.finalize()

@@ -177,6 +177,11 @@ fn a_seed_gives_the_same_world_again() {
     }
 }
 
+fn is_trace(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension == "mcap")
+}
+
 fn fixtures() -> Fixtures {
     let folder = TempDir::new().unwrap();
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
@@ -184,10 +189,7 @@ fn fixtures() -> Fixtures {
         .read_dir()
         .unwrap()
         .map(|entry| entry.unwrap().path())
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|extension| extension == "mcap")
-        })
+        .filter(|path| is_trace(path))
         .collect();
     traces.sort_by_key(|path| path.metadata().unwrap().len());
     let samples = traces[..3]
@@ -248,7 +250,7 @@ impl<'g> World<'g> {
             if let Ending::Operation(operation) = ending {
                 faults.dies_at = Some(operation);
             }
-            let killed = self.process(generation, faults, ending);
+            let killed = self.process(generation, faults, ending, &mut violations);
             if killed {
                 self.counts.killed += 1;
                 if self.rng.once_in(2) {
@@ -262,7 +264,8 @@ impl<'g> World<'g> {
             self.check_unchanged(&mut finished, &mut violations);
         }
         let before = self.ledger.lock().unwrap().answers();
-        self.process(LAST, DiskFaults::default(), Ending::Asked(Duration::MAX));
+        let ending = Ending::Asked(Duration::MAX);
+        self.process(LAST, DiskFaults::default(), ending, &mut violations);
         if self.ledger.lock().unwrap().answers() - before != LAST_CALLS as usize {
             violations.push("after all faults a client without any was not answered".to_owned());
         }
@@ -291,7 +294,7 @@ impl<'g> World<'g> {
         (self.counts, violations, digests)
     }
 
-    /// What is finished stays as it is, byte for byte, as long as nobody deletes it.
+    /// What is finished and synced stays as it is, byte for byte, as long as nobody deletes it.
     fn check_unchanged(
         &self,
         finished: &mut BTreeMap<PathBuf, blake3::Hash>,
@@ -309,12 +312,10 @@ impl<'g> World<'g> {
                 None => violations.push(format!("{name} is gone")),
             }
         }
-        let traces = files.iter().filter(|(path, _)| {
-            path.extension()
-                .is_some_and(|extension| extension == "mcap")
-        });
-        *finished = traces
-            .map(|(path, bytes)| (path.clone(), blake3::hash(bytes)))
+        let durable = self.disk.durable_files().into_iter();
+        *finished = durable
+            .filter(|(path, _)| is_trace(path))
+            .map(|(path, bytes)| (path, blake3::hash(&bytes)))
             .collect();
     }
 
@@ -351,7 +352,13 @@ impl<'g> World<'g> {
     }
 
     /// A process of the server with its clients; whether it was killed.
-    fn process(&mut self, generation: u64, faults: DiskFaults, ending: Ending) -> bool {
+    fn process(
+        &mut self,
+        generation: u64,
+        faults: DiskFaults,
+        ending: Ending,
+        violations: &mut Vec<String>,
+    ) -> bool {
         self.counts.processes += 1;
         let is_last = generation == LAST;
         self.ledger.lock().unwrap().faults = !is_last;
@@ -380,6 +387,16 @@ impl<'g> World<'g> {
             let service = Service::start_on(host, config, TraceFiles::default(), None, listen)
                 .await
                 .expect("the configuration is right");
+            // Clients are shown every trace from now on.
+            if faults.fails_once_in.is_none() && faults.dies_at.is_none() {
+                let (shown, durable) = (disk.files(), disk.durable_files());
+                let traces = shown.into_keys().filter(|path| is_trace(path));
+                violations.extend(
+                    traces
+                        .filter(|path| !durable.contains_key(path))
+                        .map(|path| format!("{} is shown, not synced", path.display())),
+                );
+            }
             let (stop, stopped) = oneshot::channel::<()>();
             let mut served = tokio::spawn(service.run(async { drop(stopped.await) }));
             let mut playing = JoinSet::new();
