@@ -1,5 +1,5 @@
-//! What `show_object_by_category` means by a query, from the command line: the word list of Reel, an
-//! embedding model, or vectors from a file.
+//! What `show_object_by_category` means by a query, from the command line: the word list of Reel,
+//! an embedding model, or vectors from a file.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -31,8 +31,8 @@ pub struct MatchArguments {
     /// every category and every query
     #[arg(long, value_name = "FILE")]
     embedding_vectors: Option<PathBuf>,
-    /// Which categories a query means by vectors: best (the most similar one of the whole scene, as in
-    /// the paper; the default) or threshold (all from --min-similarity on)
+    /// Which categories a query means by vectors: best (the most similar one of the whole scene, as
+    /// in the paper; the default) or threshold (all from --min-similarity on)
     #[arg(long, value_name = "RULE", value_parser = ["best", "threshold"])]
     match_rule: Option<String>,
     /// Cosine similarity from which a category is meant; implies --match-rule threshold

@@ -1,5 +1,5 @@
-//! The files of plans: local ones, and buckets as the environment describes them, all or those below
-//! some folders. Opens nothing before it is asked for, and writes nothing.
+//! The files of plans: local ones, and buckets as the environment describes them, all or those
+//! below some folders. Opens nothing before it is asked for, and writes nothing.
 
 use std::{fmt, path::Path as FilePath, sync::Arc};
 

@@ -1,7 +1,7 @@
 //! Who belongs to a cluster: whoever shows a certificate of its authority, and is the same build of
-//! Reel. Each process has one file with its key, its certificate and that of the authority; both ends
-//! of every connection are checked. Without such files connections are in the clear, and the build
-//! alone is checked.
+//! Reel. Each process has one file with its key, its certificate and that of the authority; both
+//! ends of every connection are checked. Without such files connections are in the clear, and the
+//! build alone is checked.
 
 use std::{
     fs::{self, OpenOptions},
@@ -64,8 +64,8 @@ impl Identity {
             path: path.to_owned(),
             reason,
         };
-        // Two providers are linked in, and tonic takes the one of the process: it is this one, unless
-        // somebody chose before.
+        // Two providers are linked in, and tonic takes the one of the process: it is this one,
+        // unless somebody chose before.
         let _ = crypto::ring::default_provider().install_default();
         let text = fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
         let (mut keys, mut certificates, mut block) = (Vec::new(), Vec::new(), String::new());
@@ -243,8 +243,8 @@ fn encrypted(endpoint: Endpoint) -> Result<Endpoint, tonic::transport::Error> {
     }
 }
 
-/// Makes files of identity for these names in a folder, by the authority whose key lies there; makes
-/// the authority where there is none. The new files, in the order of the names.
+/// Makes files of identity for these names in a folder, by the authority whose key lies there;
+/// makes the authority where there is none. The new files, in the order of the names.
 ///
 /// # Errors
 /// When the folder holds half an authority, a file cannot be written, or one is there already.

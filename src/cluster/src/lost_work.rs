@@ -1,9 +1,9 @@
 //! Jobs that lost an executor while they ran: they end in an error, and who asked asks again.
 //!
-//! Ballista goes on with such a job: what the executor had done is handed out once more. But where a
-//! stage is done again whose results a later stage has in part, those stay beside the new ones; the
-//! job ends well, and its rows are doubled or missing (the test below has one). Nobody could tell
-//! that from the right answer, so no answer counts for which anything was done twice.
+//! Ballista goes on with such a job: what the executor had done is handed out once more. But where
+//! a stage is done again whose results a later stage has in part, those stay beside the new ones;
+//! the job ends well, and its rows are doubled or missing (the test below has one). Nobody could
+//! tell that from the right answer, so no answer counts for which anything was done twice.
 
 use std::{collections::HashMap, sync::Arc};
 

@@ -304,7 +304,8 @@ fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, Strin
     let mut resized = vec![0; to.0 as usize * to.1 as usize * 3];
     let mut target = TypedImage::<U8x3>::from_buffer(to.0, to.1, &mut resized)
         .map_err(|error| error.to_string())?;
-    // As `resize`, without the code of the other types of pixels, which differs from build to build.
+    // As `resize`, without the code of the other types of pixels, which differs from build to
+    // build.
     Resizer::new()
         .resize_typed(&source, &mut target, None)
         .map_err(|error| error.to_string())?;

@@ -1,5 +1,5 @@
-//! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): the images are inside, and
-//! the metadata by which `datasets` decodes them by itself. Owns the columns; knows no store.
+//! Rows as Hugging Face Parquet (docs/spec.md#dataset-formats, format vi): the images are inside,
+//! and the metadata by which `datasets` decodes them by itself. Owns the columns; knows no store.
 
 use std::{
     collections::HashMap,

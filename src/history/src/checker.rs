@@ -14,8 +14,8 @@ use crate::{
     names::{MatchQuality, Names},
 };
 
-/// Version of the verdicts: raise it when a change of this crate makes any text judged otherwise, so
-/// that what was kept under the earlier version is checked again.
+/// Version of the verdicts: raise it when a change of this crate makes any text judged otherwise,
+/// so that what was kept under the earlier version is checked again.
 pub const CHECKER_VERSION: u32 = 1;
 
 /// Sentences that are remembered.

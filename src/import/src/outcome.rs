@@ -6,8 +6,8 @@ use reel_world::{
 };
 
 /// The outcome of a call of a tool (`None` for an unknown one): `text` is none, or empty, where the
-/// result was an image alone, also one that is not there any more; `marked` is how many markers there
-/// are after it.
+/// result was an image alone, also one that is not there any more; `marked` is how many markers
+/// there are after it.
 pub fn outcome(
     call: &ToolCall,
     tool: Option<&Tool>,

@@ -47,8 +47,8 @@ pub enum AskResponder {
     Rest,
 }
 
-/// Says which of the categories of a task a query means. It may take its time: it is asked on a thread
-/// that serves nobody else.
+/// Says which of the categories of a task a query means. It may take its time: it is asked on a
+/// thread that serves nobody else.
 pub type LookUp =
     Arc<dyn Fn(&str, &[&str]) -> Result<Lookup, Box<dyn Error + Send + Sync>> + Send + Sync>;
 

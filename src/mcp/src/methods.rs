@@ -1,6 +1,6 @@
-//! What a server says that has tools and nothing else: which revisions of the protocol it speaks, and
-//! why it refuses the rest. rmcp answers empty lists to what was never declared, "no such method"
-//! where only the params do not read, and texts to bodies that are no message.
+//! What a server says that has tools and nothing else: which revisions of the protocol it speaks,
+//! and why it refuses the rest. rmcp answers empty lists to what was never declared, "no such
+//! method" where only the params do not read, and texts to bodies that are no message.
 
 use axum::{
     Json,
@@ -134,8 +134,8 @@ pub fn refusal(request: &CustomRequest, version: &ProtocolVersion) -> ErrorData 
     ErrorData::invalid_params(format!("params of {}: {why}", request.method), None)
 }
 
-/// Answers with an error of JSON-RPC what rmcp answers with a text: a body that is no message, and an
-/// `initialize` whose params do not read.
+/// Answers with an error of JSON-RPC what rmcp answers with a text: a body that is no message, and
+/// an `initialize` whose params do not read.
 pub(crate) async fn explain(
     State(max_body): State<usize>,
     request: Request,

@@ -99,9 +99,9 @@ pub fn router(
         .merge(workers)
 }
 
-/// The service of Streamable HTTP, with a handler from `factory` for each of so many sessions in all
-/// and of one token; who wants one more is told so with 503 or 429. A session ends when nothing came or went for
-/// `keep_alive`, or sooner while it calls no tool; every stream with `closing`.
+/// The service of Streamable HTTP, with a handler from `factory` for each of so many sessions in
+/// all and of one token; who wants one more is told so with 503 or 429. A session ends when nothing
+/// came or went for `keep_alive`, or sooner while it calls no tool; every stream with `closing`.
 /// [`Guard`](crate::Guard) is what keeps pages of the web from it.
 pub fn streamable_http<S: ServerHandler>(
     factory: impl Fn() -> S + Send + Sync + 'static,

@@ -115,8 +115,8 @@ struct Life {
 }
 
 impl Sessions {
-    /// Room for `limit` sessions, `limit_each` of one token, each of which ends when nothing came or
-    /// went for `keep_alive`.
+    /// Room for `limit` sessions, `limit_each` of one token, each of which ends when nothing came
+    /// or went for `keep_alive`.
     pub fn new(limit: usize, limit_each: usize, keep_alive: Duration) -> Arc<Self> {
         let mut config = SessionConfig::default();
         config.keep_alive = Some(keep_alive);
@@ -132,8 +132,8 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 or 429 to who wanted one session too many, where rmcp answers 500, and 404 to who
-    /// ends one that is not there, where rmcp answers 202.
+    /// Answers 503 or 429 to who wanted one session too many, where rmcp answers 500, and 404 to
+    /// who ends one that is not there, where rmcp answers 202.
     pub async fn answer_refusals(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;

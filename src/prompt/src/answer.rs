@@ -80,10 +80,10 @@ pub struct HistoryLines {
 }
 
 impl HistoryLines {
-    /// The History of the next decision. `told` is its whole History in prose, empty if nobody wrote
-    /// one. With a log of calls, the [`log_line`] of the call before (`None` at the first decision)
-    /// stands where there is nothing new; without one, a History that nobody wrote is empty. A
-    /// History that is numbered already stays as it is.
+    /// The History of the next decision. `told` is its whole History in prose, empty if nobody
+    /// wrote one. With a log of calls, the [`log_line`] of the call before (`None` at the first
+    /// decision) stands where there is nothing new; without one, a History that nobody wrote is
+    /// empty. A History that is numbered already stays as it is.
     pub fn next(&mut self, told: &str, log: CallLog<'_>) -> String {
         if let Some(lines) = numbered(told) {
             self.lines = lines;

@@ -22,8 +22,8 @@ pub const TEMPLATE: &str = include_str!("../texts/prompt.txt");
 /// The name that [`Prompt::builtin`] goes by.
 const BUILTIN: &str = "reel";
 
-/// What a prompt repeats that the model neither wrote nor saw just now. Either hides lost memory, so
-/// both are off by default (docs/agents.md#a-models-memory).
+/// What a prompt repeats that the model neither wrote nor saw just now. Either hides lost memory,
+/// so both are off by default (docs/agents.md#a-models-memory).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct MemoryOptions {
     /// Where nobody wrote a History, its next line is the last call and its result.

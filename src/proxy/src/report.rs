@@ -27,8 +27,8 @@ pub struct Counts {
     pub refused: u64,
     /// Messages larger than the limit: passed on unrecorded.
     pub too_large: u64,
-    /// Messages that are not JSON-RPC, and calls whose arguments are no object, which servers refuse
-    /// unread: passed on.
+    /// Messages that are not JSON-RPC, and calls whose arguments are no object, which servers
+    /// refuse unread: passed on.
     pub strange: u64,
     /// Connections whose bytes are not HTTP/1.1: passed on without a look.
     pub opaque_connections: u64,

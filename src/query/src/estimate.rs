@@ -1,5 +1,5 @@
-//! How much work a question is going to be at least, as far as its text, its plan and the row counts
-//! of the store's files tell. Refuses what no limit on time would let end. Runs nothing.
+//! How much work a question is going to be at least, as far as its text, its plan and the row
+//! counts of the store's files tell. Refuses what no limit on time would let end. Runs nothing.
 
 use std::{collections::BTreeMap, ops::ControlFlow, sync::Arc};
 
@@ -31,8 +31,8 @@ use crate::control::StopReason;
 /// Most rows that a join without a key may make: at a hundred million a second, months of work.
 const ROWS_MAX: f64 = 1e15;
 
-/// Most subqueries and tables of a question once every name stands for its query: planning writes all
-/// of them out.
+/// Most subqueries and tables of a question once every name stands for its query: planning writes
+/// all of them out.
 const READS_MAX: u64 = 300;
 
 /// Refuses a question whose subqueries repeat each other too often.
@@ -159,7 +159,8 @@ impl ast::Visitor for Subqueries {
 }
 
 impl Subqueries {
-    /// How many queries and tables a name stands for. One that reads itself counts as a table there.
+    /// How many queries and tables a name stands for. One that reads itself counts as a table
+    /// there.
     fn reads(&self, name: &str, known: &mut BTreeMap<String, u64>) -> u64 {
         let Some(reads) = self.0.get(name) else {
             return 1;

@@ -195,7 +195,8 @@ impl Guarded {
                 };
                 let bounds = numbers(from, rows).zip(numbers(to, rows));
                 let steps = bounds.zip(numbers_or(of(2), rows, 1.0));
-                // a step of nothing is refused by the function itself, a step away from the end makes none
+                // a step of nothing is refused by the function itself, a step away from the end
+                // makes none
                 self.check_values(steps.map(|((from, to), step)| (to - from) / step * 8.0))
             }
         }
@@ -249,8 +250,8 @@ fn refused(reason: StopReason) -> DataFusionError {
     DataFusionError::External(Box::new(reason))
 }
 
-/// Values of an argument as numbers, row by row: times in nanoseconds, spans of time as such, months
-/// of 28 days. 0 where there is none.
+/// Values of an argument as numbers, row by row: times in nanoseconds, spans of time as such,
+/// months of 28 days. 0 where there is none.
 fn numbers(value: Option<&ColumnarValue>, rows: usize) -> impl Iterator<Item = f64> {
     numbers_or(value, rows, 0.0)
 }

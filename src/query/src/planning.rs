@@ -1,5 +1,6 @@
-//! Planning that can be stopped: before every rule that rewrites a plan, and before every node that the
-//! optimizer takes one to, it is asked whether the query goes on. The analyzer's rules are not asked. Never what a rule does.
+//! Planning that can be stopped: before every rule that rewrites a plan, and before every node that
+//! the optimizer takes one to, it is asked whether the query goes on. The analyzer's rules are not
+//! asked. Never what a rule does.
 
 use std::sync::Arc;
 

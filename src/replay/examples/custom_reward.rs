@@ -1,7 +1,8 @@
 //! Scores a recorded episode under two rewards of one's own: a built-in preset with another weight,
 //! and rules in Rust.
 //!
-//! `cargo run -p reel-replay --example custom_reward -- traces/golden/FDO_home_0002--planner--4.mcap`
+//! `cargo run -p reel-replay --example custom_reward --
+//! traces/golden/FDO_home_0002--planner--4.mcap`
 
 use std::{collections::BTreeSet, env, error::Error, path::PathBuf};
 

@@ -49,7 +49,8 @@ pub(crate) fn now() -> String {
     DateTime::<Utc>::from(SystemTime::now()).to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
-/// The file of all changes. It is opened for each of them, so that it may be moved away at any time.
+/// The file of all changes. It is opened for each of them, so that it may be moved away at any
+/// time.
 #[derive(Clone, Debug)]
 pub struct AuditLog(PathBuf);
 

@@ -133,8 +133,8 @@ pub(crate) async fn pass(State(app): State<Arc<App>>, request: Request, next: Ne
     response
 }
 
-/// Lets a request to its route, or says why not: the layer of every route. What changes something is
-/// on the audit log before it is answered.
+/// Lets a request to its route, or says why not: the layer of every route. What changes something
+/// is on the audit log before it is answered.
 pub(crate) async fn admit(
     State((app, demand)): State<(Arc<App>, Demand)>,
     request: Request,
@@ -152,14 +152,15 @@ pub(crate) async fn admit(
     if !demand.audited || request.method().is_safe() {
         return admitted(&app, demand, request, next, &mut entry).await;
     }
-    // In a task of its own: a change that has begun ends, and is on the log, though its client is gone.
+    // In a task of its own: a change that has begun ends, and is on the log, though its client is
+    // gone.
     let change = tokio::spawn(async move {
         let answer = admitted(&app, demand, request, next, &mut entry).await;
         let status = answer
             .as_ref()
             .map_or_else(ApiError::status, Response::status);
-        // Strangers, and clients that are too fast, change nothing and fill no disk. A known token gets
-        // 401 only where it was revoked in the midst of the change.
+        // Strangers, and clients that are too fast, change nothing and fill no disk. A known token
+        // gets 401 only where it was revoked in the midst of the change.
         let heard = match status {
             StatusCode::UNAUTHORIZED => entry.token.is_some(),
             other => other != StatusCode::TOO_MANY_REQUESTS,

@@ -1,5 +1,5 @@
-//! `reel agent mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on the
-//! way where it is asked for.
+//! `reel agent mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on
+//! the way where it is asked for.
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 

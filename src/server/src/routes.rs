@@ -1,6 +1,7 @@
 //! Routes with what each demands: a role, or nothing. One that is added here without saying which
-//! does not compile. Beside these stand only the OpenAPI document, the answer to a method that a path
-//! does not have, and the page or error for unknown paths: open to everyone. Never what a route answers.
+//! does not compile. Beside these stand only the OpenAPI document, the answer to a method that a
+//! path does not have, and the page or error for unknown paths: open to everyone. Never what a
+//! route answers.
 
 use std::sync::Arc;
 
@@ -44,7 +45,8 @@ impl Routes {
         self.documented(Demand::role(role), route)
     }
 
-    /// A documented route for tokens with a role, whose changes are on the audit log as an admin's are.
+    /// A documented route for tokens with a role, whose changes are on the audit log as an admin's
+    /// are.
     pub fn audited(self, role: Role, route: UtoipaMethodRouter<Arc<App>>) -> Self {
         self.documented(Demand::role(role).audited(), route)
     }

@@ -15,8 +15,8 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 /// How long work that nobody waits for may take to end.
 const AT_LAST: Duration = Duration::from_secs(1);
 
-/// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and
-/// the number of tasks. Questions about the store read traces from `trace_files`; `matcher` says what
+/// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the
+/// number of tasks. Questions about the store read traces from `trace_files`; `matcher` says what
 /// `show_object_by_category` looks for, else Reel's word list does.
 ///
 /// # Errors

@@ -288,8 +288,8 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
     }
 }
 
-/// This program, also where its file was replaced or removed since: processes that it talks to have to
-/// be of the same version.
+/// This program, also where its file was replaced or removed since: processes that it talks to have
+/// to be of the same version.
 #[cfg(feature = "tables")]
 fn own_program(file: &std::ffi::OsStr) -> std::ffi::OsString {
     let image = std::path::Path::new("/proc/self/exe");
@@ -416,8 +416,8 @@ fn restore_all(files: &TraceFiles, archive: &Archive) {
             Err(error) => tracing::warn!(trace, %error, "could not be restored"),
         }
     }
-    // A server that was killed between giving a trace its name and syncing the folder left a name that a
-    // loss of power takes away. From here on clients are shown it.
+    // A server that was killed between giving a trace its name and syncing the folder left a name
+    // that a loss of power takes away. From here on clients are shown it.
     if let Err(error) = archive.sync() {
         tracing::warn!(%error, "the names of traces could not be synced");
     }

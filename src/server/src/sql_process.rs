@@ -1,6 +1,6 @@
 //! Questions in SQL, each in a process that nobody else depends on: what no limit foresees (memory
-//! that cannot be had, a plan that never comes to an end) ends that process, and not the server. Both
-//! ends are here: what the server does with such processes, and what one of them does.
+//! that cannot be had, a plan that never comes to an end) ends that process, and not the server.
+//! Both ends are here: what the server does with such processes, and what one of them does.
 //!
 //! A request is a line of JSON on standard input. An answer is frames on standard output: a letter,
 //! the length of what follows (four bytes, the highest first), and that.
@@ -133,8 +133,8 @@ impl SqlProcesses {
         }
     }
 
-    /// Asks; `take` gets the parts of the answer until it wants no more. Where `gone` says that nobody
-    /// waits any more, the question ends. Whether the answer holds as long as nobody writes.
+    /// Asks; `take` gets the parts of the answer until it wants no more. Where `gone` says that
+    /// nobody waits any more, the question ends. Whether the answer holds as long as nobody writes.
     pub fn ask(
         &self,
         request: &SqlRequest,
@@ -196,7 +196,8 @@ impl SqlProcesses {
         }
     }
 
-    /// A process that has the request, and whether it had one before. One that died while it was idle has none, so a new one gets it.
+    /// A process that has the request, and whether it had one before. One that died while it was
+    /// idle has none, so a new one gets it.
     fn asked(&self, line: &[u8]) -> Result<(SqlProcess, bool), ApiError> {
         loop {
             let next = self.lock().pop();

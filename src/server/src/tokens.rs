@@ -17,8 +17,8 @@ use tokio_util::sync::CancellationToken;
 
 use crate::files::put;
 
-/// What a client may do. `act` does not include `read`: a policy must not read what it is graded by.
-/// `admin` includes both.
+/// What a client may do. `act` does not include `read`: a policy must not read what it is graded
+/// by. `admin` includes both.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {

@@ -1,6 +1,6 @@
 //! Skills that fail now and then: the probabilities and errors measured on the paper's robot
-//! ("Quantitative real-world evaluation"), and the actuation noise of a call, which is a pure function of
-//! seed, task and call number: a draw depends on no other draw.
+//! ("Quantitative real-world evaluation"), and the actuation noise of a call, which is a pure
+//! function of seed, task and call number: a draw depends on no other draw.
 
 use reel_world::{Digest, DoorState, Skills};
 
@@ -73,8 +73,8 @@ pub struct ActuationNoise {
 }
 
 impl ActuationNoise {
-    /// The actuation noise of a call (from 0) of an episode. Episodes of different tasks at one seed
-    /// have nothing in common.
+    /// The actuation noise of a call (from 0) of an episode. Episodes of different tasks at one
+    /// seed have nothing in common.
     pub fn of(skills: Skills, seed: u64, task_id: &str, call: u32) -> Self {
         if skills == Skills::Perfect {
             return Self {

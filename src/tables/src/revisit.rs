@@ -1,5 +1,5 @@
-//! Which steps could bring nothing new, and how far the goal is met: followed through the records of
-//! an episode. Never judges: a step that repeats another may still be needed.
+//! Which steps could bring nothing new, and how far the goal is met: followed through the records
+//! of an episode. Never judges: a step that repeats another may still be needed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,7 +57,8 @@ impl<'t> Revisits<'t> {
     }
 
     /// Takes in a step: whether the same call was made before in the same state of the world, from
-    /// the same receptacle and with the same error, if any; a question if its answer was given before.
+    /// the same receptacle and with the same error, if any; a question if its answer was given
+    /// before.
     pub(crate) fn follow(&mut self, step: &'t StepRecord) -> bool {
         let tool = step.tool_name();
         let target = match (&step.object, &step.receptacle, &step.reply) {

@@ -532,8 +532,8 @@ fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
     })
 }
 
-/// Of an answered question: whether the answer fits the target and none of the other candidates that
-/// were seen.
+/// Of an answered question: whether the answer fits the target and none of the other candidates
+/// that were seen.
 fn settles<'a>(
     task: &Task,
     record: &StepRecord,

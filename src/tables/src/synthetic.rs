@@ -1,7 +1,7 @@
 //! Episodes that nobody played, for measurements of queries: the columns, lengths and mix of errors
 //! are those of recorded ones, the moves come from a few scripts and chance. Calls, texts and error
-//! codes are possible ones. No trace lies behind them, their digests are empty, and their rewards are
-//! plausible, not computed.
+//! codes are possible ones. No trace lies behind them, their digests are empty, and their rewards
+//! are plausible, not computed.
 
 use std::sync::Arc;
 

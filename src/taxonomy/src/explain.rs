@@ -1,9 +1,9 @@
 //! One explanation of a failed episode from all that was found: the findings of the rules and what
 //! blame measured. Owns how they are weighed against each other; asks neither.
 //!
-//! A measurement is a fact about the world (what was lost, and with which call), a rule a reading of
-//! it (what kind of mistake that is). So the explanation is the most important finding whose evidence
-//! holds the measured call; where no finding does, the two disagree, which is said.
+//! A measurement is a fact about the world (what was lost, and with which call), a rule a reading
+//! of it (what kind of mistake that is). So the explanation is the most important finding whose
+//! evidence holds the measured call; where no finding does, the two disagree, which is said.
 
 use reel_world::FailureClass;
 
@@ -65,8 +65,8 @@ pub(crate) fn heed_claims(
 /// Decisions before the end up to which a claim counts as held to the end.
 const HELD_TO_THE_END: i32 = 2;
 
-/// How sure an explanation is, from 0 to 1: the share of explanations of its kind that were right, fair
-/// alternatives included, on 402 failures of the development operators of `make eval-insight`.
+/// How sure an explanation is, from 0 to 1: the share of explanations of its kind that were right,
+/// fair alternatives included, on 402 failures of the development operators of `make eval-insight`.
 mod confidence {
     /// Rule and measurement name the same call and no other capacity: 356 of 390.
     pub const AGREED: f64 = 0.91;

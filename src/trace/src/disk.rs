@@ -1,5 +1,5 @@
-//! The disk as an argument: what recording, restoring and keeping traces ask of it. Programs use the
-//! one of this machine; a test of faults brings its own. Never what is in a file.
+//! The disk as an argument: what recording, restoring and keeping traces ask of it. Programs use
+//! the one of this machine; a test of faults brings its own. Never what is in a file.
 
 use std::{
     fmt,
@@ -162,8 +162,8 @@ impl Disk for LocalDisk {
                 Ok(())
             }
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(error),
-            // Some file systems have no hard links. There an empty file takes the name first: looking
-            // and then renaming would replace what came between.
+            // Some file systems have no hard links. There an empty file takes the name first:
+            // looking and then renaming would replace what came between.
             Err(_) => {
                 File::create_new(to)?;
                 fs::rename(from, to).inspect_err(|_| drop(fs::remove_file(to)))

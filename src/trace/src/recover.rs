@@ -94,8 +94,8 @@ impl<F: Fn(&Trace, &Graphs) -> Metrics> RestoreScorer for F {
 /// that is in place is never replaced: if it is a whole trace with all these steps, nothing is left
 /// to do. The recording is deleted only if it is a part, nothing of it was lost, and no folder was
 /// given. Without a recorded end the trace ends as its last step ended it, else as
-/// [`EndReason::Aborted`], with the graphs that follow from the steps, and `score` gives its metrics
-/// from the trace so far and these graphs.
+/// [`EndReason::Aborted`], with the graphs that follow from the steps, and `score` gives its
+/// metrics from the trace so far and these graphs.
 ///
 /// A call that was under way did nothing in our simulator. Where the world is another one, it was
 /// passed on before the recording broke off: it is restored as a step that failed, its result not

@@ -1,10 +1,10 @@
-//! Fixtures of the tests of several crates: what they read of REAL from outside the repository, with
-//! a report that compares ours with it; and, as features, episodes that are made up ([`play`]),
-//! episodes that are played ([`episodes`]) and an endpoint of a model ([`scripted`]). Only tests
-//! depend on it. Vector files hold inputs and outputs of REAL's published
-//! code: `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the
-//! checkout is the default. [`real_bench`] finds the benchmark, [`python`] what answers are compared
-//! with; where one of them is absent, the test says what it leaves out with [`skip()`].
+//! Fixtures of the tests of several crates: what they read of REAL from outside the repository,
+//! with a report that compares ours with it; and, as features, episodes that are made up
+//! ([`play`]), episodes that are played ([`episodes`]) and an endpoint of a model ([`scripted`]).
+//! Only tests depend on it. Vector files hold inputs and outputs of REAL's published code:
+//! `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the checkout
+//! is the default. [`real_bench`] finds the benchmark, [`python`] what answers are compared with;
+//! where one of them is absent, the test says what it leaves out with [`skip()`].
 //!
 //! ```no_run
 //! use reel_vectors::{Report, load};

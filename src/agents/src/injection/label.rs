@@ -53,8 +53,8 @@ pub struct Primary {
 
 impl Primary {
     /// The primary of several (docs/spec.md#failure-taxonomy): of those not repaired `missing_ask`
-    /// first, `stale_marker` and then idle repetition last, the others by time. Where all were repaired
-    /// and the goal was missed all the same, the first of them cost it.
+    /// first, `stale_marker` and then idle repetition last, the others by time. Where all were
+    /// repaired and the goal was missed all the same, the first of them cost it.
     pub fn of(faults: &[FaultLabel], success: bool) -> Option<Primary> {
         let rank = |fault: &FaultLabel| match fault.sub_class.as_str() {
             "missing_ask" => 0,

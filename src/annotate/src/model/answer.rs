@@ -10,7 +10,8 @@ const TRIES_MAX: usize = 2000;
 /// Longest part of a note, in characters.
 const PART_CHARACTERS_MAX: usize = 6000;
 
-/// Every complete note with its step; of several for one step the last. Public for the fuzz targets.
+/// Every complete note with its step; of several for one step the last. Public for the fuzz
+/// targets.
 #[doc(hidden)]
 pub fn parse(text: &str) -> Vec<(usize, Annotation)> {
     let answer = text

@@ -6,8 +6,8 @@
 //! saw may differ: where a reward depends on it, the result says so and bounds it; a class may
 //! differ only where its rule reads it.
 //!
-//! `REEL_SEEDS` says with how many seeds every policy plays every family in several homes, and every
-//! fault of the library (`make agreement`). Without it each policy plays once or twice.
+//! `REEL_SEEDS` says with how many seeds every policy plays every family in several homes, and
+//! every fault of the library (`make agreement`). Without it each policy plays once or twice.
 
 mod play;
 mod surfaces;

@@ -1,7 +1,9 @@
-//! Hostile questions of `src/query/tests/hostile` over REST, as those who mean harm ask them: each is
-//! answered within the limits, and two seconds later the server and its processes are idle and small.
+//! Hostile questions of `src/query/tests/hostile` over REST, as those who mean harm ask them: each
+//! is answered within the limits, and two seconds later the server and its processes are idle and
+//! small.
 //!
-//! `REEL_SEEDS` says how many (`make hostile-sql`: 2,000), `REEL_SEED` the first; a line names the worst.
+//! `REEL_SEEDS` says how many (`make hostile-sql`: 2,000), `REEL_SEED` the first; a line names the
+//! worst.
 
 use std::{
     fs,
@@ -29,8 +31,8 @@ const MEMORY_MIB: u64 = 64;
 const LATE: Duration = Duration::from_secs(10);
 /// How soon after an answer nothing may run any more.
 const QUIET: Duration = Duration::from_secs(2);
-/// How much larger the server and its processes may stay, in bytes: a process that waits for the next
-/// question, with the store open and what its last one left.
+/// How much larger the server and its processes may stay, in bytes: a process that waits for the
+/// next question, with the store open and what its last one left.
 const GROWTH_MAX: u64 = 512 << 20;
 
 struct Server(Child);

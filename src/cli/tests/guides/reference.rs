@@ -1,4 +1,5 @@
-//! The pages of `docs/reference` that are written from the binary: its commands and its REST routes.
+//! The pages of `docs/reference` that are written from the binary: its commands and its REST
+//! routes.
 
 use std::{collections::BTreeMap, env, fmt::Write, fs, process::Command};
 

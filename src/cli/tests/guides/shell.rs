@@ -53,8 +53,8 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// Commands slower than this are printed.
 const SLOW: Duration = Duration::from_secs(5);
 
-/// The folder that `reel demo` filled with less than its 210 episodes, shared by all pages; they get
-/// copies.
+/// The folder that `reel demo` filled with less than its 210 episodes, shared by all pages; they
+/// get copies.
 fn demo() -> &'static Path {
     static DEMO: OnceLock<TempDir> = OnceLock::new();
     let folder = DEMO.get_or_init(|| {

@@ -105,8 +105,8 @@ const fn mistaken_share(capability: Capability) -> f64 {
 
 /// The share of hits over clusters of `(hits, trials)` with the interval of Clopper and Pearson
 /// (1934) on the effective sample size (Korn and Graubard 1998): trials over the design effect of
-/// the clusters, at most as many as there are trials. `mistaken` is the share of trials whose hit or
-/// miss may be wrong either way; its variance lessens the sample size. `None` without trials.
+/// the clusters, at most as many as there are trials. `mistaken` is the share of trials whose hit
+/// or miss may be wrong either way; its variance lessens the sample size. `None` without trials.
 pub fn clustered_interval(clusters: &[(usize, usize)], mistaken: f64) -> Option<Interval> {
     let clusters: Vec<(f64, f64)> = clusters
         .iter()

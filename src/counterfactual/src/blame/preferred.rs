@@ -1,6 +1,6 @@
 //! The decision to prefer to the decisive one, for training on pairs: what a competent agent that
-//! knew what the episode's agent knew would have called. Never a guess: the call has to be possible,
-//! and the future after it was played and succeeds.
+//! knew what the episode's agent knew would have called. Never a guess: the call has to be
+//! possible, and the future after it was played and succeeds.
 
 use std::path::{Path, PathBuf};
 

@@ -2,8 +2,8 @@
 //! scores an episode, loops over tasks, and which files it writes. What it writes, the importer
 //! of this crate reads.
 //!
-//! [`run`] is its loop over any [`EvalDriver`]; [`replay::RecordedRun`] is one over recorded traces,
-//! so that REAL's own analysis reads them.
+//! [`run`] is its loop over any [`EvalDriver`]; [`replay::RecordedRun`] is one over recorded
+//! traces, so that REAL's own analysis reads them.
 
 mod files;
 mod names;

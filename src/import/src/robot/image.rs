@@ -190,7 +190,8 @@ fn fitted(rgb: Vec<u8>, width: usize, height: usize) -> Result<Vec<u8>, String> 
     let mut target =
         TypedImage::<U8x3>::from_buffer(inner_width as u32, inner_height as u32, &mut scaled)
             .map_err(|error| refused(&error))?;
-    // `resize` compiles every type of pixels, and LLVM writes the code of f32 differently in every build.
+    // `resize` compiles every type of pixels, and LLVM writes the code of f32 differently in every
+    // build.
     Resizer::new()
         .resize_typed(&source, &mut target, None)
         .map_err(|error| refused(&error))?;

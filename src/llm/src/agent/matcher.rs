@@ -22,8 +22,9 @@ pub enum MatchRule {
     Threshold(f32),
 }
 
-/// Similarity from which a category is meant by [`MatchRule::Threshold`], if nobody says another. Embedding
-/// models differ in how near unrelated words are: look at a few queries of your own before you trust it.
+/// Similarity from which a category is meant by [`MatchRule::Threshold`], if nobody says another.
+/// Embedding models differ in how near unrelated words are: look at a few queries of your own
+/// before you trust it.
 pub const SIMILARITY_DEFAULT: f32 = 0.6;
 
 /// Vectors of texts, each computed or read once. Shared by the episodes of a run.

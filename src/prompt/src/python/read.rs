@@ -34,8 +34,8 @@ pub fn raw_decode(text: &str) -> Option<(Value, usize)> {
     Some((value, reader.at))
 }
 
-/// Places in a text that are tried as the beginning of an object: nobody's model writes as many, and
-/// each may be read to the end.
+/// Places in a text that are tried as the beginning of an object: nobody's model writes as many,
+/// and each may be read to the end.
 const TRIES_MAX: usize = 1000;
 
 /// The object at each `{` of a text that begins one, nested ones too.

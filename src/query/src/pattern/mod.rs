@@ -28,10 +28,10 @@
 //!
 //! Inside a bracket stands what SQL writes in a WHERE, over the columns of a step: `error_code =
 //! 'door_closed'`, `tool in ('open', 'close')`, `argument like '%table%'`, `held is null`,
-//! `goal_object`, `not goal_receptacle`, `reward < 0 and (candidate_count >= 2 or visible_count = 0)`,
-//! `goal_object is not true`. `ok` is `error_code is null`, `failed` is `error_code is not null`,
-//! `error` is the column `error_code`. Text stands in single or double quotes; double ones need no
-//! doubling inside an SQL string. `column@-n` is the column `n` steps earlier (at most
+//! `goal_object`, `not goal_receptacle`, `reward < 0 and (candidate_count >= 2 or visible_count =
+//! 0)`, `goal_object is not true`. `ok` is `error_code is null`, `failed` is `error_code is not
+//! null`, `error` is the column `error_code`. Text stands in single or double quotes; double ones
+//! need no doubling inside an SQL string. `column@-n` is the column `n` steps earlier (at most
 //! [`MAX_LOOKBACK`]) in the same episode, null before its begin: `argument = argument@-2`.
 //!
 //! A step fits where the condition is *true*. As in SQL, a comparison with null is null, `not`

@@ -1,9 +1,9 @@
-//! SQL that means harm, made at random from what it is made of: joins, subqueries, recursion, windows,
-//! texts, arrays, regular expressions, functions of ours. Whatever comes, the answer comes within the
-//! limits, and two seconds later the processor is idle and the memory is back.
+//! SQL that means harm, made at random from what it is made of: joins, subqueries, recursion,
+//! windows, texts, arrays, regular expressions, functions of ours. Whatever comes, the answer comes
+//! within the limits, and two seconds later the processor is idle and the memory is back.
 //!
-//! `REEL_SEEDS` says how many (`make hostile-sql`: 2,000), `REEL_SEED` the first; a line names the worst. Alone in its
-//! process: others would be measured, too.
+//! `REEL_SEEDS` says how many (`make hostile-sql`: 2,000), `REEL_SEED` the first; a line names the
+//! worst. Alone in its process: others would be measured, too.
 
 mod questions;
 
@@ -37,8 +37,8 @@ fn growth_max() -> u64 {
 /// Seeds of a daily run.
 const DAILY: u64 = 60;
 
-/// Few enough rows to be begun, too many to end, and nothing is read once they are paired: only what
-/// stands between the operators stops them.
+/// Few enough rows to be begun, too many to end, and nothing is read once they are paired: only
+/// what stands between the operators stops them.
 const LONG: [&str; 3] = [
     "SELECT max(a.value + b.value) FROM generate_series(1, 300000) a, generate_series(1, 300000) b",
     "SELECT count(*) FROM generate_series(1, 300000) a JOIN generate_series(1, 300000) b ON a.value * b.value % 7 < b.value % 5",

@@ -1,5 +1,5 @@
-//! Clients of a world: agents that play over MCP, and people that upload, delete and look around over
-//! REST. What they were answered goes into the ledger; they know nothing of the disk.
+//! Clients of a world: agents that play over MCP, and people that upload, delete and look around
+//! over REST. What they were answered goes into the ledger; they know nothing of the disk.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard},

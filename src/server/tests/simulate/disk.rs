@@ -1,5 +1,6 @@
-//! A disk that is made up: it fills, fails, ends in the middle of a write with the process that uses
-//! it, and loses what was not synced when the power goes. Never fails where it was not told to.
+//! A disk that is made up: it fills, fails, ends in the middle of a write with the process that
+//! uses it, and loses what was not synced when the power goes. Never fails where it was not told
+//! to.
 
 use std::{
     collections::{BTreeMap, VecDeque},

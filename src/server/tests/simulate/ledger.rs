@@ -1,5 +1,5 @@
-//! What the clients of a world know: what they sent, and what was acknowledged. Held against the disk
-//! when all is over.
+//! What the clients of a world know: what they sent, and what was acknowledged. Held against the
+//! disk when all is over.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -262,8 +262,8 @@ impl Ledger {
     }
 }
 
-/// Whether the traces of a worker hold what it sent, in its order: all that was acknowledged, with the
-/// answers that it got, and nothing else.
+/// Whether the traces of a worker hold what it sent, in its order: all that was acknowledged, with
+/// the answers that it got, and nothing else.
 fn compare(sent: &[SentCall], traces: &[(String, String, Trace)]) -> Option<String> {
     let recorded: Vec<(&str, &StepRecord)> = traces
         .iter()

@@ -1,9 +1,9 @@
-//! The service in a world that is made up: its disk fills, fails and loses power, its wires stall and
-//! break, it is killed at any of its operations, and time is what the runtime says it is. Whatever
-//! happens: what was acknowledged is on the disk, nothing is replaced, no world is shared.
+//! The service in a world that is made up: its disk fills, fails and loses power, its wires stall
+//! and break, it is killed at any of its operations, and time is what the runtime says it is.
+//! Whatever happens: what was acknowledged is on the disk, nothing is replaced, no world is shared.
 //!
-//! `REEL_SEEDS` says how many worlds (`make simulate`: 10,000), `REEL_SEED` the first. A seed gives the
-//! same world again.
+//! `REEL_SEEDS` says how many worlds (`make simulate`: 10,000), `REEL_SEED` the first. A seed gives
+//! the same world again.
 
 mod client;
 mod disk;

@@ -1,4 +1,5 @@
-//! A network that is made up: connections in memory, each over a wire that delays, stalls or breaks.
+//! A network that is made up: connections in memory, each over a wire that delays, stalls or
+//! breaks.
 
 use std::{io, net::SocketAddr, time::Duration};
 
@@ -30,8 +31,8 @@ pub struct Wire {
     pub piece: usize,
     /// So long after the ones before.
     pub delay: Duration,
-    /// After so many bytes to the server, and so many back, it carries no more; where `breaks`, both
-    /// ends learn of it.
+    /// After so many bytes to the server, and so many back, it carries no more; where `breaks`,
+    /// both ends learn of it.
     pub ends_after: [u64; 2],
     pub breaks: bool,
 }

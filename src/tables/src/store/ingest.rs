@@ -439,7 +439,8 @@ impl Store {
             );
         }
         if after == before {
-            // A writer may have died between this table and its episodes, which do not name it then.
+            // A writer may have died between this table and its episodes, which do not name it
+            // then.
             let named = self.tables[&Table::Quarantine].version();
             return Ok(newest.version().filter(|newest| Some(*newest) != named));
         }

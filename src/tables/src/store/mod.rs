@@ -1,12 +1,12 @@
 //! The store: Delta Lake tables in one folder or bucket, and the one log that binds them.
 //!
-//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What
-//! makes them one store is the log of `episodes`: each of its commits names, as Delta
-//! application transactions, the version of every other table that belongs to it. A reader
-//! opens `episodes` at a version and the others at the versions named there, so that it never
-//! sees half of an ingest; two writers that commit at a time conflict on those names, and the
-//! later one looks again and repeats. `verdicts` and `contradictions` hang on no version. Nobody outside this
-//! folder knows how the tables lie.
+//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What makes
+//! them one store is the log of `episodes`: each of its commits names, as Delta application
+//! transactions, the version of every other table that belongs to it. A reader opens `episodes` at
+//! a version and the others at the versions named there, so that it never sees half of an ingest;
+//! two writers that commit at a time conflict on those names, and the later one looks again and
+//! repeats. `verdicts` and `contradictions` hang on no version. Nobody outside this folder knows
+//! how the tables lie.
 
 mod ingest;
 mod judgements;

@@ -596,8 +596,8 @@ fn verdicts_belong_to_no_version() {
     assert_eq!(store.verdicts().unwrap().len(), 12);
 }
 
-/// What was made up could have been recorded: every call is one of a tool, every failure has a code,
-/// its class and the text of that code.
+/// What was made up could have been recorded: every call is one of a tool, every failure has a
+/// code, its class and the text of that code.
 #[test]
 fn a_store_without_a_table_of_today_says_what_to_do() {
     let dir = TempDir::new().unwrap();

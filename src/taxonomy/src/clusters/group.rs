@@ -29,8 +29,8 @@ struct Different {
 }
 
 /// Groups sequences: the one with most others within `threshold` becomes a medoid and takes these
-/// with it, until none is left; then each goes to its nearest medoid, and each group's medoid becomes
-/// the member with the least total distance.
+/// with it, until none is left; then each goes to its nearest medoid, and each group's medoid
+/// becomes the member with the least total distance.
 pub fn group(sequences: &[CallSequence], threshold: f64) -> Grouping {
     let all = different(sequences);
     // Every so manieth in the order of the sequences: as evenly spread as they are.

@@ -1,4 +1,5 @@
-//! Faults of memory and exploration: turning in circles, repeated failures, stale markers, a false History, aimless search.
+//! Faults of memory and exploration: turning in circles, repeated failures, stale markers, a false
+//! History, aimless search.
 
 use super::*;
 
