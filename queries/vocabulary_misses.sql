@@ -1,10 +1,11 @@
 -- vocabulary_misses
 --
--- Queries of `show_object_by_category` that Reel's word list does not know, where words and not vectors decided what they
--- mean: candidates for the word list, or a reason to match by an embedding model.
+-- Queries of `show_object_by_category` whose meaning nobody knows: words that Reel's word list lacks, where it decided, and
+-- queries that mean no category by vectors.
 --
 -- Columns:
 --   query      the word or phrase, in lower case
+--   source     what did not know it: `words`, or the embedding model or file of vectors
 --   calls      calls with it
 --   failed     those that found nothing
 --   episodes   episodes with such a call
@@ -16,14 +17,17 @@
 -- Example: reel query --store store --named vocabulary_misses
 WITH misses AS (
   SELECT
-    lower(trim(s.argument)) AS query, s.episode_id, s.step, s.error_code IS NOT NULL AS failed,
+    lower(trim(s.argument)) AS query, s.match_source AS source, s.episode_id, s.step, s.error_code IS NOT NULL AS failed,
     e.policy, e.success, e.trace
   FROM steps s
   JOIN episodes e ON e.episode_id = s.episode_id
-  WHERE s.match_source = 'words' AND NOT s.query_known
+  WHERE
+    (s.match_source = 'words' AND NOT s.query_known)
+    OR (s.match_source IS NOT NULL AND cardinality(s.match_categories) = 0)
 )
 SELECT
   query,
+  source,
   count(*) AS calls,
   count(*) FILTER (WHERE failed) AS failed,
   count(DISTINCT episode_id) AS episodes,
@@ -32,5 +36,5 @@ SELECT
   min(trace) AS trace,
   first_value(step ORDER BY trace, step) AS step
 FROM misses
-GROUP BY query
-ORDER BY calls DESC, query
+GROUP BY query, source
+ORDER BY calls DESC, query, source

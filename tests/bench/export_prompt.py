@@ -22,6 +22,7 @@ CALLS_KEPT = 65536
 # As `src/prompt/src` has it.
 MAX_TURNS, ASKS_PER_TURN = 50, 0.15
 RAW_LENGTH_MAX = 100
+REVISION = "2"
 NOTHING_NEW = "I noted nothing new."
 LEGACY_TOOLS = {"place_on_top": "place"}
 REPORTED_ERRORS = (
@@ -51,7 +52,7 @@ def prompts():
     defaults = (SOURCES / "prompt/src/wording.rs").read_text().partition("impl Default")[2]
     sentences = re.findall(r'^ +(\w+): (?:own\(\s*"((?:[^"\\]|\\.)*)",?\s*\)|String::new\(\))', defaults, re.MULTILINE | re.DOTALL)
     wording = {name: json.loads('"' + re.sub(r"\\\n\s*", "", text) + '"') for name, text in sentences}
-    digest = blake3(template.encode()).hexdigest() + orjson.dumps(wording).decode() + system
+    digest = blake3(template.encode()).hexdigest() + orjson.dumps(wording).decode() + system + REVISION
     text = template.rstrip()
     split = PER_DECISION.search(text).start()
     return Prompts(text[:split], text[split:], wording, blake3(digest.encode()).hexdigest())

@@ -44,7 +44,7 @@ import orjson
 import pyarrow as pa
 from blake3 import blake3
 from datasets import Dataset, Features, Image, List, Value
-from PIL import Image as Frame
+from PIL import Image as PilImage
 
 from export_checks import NO_SECRETS, Secrets, clean, refused, strip
 from export_prompt import Decisions, prompts, tools, values_of
@@ -367,10 +367,10 @@ def told_of(task, scene, checked):
 @functools.lru_cache(FRAMES_KEPT)
 def frame(file):
     """An image as PNG within the pixel budget."""
-    image = Frame.open(BytesIO(file)).convert("RGB")
+    image = PilImage.open(BytesIO(file)).convert("RGB")
     scale = math.sqrt(PIXELS_MAX / (image.width * image.height))
     if scale < 1:
-        image = image.resize((int(image.width * scale), int(image.height * scale)), Frame.Resampling.LANCZOS)
+        image = image.resize((int(image.width * scale), int(image.height * scale)), PilImage.Resampling.LANCZOS)
     out = BytesIO()
     image.save(out, "PNG", compress_level=1)
     return out.getvalue()

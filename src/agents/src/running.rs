@@ -186,7 +186,7 @@ impl RunningEpisode {
             episode, outside, ..
         } = self;
         let profile = episode.header().profile;
-        match profile.tool(&profile.to_server_call(input.call.clone())) {
+        match profile.tool(&input.call) {
             Ok(Tool::Ask { question }) => {
                 let start = episode.start_record();
                 let seen_at_start: Vec<InstanceId> = start
@@ -215,7 +215,9 @@ impl RunningEpisode {
                         .map(|object| object.category.as_str())
                         .collect();
                     let categories: Vec<&str> = categories.into_iter().collect();
-                    input.lookup = Some(matcher.look_up(&category, &categories)?);
+                    if !profile.takes_literally(&category, &categories) {
+                        input.lookup = Some(matcher.look_up(&category, &categories)?);
+                    }
                 }
             }
             _ => {}

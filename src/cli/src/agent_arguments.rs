@@ -169,7 +169,9 @@ impl AgentSet {
 
     /// Whether anybody is asked over the network.
     pub fn uses_model(&self) -> bool {
-        self.deciding.is_some() || self.user.is_some() || self.matching.is_some()
+        self.deciding.is_some()
+            || self.user.is_some()
+            || self.matching.as_ref().is_some_and(Matching::asks_endpoint)
     }
 
     /// Seats them at an episode.

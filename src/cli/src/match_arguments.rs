@@ -16,7 +16,7 @@ use serde_json::json;
 pub const EMBEDDINGS: &str = "embeddings";
 
 /// How queries are matched to categories.
-#[derive(clap::Args, Clone)]
+#[derive(clap::Args)]
 pub struct MatchArguments {
     /// Match the query of `show_object_by_category` by this embedding model at the endpoint;
     /// without it Reel's word list decides among the categories in view
@@ -36,19 +36,13 @@ pub struct MatchArguments {
     #[arg(long, value_name = "RULE", value_parser = ["best", "threshold"])]
     match_rule: Option<String>,
     /// Cosine similarity from which a category is meant; implies --match-rule threshold
-    #[arg(long, alias = "match-similarity", value_name = "S")]
+    #[arg(
+        long,
+        alias = "match-similarity",
+        value_name = "S",
+        allow_negative_numbers = true
+    )]
     min_similarity: Option<f32>,
-}
-
-impl From<MatcherConfig> for MatchArguments {
-    fn from(configured: MatcherConfig) -> Self {
-        Self {
-            embedding_model: configured.model,
-            embedding_vectors: configured.vectors,
-            match_rule: configured.rule,
-            min_similarity: configured.min_similarity,
-        }
-    }
 }
 
 /// A chosen way to match, shared by all episodes of a run.
@@ -58,12 +52,19 @@ pub struct Matching {
 }
 
 impl MatchArguments {
-    /// Whether any of them was given.
-    pub fn are_given(&self) -> bool {
-        self.embedding_model.is_some()
-            || self.embedding_vectors.is_some()
-            || self.match_rule.is_some()
-            || self.min_similarity.is_some()
+    /// These, and what a configuration says where they say nothing. A source of vectors replaces the
+    /// other one.
+    pub fn or(&self, configured: &MatcherConfig) -> Self {
+        let (model, vectors) = match (&self.embedding_model, &self.embedding_vectors) {
+            (None, None) => (configured.model.clone(), configured.vectors.clone()),
+            given => (given.0.clone(), given.1.clone()),
+        };
+        Self {
+            embedding_model: model,
+            embedding_vectors: vectors,
+            match_rule: self.match_rule.clone().or(configured.rule.clone()),
+            min_similarity: self.min_similarity.or(configured.min_similarity),
+        }
     }
 
     /// The way to match; `None` if the word list decides. `client` connects to a model of the
@@ -75,8 +76,19 @@ impl MatchArguments {
         &self,
         client: impl FnOnce(&str) -> anyhow::Result<Arc<Client>>,
     ) -> anyhow::Result<Option<Matching>> {
+        if let (Some("best"), Some(_)) = (self.match_rule.as_deref(), self.min_similarity) {
+            bail!(
+                "rule best takes the most similar category, whatever --min-similarity says: leave one out"
+            );
+        }
+        if let Some(least) = self.min_similarity.filter(|it| !(-1.0..=1.0).contains(it)) {
+            bail!("--min-similarity is a cosine from -1 to 1, not {least}");
+        }
         let vectors = match (&self.embedding_model, &self.embedding_vectors) {
-            (Some(model), _) => TextVectors::of_endpoint(client(model)?),
+            (Some(_), Some(_)) => {
+                bail!("match by an embedding model or by a file of vectors, not both")
+            }
+            (Some(model), None) => TextVectors::of_endpoint(client(model)?),
             (None, Some(path)) => TextVectors::of_file(path).context("--embedding-vectors")?,
             (None, None) if self.min_similarity.is_some() || self.match_rule.is_some() => bail!(
                 "--match-rule and --min-similarity need --embedding-model or --embedding-vectors"
@@ -99,14 +111,21 @@ impl MatchArguments {
 impl Matching {
     /// Lets it answer in an episode, and names it in the trace.
     pub fn install(&self, outside: &mut Responders) {
-        let settings = match self.rule {
-            MatchRule::Best => json!({"vectors": self.vectors.name(), "rule": "best"}),
-            MatchRule::Threshold(least) => {
-                json!({"vectors": self.vectors.name(), "rule": "threshold", "similarity": least})
-            }
+        let mut settings = match self.rule {
+            MatchRule::Best => json!({"rule": "best"}),
+            MatchRule::Threshold(least) => json!({"rule": "threshold", "similarity": least}),
         };
+        settings["vectors"] = json!(self.vectors.name());
+        if let Some(digest) = self.vectors.digest() {
+            settings["blake3"] = json!(digest.to_string());
+        }
         outside.settings.insert("matcher".to_owned(), settings);
         outside.matcher = Some(Box::new(self.matcher()));
+    }
+
+    /// Whether somebody is asked over the network.
+    pub fn asks_endpoint(&self) -> bool {
+        self.vectors.digest().is_none()
     }
 
     /// Lets it answer for a server, which names nobody in the trace but the source of each answer.

@@ -176,7 +176,7 @@ fn lengths(text: &mut String, manifest: &Manifest) {
     };
     let _ = write!(
         text,
-        "\n## Length\n\nTokens by {}; a frame has one for each {side} x {side} pixels. The longest example has {}; {} of {} are over \
+        "\n## Length\n\nTokens by {}; an image has one for each {side} x {side} pixels. The longest example has {}; {} of {} are over \
          the context of {}.\n",
         tokens.tokenizer,
         tokens.longest,
@@ -233,7 +233,7 @@ fn loading(manifest: &Manifest) -> String {
             manifest.style == Style::MultiTurnPrefix,
         ),
         Format::Trl => format!(
-            "import datasets  # from the dataset's folder: the paths of the frames are relative to it\n\
+            "import datasets  # from the dataset's folder: the paths of the images are relative to it\n\
              rows = datasets.load_dataset(\"json\", data_files={{\"train\": \"train/*.jsonl\"}}, split=\"train\")\n\
              rows = rows.cast_column(\"images\", {images})  # datasets 3: datasets.Sequence(datasets.Image())\n"
         ),

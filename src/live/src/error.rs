@@ -51,6 +51,14 @@ pub enum LiveError {
         "the server is busy: the call waited {0} s for a worker and was not executed; call again"
     )]
     Busy(u64),
+    /// Nobody says what a query means.
+    #[error(
+        "what this category means cannot be looked up now; the call was not executed; call again later"
+    )]
+    NoLookUp,
+    /// The episode ended before the call's turn came.
+    #[error("the episode ended while the call waited; the call was not executed")]
+    Overtaken,
     /// The server is about to stop.
     #[error("the server is shutting down; the call was not executed")]
     Closing,

@@ -283,6 +283,15 @@ impl Session {
         Ok(Briefing::new(task, self.setup.scene(task)))
     }
 
+    /// The trace that the running episode becomes; `None` if no episode runs.
+    pub fn recording(&self) -> Option<&Path> {
+        match &self.now {
+            Phase::Playing(playing) => Some(&playing.path),
+            Phase::Parked(resting) => Some(&resting.path),
+            _ => None,
+        }
+    }
+
     /// The categories of the objects of the episode's task, sorted.
     ///
     /// # Errors

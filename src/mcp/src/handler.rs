@@ -3,6 +3,7 @@
 use std::{
     borrow::Cow,
     error::Error,
+    path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -16,7 +17,7 @@ use reel_world::{
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, ElicitRequest,
+        CallToolRequestParams, CallToolResponse, CallToolResult, ElicitRequest,
         ElicitRequestParams, ElicitResult, ElicitationAction, ElicitationSchema, Implementation,
         InputRequest, InputRequiredResult, ListToolsResult, PaginatedRequestParams,
         ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
@@ -138,10 +139,6 @@ struct Reply {
     answer: String,
 }
 elicit_safe!(Reply);
-
-/// What a policy is told when nobody says what its query means.
-const NO_LOOK_UP: &str =
-    "What this category means cannot be looked up now. Nothing was done; call again later.";
 
 /// The key of the one question that a call may have.
 const ANSWER: &str = "answer";
@@ -296,6 +293,12 @@ impl ToolServer {
             }
             _ => {}
         }
+        let (input, looked_up_in) = match &tool {
+            Some(Tool::ShowObjectByCategory { category }) => {
+                self.look_up(session, category, input, context).await?
+            }
+            _ => (input, None),
+        };
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
         let work = move |session: &mut Session| {
@@ -326,6 +329,10 @@ impl ToolServer {
                     session.begin(&task_id).map(said_begun)
                 }
                 _ => {
+                    // Calls of one session that are sent at once may overtake a look-up.
+                    if looked_up_in.is_some_and(|it| session.recording() != Some(&*it)) {
+                        return Err(LiveError::Overtaken);
+                    }
                     let made = session.call(input)?;
                     Ok(Response::CallMade(Box::new(made)))
                 }
@@ -422,41 +429,40 @@ impl ToolServer {
         }
     }
 
-    /// Looks up what a query means, where that is decided outside of the simulator. An error of the
-    /// result is what to answer the client instead.
+    /// Looks up what a query means, where that is decided outside of the simulator: the input with the
+    /// answer, and the recording of the episode that it is for.
     async fn look_up(
         &self,
         session: &str,
         query: &str,
+        input: StepInput,
         context: &RequestContext<RoleServer>,
-    ) -> Result<Option<Lookup>, CallToolResponse> {
+    ) -> Result<(StepInput, Option<PathBuf>), LiveError> {
         let Some(matcher) = self.options.matcher.clone().filter(|_| self.runs(session)) else {
-            return Ok(None);
+            return Ok((input, None));
         };
-        let owner = self.owner(context);
-        let categories = |session: &mut Session| session.categories();
-        // Where this is refused, the call itself is, too.
-        let Ok(Ok(categories)) = self
-            .pool
-            .with_own_session(session, &owner, categories)
-            .await
-        else {
-            return Ok(None);
+        let (owner, profile) = (self.owner(context), self.profile());
+        let facts = |session: &mut Session| {
+            let recording = session.recording().map(Path::to_owned);
+            Ok::<_, LiveError>((recording, session.categories()?))
         };
+        let facts = self.pool.with_own_session(session, &owner, facts).await?;
+        let (recording, categories) = facts?;
         let query = query.to_owned();
         let looked_up = spawn_blocking(move || {
             let categories: Vec<&str> = categories.iter().map(String::as_str).collect();
-            matcher(&query, &categories)
+            let literal = profile.takes_literally(&query, &categories);
+            (!literal).then(|| matcher(&query, &categories)).transpose()
         });
-        let unknown = |error: String| -> CallToolResponse {
-            tracing::error!(session, error, "a category could not be looked up");
-            CallToolResult::error(vec![ContentBlock::text(NO_LOOK_UP)]).into()
+        let failed = |error: &dyn Error| {
+            tracing::error!(session, %error, "a category could not be looked up");
+            LiveError::NoLookUp
         };
-        match looked_up.await {
-            Ok(Ok(lookup)) => Ok(Some(lookup)),
-            Ok(Err(error)) => Err(unknown(error.to_string())),
-            Err(error) => Err(unknown(error.to_string())),
-        }
+        let lookup = looked_up
+            .await
+            .map_err(|error| failed(&error))?
+            .map_err(|error| failed(&*error))?;
+        Ok((StepInput { lookup, ..input }, recording))
     }
 
     /// Whether an episode runs.
@@ -547,15 +553,8 @@ impl ServerHandler for ToolServer {
                 }
                 _ => None,
             };
-            let lookup = match &tool {
-                Some(Tool::ShowObjectByCategory { category }) => {
-                    self.look_up(&session, category, &context).await?
-                }
-                _ => None,
-            };
             let input = StepInput {
                 user_reply: reply,
-                lookup,
                 ..StepInput::from_call(call)
             };
             Ok(self.answer(&session, input, tool, &context).await.into())

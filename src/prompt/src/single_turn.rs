@@ -19,6 +19,10 @@ use crate::{
 /// The template that comes along.
 pub const TEMPLATE: &str = include_str!("../texts/prompt.txt");
 
+/// Raised when the same texts are filled with other values, so that their digest differs. 2: a
+/// History that nobody wrote is empty, and only the last result's image is shown.
+const REVISION: &str = "2";
+
 /// The name that [`Prompt::builtin`] goes by.
 const BUILTIN: &str = "reel";
 
@@ -106,7 +110,7 @@ impl Prompt {
     }
 
     /// Names every text that a model is asked with, in each row and trace:
-    /// template, sentences, system message, and the memory options that are on.
+    /// template, sentences, system message, how they are filled, and the memory options that are on.
     pub fn digest(&self) -> Digest {
         let wording = serde_json::to_string(&self.wording).unwrap_or_default();
         let enabled: String = self.memory.enabled().collect();
@@ -115,6 +119,7 @@ impl Prompt {
                 self.template_digest.to_string().as_str(),
                 &wording,
                 SYSTEM_MULTI_TURN,
+                REVISION,
                 &enabled,
             ]
             .concat()

@@ -6,7 +6,7 @@
 //! (no reach, no view), and a call that is refused takes time, too.
 
 use reel_world::{
-    DoorState, ErrorCode, InstanceId, Outcome, Profile, ReceptacleId, ToolCall, ToolText,
+    DoorState, ErrorCode, InstanceId, Outcome, ReceptacleId, ToolCall, ToolText,
     record::{Marker, MarkerTarget},
 };
 use serde_json::Value;
@@ -274,7 +274,7 @@ impl Simulator {
             .collect();
         categories.sort_unstable();
         categories.dedup();
-        if self.profile == Profile::RealRepo && categories.contains(&query) {
+        if self.profile.takes_literally(query, &categories) {
             return Some(query.to_owned());
         }
         match given.lookup {

@@ -13,9 +13,11 @@ use arrow::array::RecordBatch;
 
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
-    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
-    WorldGraph, canonical_json, language,
-    record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
+    Digest, ErrorClass, ErrorCode, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task,
+    TokenLogprobs, WorldGraph, canonical_json, language,
+    record::{
+        Backend, GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject,
+    },
 };
 use serde::Serialize;
 use serde_arrow::ArrayBuilder;
@@ -406,10 +408,10 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 seen.iter().copied().filter(|id| candidates.contains(*id)),
             ),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
-            match_source: query(record)
+            match_source: query(trace, record)
                 .map(|_| lookup.map_or("words", |lookup| lookup.source.as_str())),
             match_categories: lookup.map(|lookup| lookup.categories.as_slice()),
-            query_known: query(record).map(|query| {
+            query_known: query(trace, record).map(|query| {
                 language::is_known_word(&query)
                     || language::match_category(&query, &categories).kind
                         != language::MatchKind::None
@@ -548,11 +550,13 @@ fn settles<'a>(
     Some(language::names_object(reply) && fits(&task.target) && told_apart)
 }
 
-/// The query of a search for a category.
-fn query(record: &StepRecord) -> Option<Cow<'_, str>> {
-    (record.tool_name() == "show_object_by_category")
-        .then(|| record.input.call.argument())
-        .flatten()
+/// The query of a search for a category that Reel's simulator carried out: what others match by,
+/// nobody knows.
+fn query<'a>(trace: &Trace, record: &'a StepRecord) -> Option<Cow<'a, str>> {
+    let is_search = record.tool_name() == "show_object_by_category"
+        && record.outcome.error != Some(ErrorCode::BadArguments)
+        && trace.header.backend == Backend::Sim;
+    is_search.then(|| record.input.call.argument()).flatten()
 }
 
 fn question(record: &StepRecord) -> Option<Cow<'_, str>> {

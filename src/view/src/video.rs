@@ -1,4 +1,4 @@
-//! An episode as moving images: one a call, with the call, what came of it and the reward
+//! An episode as a video: one a call, with the call, what came of it and the reward
 //! beneath; two episodes side by side. Images come from whoever drew them; the film is a GIF, or
 //! raw images for an encoder.
 

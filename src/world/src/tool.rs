@@ -153,6 +153,12 @@ impl Profile {
         Tool::parse(call)
     }
 
+    /// Whether the server takes a query for the category of that name without asking what it means:
+    /// branch `main` compares names first.
+    pub fn takes_literally(self, query: &str, categories: &[&str]) -> bool {
+        self == Profile::RealRepo && categories.contains(&query)
+    }
+
     /// The call as this profile's server takes it: the trainer and the agents also rename before
     /// they call. The question to the user becomes the description that branch `main` asks for.
     /// What is no tool of ours stays as it is.

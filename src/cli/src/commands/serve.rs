@@ -1,6 +1,6 @@
 //! `reel serve` and `reel mcp`: live worlds for agents, and the service around them.
 
-use std::{net::SocketAddr, path::PathBuf, sync::Arc};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
 use reel_llm::client::Endpoint;
@@ -107,10 +107,10 @@ pub struct Settings {
     #[command(flatten)]
     matching: MatchArguments,
     /// OpenAI-compatible endpoint of the embedding model, up to /v1
-    #[arg(long, value_name = "URL", requires = "embedding_model")]
+    #[arg(long, value_name = "URL")]
     endpoint: Option<String>,
     /// Environment variable that holds the endpoint's key, where one is needed
-    #[arg(long = "api-key-env", value_name = "VARIABLE", requires = "endpoint")]
+    #[arg(long = "api-key-env", value_name = "VARIABLE")]
     key_from: Option<String>,
 }
 
@@ -152,18 +152,17 @@ impl Settings {
     }
 }
 
+/// How long an embedding model may take for an answer, which is asked for twice at most.
+const LOOK_UP_TIMEOUT: Duration = Duration::from_secs(20);
+
 impl Settings {
     /// What says which categories a query means: the flags, else `[play.matcher]` of the
     /// configuration; `None` if Reel's word list does.
     fn matcher(&self, config: &Config) -> anyhow::Result<Option<LookUp>> {
         let configured = config.play.matcher.clone().unwrap_or_default();
-        let (url, key_from, arguments) = if self.matching.are_given() {
-            let (url, key_from) = (self.endpoint.clone(), self.key_from.clone());
-            (url, key_from, self.matching.clone())
-        } else {
-            let (url, key_from) = (configured.endpoint.clone(), configured.api_key_env.clone());
-            (url, key_from, configured.into())
-        };
+        let url = self.endpoint.clone().or(configured.endpoint.clone());
+        let key_from = self.key_from.clone().or(configured.api_key_env.clone());
+        let arguments = self.matching.or(&configured);
         let matching = arguments.matching(|model| {
             let url = url.context(
                 "--endpoint (play.matcher.endpoint) is missing: the address of the embedding model",
@@ -174,7 +173,10 @@ impl Settings {
                 config.data.join(EMBEDDINGS),
                 config.data.join("calls.jsonl"),
             );
-            client_of(Endpoint::new(url, model), key_from.as_deref(), &cache, &log).map(Arc::new)
+            let mut endpoint = Endpoint::new(url, model);
+            // An agent waits for the answer.
+            (endpoint.timeout, endpoint.retries) = (LOOK_UP_TIMEOUT, 1);
+            client_of(endpoint, key_from.as_deref(), &cache, &log).map(Arc::new)
         })?;
         Ok(matching.map(Matching::look_up))
     }

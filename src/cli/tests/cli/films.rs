@@ -1,4 +1,4 @@
-//! Images from other cameras, and episodes as moving images, from outside.
+//! Images from other cameras, and episodes as videos, from outside.
 
 use std::fs;
 

@@ -10,7 +10,7 @@ use std::{
 
 use crate::client::Client;
 use reel_agents::{Matcher, ResponderError};
-use reel_world::record::Lookup;
+use reel_world::{Digest, record::Lookup};
 
 /// Which categories a query means, by the cosine similarity of its vector to theirs.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -35,7 +35,7 @@ pub struct TextVectors {
 
 enum VectorSource {
     Endpoint(Arc<Client>),
-    File(PathBuf),
+    File { path: PathBuf, digest: Digest },
 }
 
 /// A file of vectors that cannot be used.
@@ -59,23 +59,50 @@ pub enum VectorFileError {
         /// The file as it was named.
         path: PathBuf,
     },
-    /// Vectors differ in length.
-    #[error("{path}: the vector of \"{text}\" has {found} numbers, others have {expected}")]
-    Length {
+    /// A vector has no direction, or not as many numbers as others.
+    #[error("{path}: {wrong}")]
+    Vector {
         /// The file as it was named.
         path: PathBuf,
-        /// The text whose vector has another length.
-        text: String,
-        /// The length of that vector.
-        found: usize,
-        /// The length of the first vector.
-        expected: usize,
+        /// Which vector, and what is wrong with it.
+        wrong: UselessVector,
     },
 }
 
-/// A text that the file of vectors lacks.
+/// A vector that cannot be compared with others.
 #[derive(Debug, thiserror::Error)]
-#[error("{path} has no vector of \"{text}\": add it, or match by an embedding model")]
+#[error("the vector of \"{text}\" {reason}")]
+pub struct UselessVector {
+    text: String,
+    reason: String,
+}
+
+/// Refuses what a similarity cannot be computed of; `expected` is how many numbers others have.
+fn check_vector(text: &str, vector: &[f32], expected: usize) -> Result<(), UselessVector> {
+    let useless = |reason: String| {
+        Err(UselessVector {
+            text: text.to_owned(),
+            reason,
+        })
+    };
+    if vector.len() != expected {
+        return useless(format!(
+            "has {} numbers, others have {expected}",
+            vector.len()
+        ));
+    }
+    if vector.iter().any(|number| !number.is_finite()) {
+        return useless("has a number that is not finite".to_owned());
+    }
+    if vector.iter().all(|number| *number == 0.0) {
+        return useless("is empty or all zero: it has no direction".to_owned());
+    }
+    Ok(())
+}
+
+/// A category that the file of vectors lacks.
+#[derive(Debug, thiserror::Error)]
+#[error("{path} has no vector of the category \"{text}\": add it, or match by an embedding model")]
 struct MissingVector {
     path: PathBuf,
     text: String,
@@ -95,27 +122,28 @@ impl TextVectors {
     /// # Errors
     /// Fails if the file cannot be read, has another form, or vectors of different lengths.
     pub fn of_file(path: &Path) -> Result<Self, VectorFileError> {
-        let text = fs::read_to_string(path).map_err(|source| VectorFileError::Read {
+        let bytes = fs::read(path).map_err(|source| VectorFileError::Read {
             source,
             path: path.to_owned(),
         })?;
         let vectors: BTreeMap<String, Vec<f32>> =
-            serde_json::from_str(&text).map_err(|source| VectorFileError::Form {
+            serde_json::from_slice(&bytes).map_err(|source| VectorFileError::Form {
                 source,
                 path: path.to_owned(),
             })?;
         let expected = vectors.values().next().map_or(0, Vec::len);
-        if let Some((text, vector)) = vectors.iter().find(|(_, it)| it.len() != expected) {
-            return Err(VectorFileError::Length {
+        for (text, vector) in &vectors {
+            check_vector(text, vector, expected).map_err(|wrong| VectorFileError::Vector {
                 path: path.to_owned(),
-                text: text.clone(),
-                found: vector.len(),
-                expected,
-            });
+                wrong,
+            })?;
         }
         let known = vectors.into_iter().map(|(text, it)| (text, it.into()));
         Ok(Self {
-            source: VectorSource::File(path.to_owned()),
+            source: VectorSource::File {
+                path: path.to_owned(),
+                digest: Digest::of(&bytes),
+            },
             known: Mutex::new(known.collect()),
         })
     }
@@ -124,12 +152,26 @@ impl TextVectors {
     pub fn name(&self) -> String {
         match &self.source {
             VectorSource::Endpoint(client) => client.endpoint().model.clone(),
-            VectorSource::File(path) => path
+            VectorSource::File { path, .. } => path
                 .file_name()
                 .unwrap_or(path.as_os_str())
                 .to_string_lossy()
                 .into_owned(),
         }
+    }
+
+    /// Digest of the file, if they come from one.
+    pub fn digest(&self) -> Option<Digest> {
+        match &self.source {
+            VectorSource::Endpoint(_) => None,
+            VectorSource::File { digest, .. } => Some(*digest),
+        }
+    }
+
+    /// Whether the text can have no vector: a file lacks it.
+    fn lacks(&self, text: &str) -> bool {
+        let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        matches!(self.source, VectorSource::File { .. }) && !known.contains_key(text)
     }
 
     /// The vectors of texts, in their order.
@@ -147,10 +189,18 @@ impl TextVectors {
                 // Nobody waits for a lock while the endpoint is asked.
                 VectorSource::Endpoint(client) => {
                     let vectors = client.embed(&missing).map_err(ResponderError::new)?;
-                    let vectors = vectors.into_iter().map(Arc::from);
-                    known().extend(missing.iter().map(ToString::to_string).zip(vectors));
+                    let mut known = known();
+                    let expected = known
+                        .values()
+                        .next()
+                        .map_or(vectors[0].len(), |it| it.len());
+                    for (text, vector) in missing.iter().zip(vectors) {
+                        check_vector(text, &vector, expected).map_err(ResponderError::new)?;
+                        let kept = known.entry((*text).to_owned());
+                        kept.or_insert_with(|| vector.into());
+                    }
                 }
-                VectorSource::File(path) => {
+                VectorSource::File { path, .. } => {
                     return Err(ResponderError::new(MissingVector {
                         path: path.clone(),
                         text: (*first).to_owned(),
@@ -178,6 +228,12 @@ impl VectorMatcher {
 
 impl Matcher for VectorMatcher {
     fn look_up(&mut self, query: &str, categories: &[&str]) -> Result<Lookup, ResponderError> {
+        let source = self.vectors.name();
+        // Agents search for any word, and a file has some: for others there is nothing.
+        if self.vectors.lacks(query) {
+            let categories = Vec::new();
+            return Ok(Lookup { categories, source });
+        }
         let texts: Vec<&str> = [query].iter().chain(categories).copied().collect();
         let vectors = self.vectors.of(&texts)?;
         let similarities = vectors[1..].iter().map(|it| cosine(&vectors[0], it));
@@ -189,12 +245,12 @@ impl Matcher for VectorMatcher {
         }
         Ok(Lookup {
             categories: ranked.into_iter().map(|(_, it)| it.to_owned()).collect(),
-            source: self.vectors.name(),
+            source,
         })
     }
 }
 
-/// 0 where one of them has no direction or they are of different lengths.
+/// Of vectors of one length that have a direction.
 fn cosine(one: &[f32], other: &[f32]) -> f64 {
     let product = |a: &[f32], b: &[f32]| {
         a.iter()
@@ -202,12 +258,7 @@ fn cosine(one: &[f32], other: &[f32]) -> f64 {
             .map(|(a, b)| f64::from(*a) * f64::from(*b))
             .sum::<f64>()
     };
-    let lengths = (product(one, one) * product(other, other)).sqrt();
-    if lengths == 0.0 || one.len() != other.len() {
-        0.0
-    } else {
-        product(one, other) / lengths
-    }
+    product(one, other) / (product(one, one) * product(other, other)).sqrt()
 }
 
 #[cfg(test)]
@@ -219,8 +270,8 @@ mod tests {
 
     use super::{MatchRule, TextVectors, VectorMatcher, cosine};
 
-    const VECTORS: &str = r#"{"cup": [1, 0], "mug": [0.9, 0.1], "plate": [0.1, 0.9], "bowl": [0.1, 0.9],
-        "nothing": [0, 0]}"#;
+    const VECTORS: &str =
+        r#"{"cup": [1, 0], "mug": [0.9, 0.1], "plate": [0.1, 0.9], "bowl": [0.1, 0.9]}"#;
 
     fn matcher(folder: &TempDir, rule: MatchRule) -> VectorMatcher {
         let path = folder.path().join("vectors.json");
@@ -232,22 +283,20 @@ mod tests {
     fn similarity_of_vectors() {
         assert_eq!(cosine(&[1.0, 0.0], &[2.0, 0.0]), 1.0);
         assert_eq!(cosine(&[1.0, 0.0], &[0.0, 3.0]), 0.0);
-        assert_eq!(cosine(&[0.0, 0.0], &[0.0, 3.0]), 0.0);
-        assert_eq!(cosine(&[1.0], &[1.0, 0.0]), 0.0);
     }
 
     #[test]
     fn a_rule_decides_which_categories_are_meant() {
         let folder = TempDir::new().unwrap();
-        let categories = ["bowl", "mug", "nothing", "plate"];
+        let categories = ["bowl", "mug", "plate"];
         let found = |rule, query| {
             let mut matcher = matcher(&folder, rule);
             matcher.look_up(query, &categories).unwrap().categories
         };
         assert_eq!(found(MatchRule::Best, "cup"), ["mug"]);
-        // Equal ones: the first by name. And something always matches.
+        // Equal ones: the first by name.
         assert_eq!(found(MatchRule::Best, "plate"), ["bowl"]);
-        assert_eq!(found(MatchRule::Best, "nothing"), ["bowl"]);
+        assert_eq!(found(MatchRule::Best, "bowl"), ["bowl"]);
         assert_eq!(
             found(MatchRule::Threshold(0.05), "cup"),
             ["mug", "bowl", "plate"]
@@ -260,17 +309,27 @@ mod tests {
     fn a_file_that_lacks_a_text_or_has_another_form_is_named() {
         let folder = TempDir::new().unwrap();
         let mut matcher = matcher(&folder, MatchRule::Best);
-        let error = matcher.look_up("spoon", &["mug"]).unwrap_err().to_string();
+        let error = matcher.look_up("mug", &["spoon"]).unwrap_err().to_string();
         assert!(
-            error.contains("vectors.json has no vector of \"spoon\""),
+            error.contains("vectors.json has no vector of the category \"spoon\""),
             "{error}"
         );
+        // For a word that it lacks there is nothing.
+        let none = matcher.look_up("spoon", &["mug"]).unwrap();
+        assert!(none.categories.is_empty() && none.source == "vectors.json");
         let path = folder.path().join("wrong.json");
         let refused = |text: &str| {
             fs::write(&path, text).unwrap();
             let error = TextVectors::of_file(&path).err().unwrap();
             format!("{error}: {:?}", error.source().map(ToString::to_string))
         };
+        for (text, reason) in [
+            (r#"{"a": [0, 0]}"#, "is empty or all zero"),
+            (r#"{"a": []}"#, "is empty or all zero"),
+            (r#"{"a": [1e39]}"#, "not finite"),
+        ] {
+            assert!(refused(text).contains(reason), "{text}: {}", refused(text));
+        }
         assert!(refused("[1, 2]").contains("must be one JSON object"));
         assert!(refused(r#"{"mug": [1, "x"]}"#).contains("line 1"));
         assert!(

@@ -14,7 +14,9 @@ mod style;
 mod user;
 
 pub use functions::FunctionCalling;
-pub use matcher::{MatchRule, SIMILARITY_DEFAULT, TextVectors, VectorFileError, VectorMatcher};
+pub use matcher::{
+    MatchRule, SIMILARITY_DEFAULT, TextVectors, UselessVector, VectorFileError, VectorMatcher,
+};
 pub use single_turn::SingleTurn;
 pub use style::{AgentStyle, agent};
 pub use user::ModelUser;

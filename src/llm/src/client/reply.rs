@@ -143,9 +143,11 @@ pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, I
             .map_or(place, |index| index as usize);
         let vector = entry
             .get("embedding")
-            .and_then(|vector| Vec::<f32>::deserialize(vector).ok());
-        let vector = vector
-            .ok_or_else(|| wrong("an entry of `data` has no list of numbers (`embedding`)"))?;
+            .and_then(|vector| Vec::<f32>::deserialize(vector).ok())
+            .filter(|vector| vector.iter().all(|number| number.is_finite()));
+        let vector = vector.ok_or_else(|| {
+            wrong("an entry of `data` has no list of finite numbers (`embedding`)")
+        })?;
         *vectors
             .get_mut(index)
             .ok_or_else(|| wrong("it holds more vectors than texts were sent"))? = vector;

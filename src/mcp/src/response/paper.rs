@@ -21,9 +21,9 @@ pub(super) fn say(said: &Response) -> CallToolResult {
 pub(super) fn refuse(error: &LiveError) -> CallToolResult {
     let code = match error {
         LiveError::NoEpisode => "no_episode",
-        LiveError::Over(_) => "episode_over",
+        LiveError::Over(_) | LiveError::Overtaken => "episode_over",
         LiveError::UnknownTask(_) => "unknown_task",
-        LiveError::Busy(_) => "busy",
+        LiveError::Busy(_) | LiveError::NoLookUp => "busy",
         LiveError::Broken(_) | LiveError::Recording(_) => "broken",
         _ => "refused",
     };

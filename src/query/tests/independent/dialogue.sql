@@ -55,12 +55,13 @@ FROM sources ORDER BY policy, source;
 CREATE TABLE answer.vocabulary_misses AS
 WITH missed AS (
   SELECT
-    lower(trim(call.argument)) AS word, call.step AS step, episode_id, policy, success, trace,
+    lower(trim(call.argument)) AS word, call.match_source AS source, call.step AS step, episode_id, policy, success, trace,
     call.error_code IS NOT NULL AS failed
-  FROM calls WHERE call.tool = 'show_object_by_category' AND call.match_categories IS NULL AND NOT call.query_known
+  FROM calls
+  WHERE call.match_source IS NOT NULL AND if(call.match_categories IS NULL, NOT call.query_known, len(call.match_categories) = 0)
 )
 SELECT
-  word AS "query", count(*) AS calls, tally(failed) AS failed, count(DISTINCT episode_id) AS episodes,
+  word AS "query", source, count(*) AS calls, tally(failed) AS failed, count(DISTINCT episode_id) AS episodes,
   count(DISTINCT policy) AS policies, count(DISTINCT if(success, episode_id, NULL)) AS successes,
   min(trace) AS trace, arg_min(step, (trace, step)) AS step
-FROM missed GROUP BY word ORDER BY calls DESC, "query";
+FROM missed GROUP BY word, source ORDER BY calls DESC, "query", source;

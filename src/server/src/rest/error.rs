@@ -234,10 +234,13 @@ impl From<LiveError> for ApiError {
             LiveError::OtherOwner(_) => Self::forbidden("owner", message),
             LiveError::Quota { .. } => Self::new(StatusCode::TOO_MANY_REQUESTS, "quota", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
-            LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {
-                Self::conflict("no_episode", message)
+            LiveError::NoEpisode
+            | LiveError::Over(_)
+            | LiveError::Overtaken
+            | LiveError::Broken(_) => Self::conflict("no_episode", message),
+            LiveError::Full(_) | LiveError::Busy(_) | LiveError::NoLookUp | LiveError::Closing => {
+                Self::busy(message)
             }
-            LiveError::Full(_) | LiveError::Busy(_) | LiveError::Closing => Self::busy(message),
             LiveError::Folder { source, .. } => Self::disk(source),
             LiveError::Recording(_) => Self::new(StatusCode::INSUFFICIENT_STORAGE, "disk", message),
             LiveError::Episode(_) => Self::internal("the episode cannot go on; the log says why"),

@@ -112,8 +112,9 @@ pub const STEP: &[Column] = columns! {
          so far, as the words of both are understood";
     may reply_source: Text, "who answered: `rule-based`, `model`, `human`";
     may match_source: Text,
-        "of a `show_object_by_category`: what decided which categories the query means: `words` (Reel's \
-         word list), else the name of the embedding model or of the file of vectors";
+        "of a `show_object_by_category` in Reel's simulator: what decided which categories the query means: \
+         `words` (Reel's word list, or equal names), else the name of the embedding model or of the file of \
+         vectors";
     may match_categories: List(&Text),
         "categories that the query means by vectors, the most similar first; null if words decided";
     may query_known: Flag,

@@ -77,8 +77,8 @@ enum Command {
         #[arg(long, value_name = "N", default_value_t = 0)]
         row: u64,
         /// Write the images into this folder
-        #[arg(long = "images-out", alias = "pictures", value_name = "DIR")]
-        frames: Option<PathBuf>,
+        #[arg(long, alias = "pictures", value_name = "DIR")]
+        images_out: Option<PathBuf>,
     },
     #[command(about = "Write reasoning and History for traces of agents that wrote none")]
     Annotate(annotate::Arguments),
@@ -138,14 +138,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 ExitStatus::Success
             })
         }
-        Command::Show { input, row, frames } => {
+        Command::Show {
+            input,
+            row,
+            images_out,
+        } => {
             let dataset = input.open()?;
             let Some(example) = dataset.row(*row) else {
                 bail!("there is no example {row}; count from 0");
             };
             let example = example.with_context(|| format!("example {row} cannot be read"))?;
             println!("{}", show(&example));
-            let Some(folder) = frames else {
+            let Some(folder) = images_out else {
                 return Ok(ExitStatus::Success);
             };
             fs::create_dir_all(folder)

@@ -206,9 +206,9 @@ fn write(
     }
     preferences.flush()?;
     values.flush()?;
-    let frames = examples.join("images");
-    if frames.exists() {
-        fs::rename(frames, out.join("images"))?;
+    let images = examples.join("images");
+    if images.exists() {
+        fs::rename(images, out.join("images"))?;
     }
     fs::remove_dir_all(&examples)?;
     fs::remove_dir_all(&work)?;

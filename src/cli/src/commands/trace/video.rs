@@ -1,4 +1,4 @@
-//! `reel trace video`: an episode as moving images, with the calls as captions.
+//! `reel trace video`: an episode as a video, with the calls as captions.
 
 use std::{
     fs,
