@@ -180,7 +180,8 @@ def fault_large_bodies():
                 wrong.append((path, "in chunks", status, sent, time.monotonic() - begun))
         peak = resident(server, "VmHWM") - before
         assert not wrong, wrong
-        assert peak < 20 * MIB, f"the server took {peak / MIB:.0f} MiB for it"
+        # A busy machine gives memory back late (23 MiB were seen); a single body that was kept would be 100.
+        assert peak < 40 * MIB, f"the server took {peak / MIB:.0f} MiB for it"
         assert os.listdir(server.data / "traces") == [], "the upload left something"
 
 
