@@ -108,6 +108,53 @@ fn traces(folder: &Path) -> Vec<Trace> {
 }
 
 #[test]
+fn memory_options_are_named_and_change_what_is_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "2");
+    let mock = Mock::start(here, &[]);
+    let prompts = |out: &str, options: &[&str]| {
+        let arguments = [&bench("real-agent", &mock.url, out)[..], options].concat();
+        let told: Value = serde_json::from_str(&expect(here, 0, &arguments)).unwrap();
+        let parameters = traces(&here.join(out))[0].header.policy.parameters.clone();
+        (told["memory_options"].clone(), parameters)
+    };
+    let (named, own) = prompts("own", &[]);
+    assert_eq!(named, serde_json::json!([]));
+    let (named, helped) = prompts("helped", &["--call-log", "--keep-view"]);
+    assert_eq!(named, serde_json::json!(["call_log", "keep_view"]));
+    assert_eq!(
+        (&helped["call_log"], &helped["keep_view"]),
+        (&true.into(), &true.into())
+    );
+    assert!(!own.contains_key("call_log") && own["prompt"] != helped["prompt"]);
+
+    // The oracle wrote no History. What stands for it in a training set, if anything, is an option.
+    reel!(here, "ingest plans --store store");
+    let rows = |out: &str, options: &str| {
+        reel!(
+            here,
+            "export sft --store store --annotations recorded --image-format none --format trl {options} --out {out}"
+        );
+        let files = files(&here.join(out).join("train"), "jsonl");
+        files
+            .iter()
+            .map(|path| fs::read_to_string(path).unwrap())
+            .collect::<String>()
+    };
+    let (own, helped) = (rows("sft", ""), rows("sft-helped", "--call-log"));
+    assert!(
+        !own.is_empty() && !own.contains("I have not done anything yet"),
+        "{own}"
+    );
+    assert!(helped.contains("I have not done anything yet"), "{helped}");
+    let manifest = |out: &str| fs::read_to_string(here.join(out).join("manifest.json")).unwrap();
+    assert!(
+        manifest("sft-helped").contains("\"call_log\"") && !manifest("sft").contains("call_log")
+    );
+}
+
+#[test]
 fn both_styles_complete_twenty_tasks_and_replay_with_nobody_there() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

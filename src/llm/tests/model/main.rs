@@ -530,3 +530,51 @@ fn what_cannot_be_written_is_an_error() {
         .unwrap_err();
     assert!(error.to_string().contains("keep a reply"), "{error}");
 }
+
+/// The vector of a text: its length and 1.
+fn embedded(received: &scripted::Received) -> Act {
+    let texts = received.body["input"].as_array().unwrap();
+    let data: Vec<_> = texts
+        .iter()
+        .map(|text| json!({"embedding": [text.as_str().unwrap().len(), 1]}))
+        .collect();
+    Act::Status(200, "", json!({"data": data}).to_string())
+}
+
+#[test]
+fn vectors_are_kept_text_by_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = Scripted::answering(embedded);
+    let client = client(&server.base_url)
+        .0
+        .with_cache(Cache::open(folder.path()).unwrap());
+    let asked = || -> Vec<String> {
+        let texts = |it: &scripted::Received| it.body["input"].to_string();
+        server.received().iter().map(texts).collect()
+    };
+    assert_eq!(
+        client.embed(&["cup", "plate"]).unwrap(),
+        [[3.0, 1.0], [5.0, 1.0]]
+    );
+    assert_eq!(
+        client.embed(&["bowl", "cup"]).unwrap(),
+        [[4.0, 1.0], [3.0, 1.0]]
+    );
+    assert_eq!(asked(), [r#"["cup","plate"]"#, r#"["bowl"]"#]);
+    // A file that is not as it was written is as good as none.
+    for file in fs::read_dir(folder.path()).unwrap() {
+        let path = file.unwrap().path();
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replace("3.0", "9.0")).unwrap();
+    }
+    assert_eq!(client.embed(&["cup"]).unwrap(), [[3.0, 1.0]]);
+    assert_eq!(asked().len(), 3);
+}
+
+#[test]
+fn vectors_without_end_are_no_answer() {
+    let endless = r#"{"data": [{"embedding": [1e39]}]}"#;
+    let server = Scripted::answering(move |_| Act::Status(200, "", endless.to_owned()));
+    let error = client(&server.base_url).0.embed(&["cup"]).unwrap_err();
+    assert!(error.to_string().contains("finite"), "{error}");
+}
