@@ -20,7 +20,7 @@ from deltalake import DeltaTable
 
 KEYS = {"episodes": "episode_id", "tasks": "task_digest", "scenes": "scene_digest", "quarantine": "trace"}
 NOT_READ_AGAIN = {
-    f"episodes.steps.{name}" for name in ("settles", "match_source", "match_categories", "query_known")
+    f"episodes.steps.{name}" for name in ("settles", "refused_replies", "match_source", "match_categories", "query_known")
 }
 LEFT_OUT = {"episodes": ["trace_modified_ns"], "quarantine": ["reason"]}
 

@@ -227,7 +227,7 @@ class Rows:
         steps["logprobs"] = Nested(self.logprob_counts, columns_of(("policy", "logprobs"), self.logprobs))
         steps["contradictions"] = [0] * len(self.steps)
         # What an answer or a query means is not read again here.
-        for name in ("settles", "match_source", "match_categories", "query_known"):
+        for name in ("settles", "refused_replies", "match_source", "match_categories", "query_known"):
             steps[name] = [None] * len(self.steps)
         # Clocks of servers and robots: the simulator's traces have none.
         steps["duration_ns"] = [None] * len(self.steps)

@@ -391,7 +391,7 @@ OWN = {
     "episodes": """episode_id run_id policy seed sim_version build backend trace trace_digest trace_bytes trace_modified_ns start_objects
         shortest_path_m path_length_m spl steps""",
     "steps": """text reply listed_objects sim_step robot_yaw_rad path_length_m visible_count visible_objects new_objects candidate_count latency_ns duration_ns state_digest
-        chain_digest trace_offset match_source match_categories query_known""",
+        chain_digest trace_offset refused_replies match_source match_categories query_known""",
     "tasks": "", "scenes": "",
 }
 

@@ -33,7 +33,7 @@ pub use oracle::{Oracle, OracleOptions};
 pub use planner::{GoalHint, Planner};
 pub use policy::{POLICIES, PerceivedItem, Policy, PolicyContext, policy};
 pub use record::{RecordTo, TraceSink};
-pub use responders::{Matcher, ResponderError, Responders, User, UserQuestion};
+pub use responders::{Matcher, ResponderError, Responders, USER_TRIES, User, ask_user};
 pub use runner::{
     EpisodeJob, EpisodeReport, Participants, builtin, run_all, run_episode, run_injected,
 };

@@ -3,10 +3,10 @@
 
 use std::{collections::BTreeMap, error::Error};
 
-use reel_episode::user::violations;
+use reel_episode::user::{UserQuestion, leaks, violations};
 use reel_world::{
-    InstanceId, Scene, Task, WorldGraph,
-    record::{Lookup, StartRecord, StepRecord, UserReply},
+    InstanceId, Scene, Task,
+    record::{Lookup, RefusedReply, StartRecord, StepInput, StepRecord, UserReply, UserSource},
 };
 use serde_json::Value;
 
@@ -31,47 +31,40 @@ pub trait User {
     fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError>;
 }
 
-/// A question, and what a user knows of the world when it is asked (docs/spec.md#simulated-user):
-/// never a pose, never an image.
-#[derive(Clone, Copy, Debug)]
-pub struct UserQuestion<'a> {
-    /// Text that the robot asks the user.
-    pub question: &'a str,
-    /// The task, goal included: it is the user's.
-    pub task: &'a Task,
-    /// Scene that the episode plays in.
-    pub scene: &'a Scene,
-    /// Where everything was at the start.
-    pub initial: &'a WorldGraph,
-    /// What happened before. The last step is what the auxiliary observation is of.
-    pub steps: &'a [StepRecord],
-    /// What the robot saw before the first call.
-    pub seen_at_start: &'a [InstanceId],
-}
+/// How often a user is asked one question until it gives nothing away.
+pub const USER_TRIES: usize = 3;
 
-impl UserQuestion<'_> {
-    /// What the robot sees now: in the image, or told in words.
-    pub fn sees(&self) -> Vec<&InstanceId> {
-        match self.steps.last() {
-            Some(step) => seen(step).collect(),
-            None => self.seen_at_start.iter().collect(),
+/// Asks a user for the reply of a step. A model's reply that gives something away
+/// ([`reel_episode::user::leaks`]) is kept as refused, and the model is asked again, told why; after
+/// [`USER_TRIES`] of them there is no reply from outside, and the rule-based user answers. What a
+/// person says stands.
+///
+/// # Errors
+/// When the user cannot be reached.
+pub fn ask_user(
+    user: &mut dyn User,
+    asked: &UserQuestion<'_>,
+    input: &mut StepInput,
+) -> Result<(), ResponderError> {
+    while input.refused_replies.len() < USER_TRIES {
+        let reply = user.answer(&UserQuestion {
+            refused: &input.refused_replies,
+            ..*asked
+        })?;
+        let broken = match reply.source {
+            UserSource::Model => leaks(asked.task, asked.scene, &reply.text),
+            UserSource::RuleBased | UserSource::Human => Vec::new(),
+        };
+        if broken.is_empty() {
+            input.user_reply = Some(reply);
+            return Ok(());
         }
+        input.refused_replies.push(RefusedReply {
+            text: reply.text,
+            rules: broken.into_iter().map(str::to_owned).collect(),
+        });
     }
-
-    /// Whether the robot has seen the target by now.
-    pub fn saw_target(&self) -> bool {
-        let is_target = |object: &InstanceId| *object == self.task.target;
-        self.seen_at_start.iter().any(is_target)
-            || self.steps.iter().any(|step| seen(step).any(is_target))
-    }
-}
-
-fn seen(step: &StepRecord) -> impl Iterator<Item = &InstanceId> {
-    step.visible
-        .iter()
-        .map(|object| &object.object)
-        .chain(&step.listed)
-        .chain(&step.held)
+    Ok(())
 }
 
 /// Whoever knows which categories a query means.
@@ -109,18 +102,25 @@ pub(crate) fn broken_rules(
     let replies = steps
         .iter()
         .enumerate()
-        .filter_map(|(index, step)| Some((index, step.input.user_reply.as_ref()?)));
-    let broken = replies.flat_map(|(index, reply)| {
-        let (initial, steps) = (&start.graphs.physics, &steps[..index]);
+        .filter_map(|(index, step)| Some((index, step, step.input.user_reply.as_ref()?)));
+    let broken = replies.flat_map(|(index, step, reply)| {
+        let question = step.input.call.argument().unwrap_or_default();
         let asked = UserQuestion {
-            question: "",
+            question: &question,
             task,
             scene,
-            initial,
-            steps,
+            initial: &start.graphs.physics,
+            steps: &steps[..index],
             seen_at_start: &seen_at_start,
+            refused: &[],
         };
-        violations(task, scene, &reply.text, asked.saw_target())
+        violations(task, scene, &reply.text, asked.reported_target())
     });
     broken.collect()
+}
+
+/// The rules that refused replies broke, one for each reply and rule.
+pub(crate) fn refused_rules(steps: &[StepRecord]) -> Vec<String> {
+    let refused = steps.iter().flat_map(|step| &step.input.refused_replies);
+    refused.flat_map(|reply| reply.rules.clone()).collect()
 }

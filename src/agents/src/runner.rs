@@ -16,8 +16,10 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Injected, Injection, Label, Policy, Responders, policy, record::RecordTo,
-    responders::broken_rules, running::RunningEpisode,
+    AgentError, Injected, Injection, Label, Policy, Responders, policy,
+    record::RecordTo,
+    responders::{broken_rules, refused_rules},
+    running::RunningEpisode,
 };
 
 /// How an episode went.
@@ -59,6 +61,8 @@ pub struct EpisodeReport {
     pub latency_ns: u64,
     /// The rules of the simulated user that replies from outside broke, one for each time.
     pub broken_rules: Vec<&'static str>,
+    /// The rules that replies broke which a model gave and the policy did not get, one for each time.
+    pub refused_rules: Vec<String>,
 }
 
 impl EpisodeReport {
@@ -89,6 +93,7 @@ impl EpisodeReport {
             tokens,
             latency_ns,
             broken_rules: broken_rules(task, scene, start, steps),
+            refused_rules: refused_rules(steps),
         }
     }
 

@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput};
+use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput, user::UserQuestion};
 use reel_world::{
     Frame, HORIZON, InstanceId, Scene, Task, Tool, WorldGraph,
     record::{EpisodeHeader, StartRecord, StepInput, StepRecord},
@@ -15,8 +15,9 @@ use reel_world::{
 
 use crate::{
     AgentError, EpisodeReport, PerceivedItem, Policy, PolicyContext, ResponderError, Responders,
-    UserQuestion, perception,
+    perception,
     record::{RecordTo, TraceSink},
+    responders::ask_user,
     sink::{NoSink, Sink, SinkError},
 };
 
@@ -201,9 +202,10 @@ impl RunningEpisode {
                     initial: &start.graphs.physics,
                     steps: episode.steps(),
                     seen_at_start: &seen_at_start,
+                    refused: &[],
                 };
                 if let (None, Some(user)) = (&input.user_reply, &mut outside.user) {
-                    input.user_reply = Some(user.answer(&asked)?);
+                    ask_user(&mut **user, &asked, &mut input)?;
                 }
             }
             Ok(Tool::ShowObjectByCategory { category }) => {

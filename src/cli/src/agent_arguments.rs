@@ -148,7 +148,13 @@ impl AgentArguments {
 }
 
 /// Most tokens that a user may write.
-const USER_TOKENS: u32 = 1024;
+pub const USER_TOKENS: u32 = 1024;
+
+/// What a trace says of a model that plays the user.
+pub fn user_settings(client: &Client) -> Value {
+    let prompt = ModelUser::prompt_digest().to_string();
+    json!({"model": client.endpoint().model, "prompt": prompt})
+}
 
 impl AgentSet {
     /// What the players are called: of a model with its name.
@@ -205,11 +211,9 @@ impl AgentSet {
             settings: BTreeMap::new(),
         };
         if let Some(client) = &self.user {
-            let prompt = ModelUser::prompt_digest().to_string();
-            outside.settings.insert(
-                "user".to_owned(),
-                json!({"model": client.endpoint().model, "prompt": prompt}),
-            );
+            outside
+                .settings
+                .insert("user".to_owned(), user_settings(client));
             outside.user = Some(Box::new(ModelUser::new(client.clone())));
         }
         if let Some(matching) = &self.matching {

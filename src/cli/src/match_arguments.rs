@@ -10,7 +10,7 @@ use reel_llm::{
     client::Client,
 };
 use reel_server::{LookUp, MatcherConfig};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Folder of kept vectors, beside the traces that a run writes.
 pub const EMBEDDINGS: &str = "embeddings";
@@ -111,6 +111,14 @@ impl MatchArguments {
 impl Matching {
     /// Lets it answer in an episode, and names it in the trace.
     pub fn install(&self, outside: &mut Responders) {
+        outside
+            .settings
+            .insert("matcher".to_owned(), self.settings());
+        outside.matcher = Some(Box::new(self.matcher()));
+    }
+
+    /// What a trace says of it.
+    pub fn settings(&self) -> Value {
         let mut settings = match self.rule {
             MatchRule::Best => json!({"rule": "best"}),
             MatchRule::Threshold(least) => json!({"rule": "threshold", "similarity": least}),
@@ -119,8 +127,7 @@ impl Matching {
         if let Some(digest) = self.vectors.digest() {
             settings["blake3"] = json!(digest.to_string());
         }
-        outside.settings.insert("matcher".to_owned(), settings);
-        outside.matcher = Some(Box::new(self.matcher()));
+        settings
     }
 
     /// Whether somebody is asked over the network.
@@ -128,7 +135,7 @@ impl Matching {
         self.vectors.digest().is_none()
     }
 
-    /// Lets it answer for a server, which names nobody in the trace but the source of each answer.
+    /// Lets it answer for a server.
     pub fn look_up(self) -> LookUp {
         Arc::new(move |query, categories| Ok(self.matcher().look_up(query, categories)?))
     }

@@ -92,6 +92,11 @@ impl Suspended {
         )
     }
 
+    /// The state before the first call.
+    pub fn start_record(&self) -> &StartRecord {
+        &self.start
+    }
+
     /// The task that the suspended episode plays.
     pub fn task(&self) -> &Arc<Task> {
         &self.config.task

@@ -11,8 +11,10 @@
 //! [`violations`] checks a reply of any source against them. The user is deterministic, and never
 //! sees a pose or an image.
 
+mod leaks;
 mod question;
 mod rules;
+mod situation;
 
 use std::collections::BTreeSet;
 
@@ -21,9 +23,11 @@ use reel_world::{
     record::{UserReply, UserSource},
 };
 
+pub use leaks::{leaks, spoken_id};
 use question::Topic;
 pub use question::clarifying_question;
-pub use rules::{spoken_id, violations};
+pub use rules::violations;
+pub use situation::UserQuestion;
 
 /// What the user knows: the task, how people call the furniture, and what the robot saw and holds.
 #[derive(Clone, Debug)]

@@ -56,8 +56,15 @@ pub enum LiveError {
         "what this category means cannot be looked up now; the call was not executed; call again later"
     )]
     NoLookUp,
-    /// The episode ended before the call's turn came.
-    #[error("the episode ended while the call waited; the call was not executed")]
+    /// The user who is to answer does not.
+    #[error(
+        "the user cannot be reached now; the question was not executed; ask again later, or go on without an answer"
+    )]
+    NoUser,
+    /// Another call came first, or the episode ended.
+    #[error(
+        "another call was made, or the episode ended, while this one waited; it was not executed"
+    )]
     Overtaken,
     /// The server is about to stop.
     #[error("the server is shutting down; the call was not executed")]

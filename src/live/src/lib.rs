@@ -11,6 +11,7 @@ mod pool;
 mod restore;
 mod session;
 mod setup;
+mod situation;
 mod turns;
 
 pub use error::LiveError;
@@ -21,4 +22,5 @@ pub use session::{
     CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
 };
 pub use setup::{Lease, PreparedTaskCache, Setup, check_name};
+pub use situation::{Moment, Situation};
 pub use turns::{Owner, Turn, Turns};

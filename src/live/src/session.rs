@@ -2,7 +2,6 @@
 //! decides anything, never speaks a protocol.
 
 use std::{
-    collections::BTreeSet,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -15,7 +14,7 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Lease, LiveError, Setup, restore_on, setup::EpisodeKey};
+use crate::{Lease, LiveError, Moment, Setup, Situation, restore_on, setup::EpisodeKey};
 
 /// An exclusive simulator in which one agent plays one episode after another.
 pub struct Session {
@@ -292,19 +291,44 @@ impl Session {
         }
     }
 
-    /// The categories of the objects of the episode's task, sorted.
+    /// Which moment of which episode it is; `None` if no episode runs.
+    pub fn moment(&self) -> Option<Moment> {
+        let steps = match &self.now {
+            Phase::Playing(playing) => playing.episode.steps(),
+            Phase::Parked(resting) => resting.episode.steps(),
+            _ => return None,
+        };
+        Some(Moment {
+            recording: self.recording()?.to_owned(),
+            step: calls(steps),
+        })
+    }
+
+    /// What there is to know for whoever answers a question of the episode from outside.
     ///
     /// # Errors
     /// When no episode runs.
-    pub fn categories(&self) -> Result<Vec<String>, LiveError> {
-        let task = match &self.now {
-            Phase::Playing(playing) => playing.episode.task(),
-            Phase::Parked(resting) => resting.episode.task(),
+    pub fn situation(&self) -> Result<Situation, LiveError> {
+        let (task, start, steps) = match &self.now {
+            Phase::Playing(playing) => {
+                let episode = &playing.episode;
+                (episode.task(), episode.start_record(), episode.steps())
+            }
+            Phase::Parked(resting) => {
+                let episode = &resting.episode;
+                (episode.task(), episode.start_record(), episode.steps())
+            }
             _ => return Err(self.refusal()),
         };
-        let objects = task.objects.iter();
-        let categories: BTreeSet<&String> = objects.map(|object| &object.category).collect();
-        Ok(categories.into_iter().cloned().collect())
+        let moment = self.moment().ok_or(LiveError::NoEpisode)?;
+        Ok(Situation {
+            moment,
+            task: task.clone(),
+            scene: self.setup.scene(task).clone(),
+            initial: start.graphs.physics.clone(),
+            seen_at_start: start.visible.iter().map(|it| it.object.clone()).collect(),
+            steps: steps.to_vec(),
+        })
     }
 
     /// What the robot's head sees now; the episode stays as it is, awake or not.

@@ -1,7 +1,7 @@
 //! What sessions play, and how it is recorded.
 
 use std::{
-    collections::HashMap,
+    collections::{BTreeMap, HashMap},
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError, Weak},
 };
@@ -10,7 +10,7 @@ use reel_episode::{EpisodeConfig, PreparedTask, Rollout};
 use reel_reward::Preset;
 use reel_trace::RecordOptions;
 use reel_world::{Assets, Meshes, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{Host, LiveError};
 
@@ -35,6 +35,8 @@ pub struct Setup {
     pub run_id: String,
     /// Folder for the traces.
     pub folder: PathBuf,
+    /// Who answers from outside, for the traces: beside the policy's own settings.
+    pub answer_settings: BTreeMap<String, Value>,
     /// Whether traces hold images, and what a recorded call survives.
     pub options: RecordOptions,
     /// What it all runs on.
@@ -167,6 +169,7 @@ impl Setup {
                 parameters: parameters
                     .into_iter()
                     .map(|(key, value)| (key.to_owned(), value))
+                    .chain(self.answer_settings.clone())
                     .collect(),
             },
             rollout,

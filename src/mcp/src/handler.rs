@@ -2,17 +2,17 @@
 
 use std::{
     borrow::Cow,
+    collections::BTreeMap,
     error::Error,
-    path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, Instant},
 };
 
 use axum::http::request::Parts;
-use reel_live::{LiveError, Owner, Session, SessionPool, StartedEpisode};
+use reel_live::{LiveError, Moment, Owner, Session, SessionPool, Situation, StartedEpisode};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
-    record::{Lookup, StepInput, UserReply, UserSource},
+    record::{Lookup, PolicyOutput, StepInput, UserReply, UserSource},
 };
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
@@ -46,12 +46,33 @@ pub enum AskResponder {
     Client,
     /// A person who answers through [`Questions`].
     Rest,
+    /// A model, [`AnswerSources::user`].
+    Model,
 }
 
 /// Says which of the categories of a task a query means. It may take its time: it is asked on a
 /// thread that serves nobody else.
 pub type LookUp =
     Arc<dyn Fn(&str, &[&str]) -> Result<Lookup, Box<dyn Error + Send + Sync>> + Send + Sync>;
+
+/// Adds what a simulated user says to a question of this moment, and what it was not let say. It may
+/// take its time, as [`LookUp`].
+pub type AskUser = Arc<
+    dyn Fn(&Situation, &str, &mut StepInput) -> Result<(), Box<dyn Error + Send + Sync>>
+        + Send
+        + Sync,
+>;
+
+/// Who answers from outside of the simulator, while the session is free for others.
+#[derive(Clone, Default)]
+pub struct AnswerSources {
+    /// Says what `show_object_by_category` looks for; `None` if Reel's word list does.
+    pub matcher: Option<LookUp>,
+    /// The user of [`AskResponder::Model`].
+    pub user: Option<AskUser>,
+    /// Who they are, for the traces: beside the policy's own settings.
+    pub settings: BTreeMap<String, Value>,
+}
 
 /// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
 /// long it took, waiting included.
@@ -66,8 +87,8 @@ pub struct ToolServerOptions {
     pub ask_patience: Duration,
     /// Name of the policy in the traces; without it, what the client calls itself.
     pub policy: Option<String>,
-    /// Says what `show_object_by_category` looks for; `None` if Reel's word list does.
-    pub matcher: Option<LookUp>,
+    /// Who answers from outside.
+    pub sources: AnswerSources,
     /// Who is told of every call.
     pub watch: Option<CallObserver>,
 }
@@ -78,7 +99,7 @@ impl Default for ToolServerOptions {
             ask: AskResponder::Rules,
             ask_patience: Duration::from_secs(120),
             policy: None,
-            matcher: None,
+            sources: AnswerSources::default(),
             watch: None,
         }
     }
@@ -139,6 +160,12 @@ struct Reply {
     answer: String,
 }
 elicit_safe!(Reply);
+
+/// The inputs of a call, and the moment for which somebody outside answered, if anybody did.
+struct AnsweredInput {
+    step: StepInput,
+    moment: Option<Moment>,
+}
 
 /// The key of the one question that a call may have.
 const ANSWER: &str = "answer";
@@ -236,12 +263,12 @@ impl ToolServer {
     async fn answer(
         &self,
         session: &str,
-        input: StepInput,
+        input: AnsweredInput,
         tool: Option<Tool>,
         context: &RequestContext<RoleServer>,
     ) -> CallToolResult {
         let profile = self.profile();
-        let (name, begun) = (input.call.name.clone(), Instant::now());
+        let (name, begun) = (input.step.call.name.clone(), Instant::now());
         let known = tool.as_ref().map_or("unknown", Tool::paper_name);
         let said = self.request(session, input, tool, context).await;
         let outcome = match &said {
@@ -275,7 +302,7 @@ impl ToolServer {
     async fn request(
         &self,
         session: &str,
-        input: StepInput,
+        input: AnsweredInput,
         tool: Option<Tool>,
         context: &RequestContext<RoleServer>,
     ) -> Result<Response, LiveError> {
@@ -293,11 +320,14 @@ impl ToolServer {
             }
             _ => {}
         }
-        let (input, looked_up_in) = match &tool {
+        let input = match &tool {
             Some(Tool::ShowObjectByCategory { category }) => {
                 self.look_up(session, category, input, context).await?
             }
-            _ => (input, None),
+            Some(Tool::Ask { question }) => {
+                self.ask_model(session, question, input, context).await?
+            }
+            _ => input,
         };
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
@@ -319,7 +349,7 @@ impl ToolServer {
                 }
                 Some(Tool::Finish) => {
                     if session.is_running() {
-                        session.call(input)?;
+                        session.call(input.step)?;
                     }
                     Ok(session
                         .begin_next()?
@@ -329,11 +359,11 @@ impl ToolServer {
                     session.begin(&task_id).map(said_begun)
                 }
                 _ => {
-                    // Calls of one session that are sent at once may overtake a look-up.
-                    if looked_up_in.is_some_and(|it| session.recording() != Some(&*it)) {
+                    // Calls of one session that are sent at once may overtake an answer.
+                    if input.moment.is_some() && input.moment != session.moment() {
                         return Err(LiveError::Overtaken);
                     }
-                    let made = session.call(input)?;
+                    let made = session.call(input.step)?;
                     Ok(Response::CallMade(Box::new(made)))
                 }
             }
@@ -363,15 +393,15 @@ impl ToolServer {
         said
     }
 
-    /// Asks a person, where one is to be asked. An error of the result is what to
-    /// answer the client instead.
+    /// Asks a person, where one is to be asked: the reply, and the moment that it is for where the
+    /// protocol has sessions. An error of the result is what to answer the client instead.
     async fn ask_person(
         &self,
         session: &str,
         question: &str,
         request: &CallToolRequestParams,
         context: &RequestContext<RoleServer>,
-    ) -> Result<Option<UserReply>, CallToolResponse> {
+    ) -> Result<(Option<UserReply>, Option<Moment>), CallToolResponse> {
         let nobody = || UserReply {
             text: "Nobody answers.".to_owned(),
             source: UserSource::Human,
@@ -380,19 +410,16 @@ impl ToolServer {
             text,
             source: UserSource::Human,
         };
-        // A question in an episode that does not run is refused, and nobody is bothered with it.
-        if !self.runs(session) {
-            return Ok(None);
-        }
+        let asks_client = || {
+            context
+                .peer
+                .supported_elicitation_modes()
+                .contains(&ElicitationMode::Form)
+        };
         match self.options.ask {
-            AskResponder::Rules => Ok(None),
-            AskResponder::Rest => {
-                let answer = self
-                    .questions
-                    .ask(session, question, self.options.ask_patience)
-                    .await;
-                Ok(Some(answer.map_or_else(nobody, human)))
-            }
+            AskResponder::Rules | AskResponder::Model => Ok((None, None)),
+            // A question in an episode that does not run is refused, and nobody is bothered with it.
+            _ if !self.runs(session) => Ok((None, None)),
             AskResponder::Client if stateless(context) => {
                 let answered = request
                     .input_responses
@@ -405,64 +432,101 @@ impl ToolServer {
                 let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
                 let reply = accepted
                     .and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
-                Ok(Some(reply.map_or_else(nobody, |reply| human(reply.answer))))
+                let reply = reply.map_or_else(nobody, |reply| human(reply.answer));
+                Ok((Some(reply), None))
             }
-            AskResponder::Client => {
-                if !context
-                    .peer
-                    .supported_elicitation_modes()
-                    .contains(&ElicitationMode::Form)
-                {
-                    return Ok(None);
-                }
-                let answer = context
-                    .peer
-                    .elicit_with_timeout::<Reply>(question, Some(self.options.ask_patience))
-                    .await;
-                Ok(Some(
-                    answer
-                        .ok()
-                        .flatten()
-                        .map_or_else(nobody, |reply| human(reply.answer)),
-                ))
+            AskResponder::Client if !asks_client() => Ok((None, None)),
+            AskResponder::Client | AskResponder::Rest => {
+                // Without a situation there is no episode, and the call says so.
+                let Ok(situation) = self.situation(session, context).await else {
+                    return Ok((None, None));
+                };
+                let moment = Some(situation.moment.clone());
+                let patience = self.options.ask_patience;
+                let answer = if self.options.ask == AskResponder::Rest {
+                    self.questions
+                        .ask(session, question, situation, patience)
+                        .await
+                } else {
+                    let answer = context
+                        .peer
+                        .elicit_with_timeout::<Reply>(question, Some(patience))
+                        .await;
+                    answer.ok().flatten().map(|reply| reply.answer)
+                };
+                Ok((Some(answer.map_or_else(nobody, human)), moment))
             }
         }
     }
 
-    /// Looks up what a query means, where that is decided outside of the simulator: the input with the
-    /// answer, and the recording of the episode that it is for.
+    /// The moment at which the session stands.
+    async fn situation(
+        &self,
+        session: &str,
+        context: &RequestContext<RoleServer>,
+    ) -> Result<Situation, LiveError> {
+        let (owner, pool) = (self.owner(context), &self.pool);
+        pool.with_own_session(session, &owner, |session| session.situation())
+            .await?
+    }
+
+    /// Asks the model that plays the user, where one does and nobody else answered.
+    async fn ask_model(
+        &self,
+        session: &str,
+        question: &str,
+        input: AnsweredInput,
+        context: &RequestContext<RoleServer>,
+    ) -> Result<AnsweredInput, LiveError> {
+        let user = self.options.sources.user.clone();
+        let asks = self.options.ask == AskResponder::Model && input.step.user_reply.is_none();
+        let Some(user) = user.filter(|_| asks && self.runs(session)) else {
+            return Ok(input);
+        };
+        let situation = self.situation(session, context).await?;
+        let (mut step, question) = (input.step, question.to_owned());
+        let answered = spawn_blocking(move || {
+            let moment = Some(situation.moment.clone());
+            user(&situation, &question, &mut step).map(|()| AnsweredInput { step, moment })
+        });
+        answered
+            .await
+            .map_err(Into::into)
+            .flatten()
+            .map_err(|error| {
+                tracing::error!(session, %error, "the user model does not answer");
+                LiveError::NoUser
+            })
+    }
+
+    /// Looks up what a query means, where that is decided outside of the simulator.
     async fn look_up(
         &self,
         session: &str,
         query: &str,
-        input: StepInput,
+        input: AnsweredInput,
         context: &RequestContext<RoleServer>,
-    ) -> Result<(StepInput, Option<PathBuf>), LiveError> {
-        let Some(matcher) = self.options.matcher.clone().filter(|_| self.runs(session)) else {
-            return Ok((input, None));
+    ) -> Result<AnsweredInput, LiveError> {
+        let matcher = self.options.sources.matcher.clone();
+        let Some(matcher) = matcher.filter(|_| self.runs(session)) else {
+            return Ok(input);
         };
-        let (owner, profile) = (self.owner(context), self.profile());
-        let facts = |session: &mut Session| {
-            let recording = session.recording().map(Path::to_owned);
-            Ok::<_, LiveError>((recording, session.categories()?))
-        };
-        let facts = self.pool.with_own_session(session, &owner, facts).await?;
-        let (recording, categories) = facts?;
-        let query = query.to_owned();
+        let (profile, situation) = (self.profile(), self.situation(session, context).await?);
+        let (mut step, query) = (input.step, query.to_owned());
         let looked_up = spawn_blocking(move || {
-            let categories: Vec<&str> = categories.iter().map(String::as_str).collect();
-            let literal = profile.takes_literally(&query, &categories);
-            (!literal).then(|| matcher(&query, &categories)).transpose()
+            let categories = situation.categories();
+            if !profile.takes_literally(&query, &categories) {
+                step.lookup = Some(matcher(&query, &categories)?);
+            }
+            let moment = Some(situation.moment.clone());
+            Ok(AnsweredInput { step, moment })
         });
-        let failed = |error: &dyn Error| {
-            tracing::error!(session, %error, "a category could not be looked up");
-            LiveError::NoLookUp
-        };
-        let lookup = looked_up
-            .await
-            .map_err(|error| failed(&error))?
-            .map_err(|error| failed(&*error))?;
-        Ok((StepInput { lookup, ..input }, recording))
+        looked_up.await.map_err(Into::into).flatten().map_err(
+            |error: Box<dyn Error + Send + Sync>| {
+                tracing::error!(session, %error, "a category could not be looked up");
+                LiveError::NoLookUp
+            },
+        )
     }
 
     /// Whether an episode runs.
@@ -494,6 +558,19 @@ fn elicitation(question: &str) -> CallToolResponse {
     };
     let request = InputRequest::Elicitation(ElicitRequest::new(params));
     InputRequiredResult::from_input_requests([(ANSWER.to_owned(), request)].into()).into()
+}
+
+/// The key of `_meta` under which a client says what its policy thought: an object with any of
+/// `reasoning`, `history`, `plan`, `raw`, `tokens`, `latency_ns` and `logprobs`.
+const POLICY: &str = "reel/policy";
+
+/// What came with a decision, where the client says it.
+fn policy_output(context: &RequestContext<RoleServer>) -> Result<Option<PolicyOutput>, ErrorData> {
+    let output = context.meta.0.get(POLICY).map(PolicyOutput::deserialize);
+    output.transpose().map_err(|error| {
+        let text = format!("_meta[\"{POLICY}\"] is not what came with a decision: {error}");
+        ErrorData::invalid_params(text, None)
+    })
 }
 
 /// Whether the protocol has no sessions.
@@ -544,19 +621,22 @@ impl ServerHandler for ToolServer {
             .clone()
             .map_or_else(|| json!({}), Value::Object);
         let call = ToolCall::new(request.name.clone(), arguments);
+        let policy = policy_output(&context)?;
         let work = async {
             let tool = self.profile().tool(&call).ok();
-            let reply = match &tool {
+            let (user_reply, moment) = match &tool {
                 Some(Tool::Ask { question }) => {
                     self.ask_person(&session, question, &request, &context)
                         .await?
                 }
-                _ => None,
+                _ => (None, None),
             };
-            let input = StepInput {
-                user_reply: reply,
+            let step = StepInput {
+                policy,
+                user_reply,
                 ..StepInput::from_call(call)
             };
+            let input = AnsweredInput { step, moment };
             Ok(self.answer(&session, input, tool, &context).await.into())
         };
         // A cancelled call was not made, or is persisted as a whole.

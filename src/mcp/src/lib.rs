@@ -19,7 +19,9 @@ mod sessions;
 pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
-pub use handler::{AskResponder, CallObserver, LookUp, ToolServer, ToolServerOptions};
+pub use handler::{
+    AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
+};
 pub use methods::{VERSIONS, agreed_version, refusal};
-pub use questions::{Question, Questions};
+pub use questions::{Decision, OpenQuestion, Question, Questions, Wish};
 pub use router::{Worker, router, stdio, streamable_http};

@@ -6,6 +6,8 @@ use std::{
     time::Duration,
 };
 
+use reel_live::Situation;
+use reel_world::{ReceptacleId, Scene, record::StepRecord};
 use serde::Serialize;
 use tokio::{sync::oneshot, time::Instant};
 
@@ -17,6 +19,7 @@ pub struct Questions(Mutex<BTreeMap<String, Waiting>>);
 struct Waiting {
     text: String,
     since: Instant,
+    situation: Situation,
     answer: oneshot::Sender<String>,
 }
 
@@ -31,13 +34,103 @@ pub struct Question {
     pub waiting_s: u64,
 }
 
+/// A question and what led to it, for the person who answers: the goal included, so never for a
+/// policy.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct OpenQuestion {
+    /// The question itself.
+    #[serde(flatten)]
+    pub asked: Question,
+    /// Id of the task that the robot was given.
+    pub task_id: String,
+    /// What the robot was told to do.
+    pub instruction: String,
+    /// What the user wants, which the robot is not told.
+    pub wish: Wish,
+    /// What the robot decided so far.
+    pub decisions: Vec<Decision>,
+}
+
+/// What the user wants: which object, from where, to where.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Wish {
+    /// Category of the target.
+    pub category: String,
+    /// What the target looks like.
+    pub caption: Option<String>,
+    /// Where it stands, in a person's words.
+    pub from: String,
+    /// Where it shall go, in a person's words.
+    pub to: String,
+}
+
+/// One decision of the robot and what came of it.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Decision {
+    /// Index of the step in its episode, from 0.
+    pub step: u32,
+    /// The tool as the policy called it.
+    pub tool: String,
+    /// Values of its arguments, as texts.
+    pub arguments: Vec<String>,
+    /// The reasoning that came with the call (`_meta["reel/policy"]`), if any did.
+    pub reasoning: Option<String>,
+    /// What the policy got.
+    pub text: String,
+    /// Code of the error, if the call failed.
+    pub error: Option<&'static str>,
+}
+
+impl Decision {
+    fn of(step: &StepRecord) -> Self {
+        let policy = step.input.policy.as_ref();
+        let said = |text: &String| (!text.is_empty()).then(|| text.clone());
+        Self {
+            step: step.step,
+            tool: step.input.call.name.clone(),
+            arguments: step.input.call.values().map(Into::into).collect(),
+            reasoning: policy.and_then(|policy| said(&policy.reasoning)),
+            text: step.outcome.text.clone(),
+            error: step.outcome.error.map(|code| code.as_str()),
+        }
+    }
+}
+
+impl Waiting {
+    fn question(&self, session: &str) -> Question {
+        Question {
+            session: session.to_owned(),
+            question: self.text.clone(),
+            waiting_s: self.since.elapsed().as_secs(),
+        }
+    }
+}
+
+/// A receptacle as people call it.
+fn called(scene: &Scene, id: &ReceptacleId) -> String {
+    scene.receptacle(id).map_or_else(
+        || id.to_string(),
+        |receptacle| {
+            let name = receptacle.main_caption().unwrap_or(&receptacle.category);
+            format!("{name} in the {}", receptacle.room_name())
+        },
+    )
+}
+
 impl Questions {
     /// Waits for somebody to answer; none when nobody does in time.
-    pub async fn ask(&self, session: &str, text: &str, patience: Duration) -> Option<String> {
+    pub async fn ask(
+        &self,
+        session: &str,
+        text: &str,
+        situation: Situation,
+        patience: Duration,
+    ) -> Option<String> {
         let (answer, answered) = oneshot::channel();
         let waiting = Waiting {
             text: text.to_owned(),
             since: Instant::now(),
+            situation,
             answer,
         };
         self.lock().insert(session.to_owned(), waiting);
@@ -54,12 +147,32 @@ impl Questions {
 
     /// Every question that waits.
     pub fn pending(&self) -> Vec<Question> {
-        let question = |(session, waiting): (&String, &Waiting)| Question {
-            session: session.clone(),
-            question: waiting.text.clone(),
-            waiting_s: waiting.since.elapsed().as_secs(),
-        };
-        self.lock().iter().map(question).collect()
+        let waiting = self.lock();
+        let question = |(session, waiting): (&String, &Waiting)| waiting.question(session);
+        waiting.iter().map(question).collect()
+    }
+
+    /// The question of a session with everything that whoever answers has to know; `None` if none
+    /// waits.
+    pub fn open(&self, session: &str) -> Option<OpenQuestion> {
+        let waiting = self.lock();
+        let (session, waiting) = waiting.get_key_value(session)?;
+        let Situation {
+            task, scene, steps, ..
+        } = &waiting.situation;
+        let target = task.target_object();
+        Some(OpenQuestion {
+            asked: waiting.question(session),
+            task_id: task.task_id.clone(),
+            instruction: task.instruction.clone(),
+            wish: Wish {
+                category: target.category.clone(),
+                caption: target.caption.clone(),
+                from: called(scene, &task.src),
+                to: called(scene, &task.dest),
+            },
+            decisions: steps.iter().map(Decision::of).collect(),
+        })
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Waiting>> {

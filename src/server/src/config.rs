@@ -1,6 +1,7 @@
 //! The configuration: a TOML file, with a default for everything, and what is wrong with it.
 
 use std::{
+    collections::BTreeMap,
     fs, io,
     net::{IpAddr, SocketAddr},
     path::{Path, PathBuf},
@@ -9,7 +10,7 @@ use std::{
 };
 
 use reel_live::{Host, PreparedTaskCache, Setup};
-use reel_mcp::{AskResponder, LookUp};
+use reel_mcp::{AnswerSources, AskResponder};
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
 use reel_trace::{Durability, Images, RecordOptions};
@@ -99,7 +100,8 @@ pub struct Play {
     /// What an acknowledged call survives: `write` (the death of the process) or `fsync`
     /// (the loss of power).
     pub durability: String,
-    /// Who answers the `ask` calls of the policies.
+    /// Who answers the `ask` calls of the policies: `rules`, `client`, `rest`, or `model`, the one of
+    /// `user`.
     pub ask: AskResponder,
     /// How long a person may take to answer, in seconds.
     #[serde(alias = "ask_patience_s")]
@@ -108,6 +110,24 @@ pub struct Play {
     /// word list.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub matcher: Option<MatcherConfig>,
+    /// The model that answers where `ask` is `model`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub user: Option<UserConfig>,
+}
+
+/// A model in the role of the user (docs/agents.md#a-model-as-the-user).
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UserConfig {
+    /// The model's name at the endpoint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// OpenAI-compatible endpoint of that model, up to `/v1`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub endpoint: Option<String>,
+    /// Environment variable that holds the endpoint's key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub api_key_env: Option<String>,
 }
 
 /// Where the vectors of words come from, and what is made of them (docs/agents.md#open-vocabulary).
@@ -227,6 +247,7 @@ impl Default for Play {
             ask: AskResponder::Rules,
             ask_timeout_s: 120,
             matcher: None,
+            user: None,
         }
     }
 }
@@ -512,16 +533,17 @@ impl Config {
             preset: self.preset()?,
             run_id,
             folder: self.traces(),
+            answer_settings: BTreeMap::new(),
             options: RecordOptions { images, durability },
             host: Host::default(),
             stages: PreparedTaskCache::default(),
         })
     }
 
-    /// How policy sessions behave; `watch` is told of every call.
+    /// How policy sessions behave: who answers from outside, and who is told of every call.
     pub fn options(
         &self,
-        matcher: Option<LookUp>,
+        sources: AnswerSources,
         watch: Option<reel_mcp::CallObserver>,
     ) -> reel_mcp::ToolServerOptions {
         let play = &self.play;
@@ -529,7 +551,7 @@ impl Config {
             ask: play.ask,
             ask_patience: Duration::from_secs(play.ask_timeout_s),
             policy: play.policy.clone(),
-            matcher,
+            sources,
             watch,
         }
     }

@@ -5,6 +5,7 @@ use std::{io, net::SocketAddr, time::Duration};
 
 use axum::serve::Listener;
 use reel_live::Host;
+use reel_mcp::AnswerSources;
 use reel_trace::TraceFiles;
 use tokio::{
     io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex},
@@ -45,8 +46,13 @@ impl InMemoryServer {
             .map_err(ServeError::System)?;
         let (pipes, accepted) = mpsc::unbounded_channel();
         let listen = async { Ok(Pipes(accepted)) };
-        let service =
-            Service::start_on(Host::default(), config, TraceFiles::default(), None, listen);
+        let service = Service::start_on(
+            Host::default(),
+            config,
+            TraceFiles::default(),
+            AnswerSources::default(),
+            listen,
+        );
         let service = runtime.block_on(service)?;
         let (stop, stopped) = oneshot::channel();
         let serving = runtime.spawn(service.run(async { drop(stopped.await) }));

@@ -38,7 +38,7 @@ pub use config::{Config, ConfigError, Limits, LogFormat, MatcherConfig, Order, P
 #[doc(hidden)]
 pub use in_memory::InMemoryServer;
 pub use mock_llm::{MockOptions, mock_llm};
-pub use reel_mcp::{AskResponder, LookUp};
+pub use reel_mcp::{AnswerSources, AskResponder, AskUser, LookUp};
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};

@@ -2,8 +2,8 @@
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
-use reel_live::SessionPool;
-use reel_mcp::LookUp;
+use reel_live::{SessionPool, Setup};
+use reel_mcp::AnswerSources;
 use reel_trace::TraceFiles;
 use tokio::{
     runtime::{Builder, Runtime},
@@ -16,15 +16,15 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the
-/// number of tasks. Questions about the store read traces from `trace_files`; `matcher` says what
-/// `show_object_by_category` looks for, else Reel's word list does.
+/// number of tasks. Questions about the store read traces from `trace_files`; `sources` answer
+/// policies from outside.
 ///
 /// # Errors
 /// When the service cannot start.
 pub fn run(
     config: Config,
     trace_files: TraceFiles,
-    matcher: Option<LookUp>,
+    sources: AnswerSources,
     on_listening: impl FnOnce(SocketAddr, usize),
 ) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
@@ -33,7 +33,7 @@ pub fn run(
     let served = runtime.block_on(async {
         // Whoever is told the address may end the service at once.
         let stopped = stopped();
-        let service = Service::start(config, trace_files, matcher).await?;
+        let service = Service::start(config, trace_files, sources).await?;
         on_listening(
             service.address().map_err(ServeError::System)?,
             service.tasks(),
@@ -50,7 +50,7 @@ pub fn run(
 ///
 /// # Errors
 /// When the configuration is wrong, or what comes in is not the protocol.
-pub fn run_stdio(config: Config, matcher: Option<LookUp>) -> Result<(), ServeError> {
+pub fn run_stdio(config: Config, sources: AnswerSources) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
     let run = config
         .play
@@ -59,7 +59,11 @@ pub fn run_stdio(config: Config, matcher: Option<LookUp>) -> Result<(), ServeErr
         .unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
     let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
     std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;
-    let options = config.options(matcher, None);
+    let setup = Setup {
+        answer_settings: sources.settings.clone(),
+        ..setup
+    };
+    let options = config.options(sources, None);
     let pool = Arc::new(SessionPool::new(setup, config.pool()));
     let runtime = runtime(Some(2))?;
     let served = runtime.block_on(async {

@@ -17,7 +17,7 @@ use axum::{
     serve::{Listener, ListenerExt as _, TapIo},
 };
 use reel_live::{Host, Owner, SessionPool, Turn, Turns, restore_on};
-use reel_mcp::{Guard, LookUp, Questions};
+use reel_mcp::{AnswerSources, Guard, Questions};
 use reel_trace::TraceFiles;
 use tokio::{
     net::{TcpListener, TcpStream},
@@ -53,7 +53,7 @@ pub(crate) struct App {
     pub config: Config,
     pub pool: Arc<SessionPool>,
     pub questions: Arc<Questions>,
-    pub matcher: Option<LookUp>,
+    pub sources: AnswerSources,
     pub archive: Archive,
     pub snapshots: SnapshotFolder,
     #[cfg(feature = "tables")]
@@ -151,7 +151,7 @@ impl Service {
     pub async fn start(
         config: Config,
         trace_files: TraceFiles,
-        matcher: Option<LookUp>,
+        sources: AnswerSources,
     ) -> Result<Self, ServeError> {
         let address = config.listen;
         let listen = async move {
@@ -161,7 +161,7 @@ impl Service {
             let at_once: fn(&mut TcpStream) = |stream| drop(stream.set_nodelay(true));
             Ok(listener.tap_io(at_once))
         };
-        Self::start_on(Host::default(), config, trace_files, matcher, listen).await
+        Self::start_on(Host::default(), config, trace_files, sources, listen).await
     }
 }
 
@@ -178,7 +178,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         host: Host,
         config: Config,
         trace_files: TraceFiles,
-        matcher: Option<LookUp>,
+        sources: AnswerSources,
         listen: impl Future<Output = Result<L, ServeError>>,
     ) -> Result<Self, ServeError> {
         let tokens = Tokens::open(&config.tokens())?;
@@ -198,6 +198,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         let setup = reel_live::Setup {
             folder: archive.folder().to_owned(),
             host,
+            answer_settings: sources.settings.clone(),
             ..setup
         };
         #[cfg(feature = "tables")]
@@ -214,7 +215,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
-            matcher,
+            sources,
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
@@ -329,7 +330,7 @@ pub fn start_logs(config: &Config) -> WorkerGuard {
 fn router(app: &Arc<App>) -> Router {
     let metrics = app.metrics.clone();
     let options = app.config.options(
-        app.matcher.clone(),
+        app.sources.clone(),
         Some(Arc::new(move |tool, outcome, took| {
             metrics.call(tool, outcome, took)
         })),

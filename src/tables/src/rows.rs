@@ -303,6 +303,7 @@ pub(crate) struct Step<'a> {
     pub(crate) reply: Option<&'a str>,
     pub(crate) settles: Option<bool>,
     pub(crate) reply_source: Option<Value>,
+    pub(crate) refused_replies: Option<usize>,
     pub(crate) match_source: Option<&'a str>,
     pub(crate) match_categories: Option<&'a [String]>,
     pub(crate) query_known: Option<bool>,
@@ -408,6 +409,8 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 seen.iter().copied().filter(|id| candidates.contains(*id)),
             ),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
+            refused_replies: (trace.header.backend == Backend::Sim && record.reply.is_some())
+                .then_some(record.input.refused_replies.len()),
             match_source: query(trace, record)
                 .map(|_| lookup.map_or("words", |lookup| lookup.source.as_str())),
             match_categories: lookup.map(|lookup| lookup.categories.as_slice()),

@@ -539,6 +539,7 @@ impl<'a> Play<'a, '_> {
             question: None,
             reply: None,
             reply_source: None,
+            refused_replies: None,
             match_source: (tool == "show_object_by_category").then_some("words"),
             match_categories: None,
             query_known: (tool == "show_object_by_category").then_some(true),

@@ -11,8 +11,8 @@ use prost::Message;
 use reel_world::{
     Digest, Outcome, Scene, Task, ToolCall, chain,
     record::{
-        EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, PolicyOutput, RewardTerm,
-        StartRecord, StepInput, StepRecord, UserReply,
+        EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, PolicyOutput, RefusedReply,
+        RewardTerm, StartRecord, StepInput, StepRecord, UserReply,
     },
 };
 use serde::de::DeserializeOwned;
@@ -84,6 +84,7 @@ struct Draft {
     call: ToolCall,
     policy: Option<PolicyOutput>,
     user_reply: Option<UserReply>,
+    refused_replies: Vec<RefusedReply>,
     lookup: Option<Lookup>,
     result: Option<(Outcome, reel::ToolResult)>,
     answer: Option<UserReply>,
@@ -179,21 +180,14 @@ impl<'a> Assembly<'a> {
     /// The call that was received, but of which nothing came that is whole.
     pub(crate) fn under_way(&self) -> Option<(u32, StepInput)> {
         self.draft.as_ref().map(|draft| {
-            let Draft {
-                call,
-                policy,
-                user_reply,
-                lookup,
-                ..
-            } = draft;
-            let (policy, user_reply, lookup) = (policy.clone(), user_reply.clone(), lookup.clone());
             (
                 self.step_count(),
                 StepInput {
-                    call: call.clone(),
-                    policy,
-                    user_reply,
-                    lookup,
+                    call: draft.call.clone(),
+                    policy: draft.policy.clone(),
+                    user_reply: draft.user_reply.clone(),
+                    refused_replies: draft.refused_replies.clone(),
+                    lookup: draft.lookup.clone(),
                 },
             )
         })
@@ -334,6 +328,11 @@ impl<'a> Assembly<'a> {
                 let message: reel::UserDialogue = decode(data)?;
                 let draft = self.draft(message.step)?;
                 match message.kind.as_str() {
+                    "refused" => {
+                        let refused = codec::read_refused_reply(message);
+                        draft.refused_replies.push(refused);
+                        Ok(())
+                    }
                     "outside" => once(&mut draft.user_reply, codec::read_reply(message)?),
                     "answer" => once(&mut draft.answer, codec::read_reply(message)?),
                     other => Err(format!("{other:?} is not a kind of reply").into()),
@@ -456,6 +455,7 @@ impl<'a> Assembly<'a> {
             lookup,
             policy: None,
             user_reply: None,
+            refused_replies: Vec::new(),
             result: None,
             answer: None,
             changes: None,
@@ -643,6 +643,7 @@ impl Draft {
                 call: self.call,
                 policy: self.policy,
                 user_reply: self.user_reply,
+                refused_replies: self.refused_replies,
                 lookup: self.lookup,
             },
             outcome,

@@ -223,6 +223,9 @@ impl<W: Write + Seek> Journal<W> {
                 self.message(schema::LOGPROBS, &codec::logprobs(step, logprobs))?;
             }
         }
+        for refused in &input.refused_replies {
+            self.message(schema::USER_DIALOGUE, &codec::refused_reply(step, refused))?;
+        }
         if let Some(reply) = &input.user_reply {
             self.message(
                 schema::USER_DIALOGUE,

@@ -158,6 +158,16 @@ pub struct UserReply {
     pub source: UserSource,
 }
 
+/// What a model in the role of the user said first, which the policy did not get because it gave
+/// something away.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct RefusedReply {
+    /// Text of the reply, as the model said it.
+    pub text: String,
+    /// The rules that it broke: `exact_position`, `raw_id`.
+    pub rules: Vec<String>,
+}
+
 /// Which categories a query means, looked up outside.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Lookup {
@@ -178,6 +188,10 @@ pub struct StepInput {
     /// The reply from outside; absent: the rule-based user answers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub user_reply: Option<UserReply>,
+    /// Replies that were refused before that one, in the order in which they came. Where all were,
+    /// `user_reply` is absent.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused_replies: Vec<RefusedReply>,
     /// The look-up from outside of what a query means; absent: the vocabulary says it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lookup: Option<Lookup>,
@@ -190,6 +204,7 @@ impl StepInput {
             call,
             policy: None,
             user_reply: None,
+            refused_replies: Vec::new(),
             lookup: None,
         }
     }

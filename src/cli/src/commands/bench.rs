@@ -427,6 +427,11 @@ fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value 
         .iter()
         .flat_map(|report| &report.broken_rules)
         .for_each(|rule| *broken.entry(rule).or_default() += 1);
+    let mut refused: BTreeMap<&str, usize> = BTreeMap::new();
+    group
+        .iter()
+        .flat_map(|report| &report.refused_rules)
+        .for_each(|rule| *refused.entry(rule).or_default() += 1);
     json!({
         "family": name, "episodes": group.len(), "successes": successes,
         "success_rate": successes as f64 / n, "success_low": low, "success_high": high,
@@ -440,6 +445,7 @@ fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value 
         "completion_tokens": (!counted.is_empty()).then_some(tokens[1]),
         "cost": prices.filter(|_| !counted.is_empty()).map(|prices| cost(tokens, prices)),
         "user_rules_broken": broken,
+        "user_replies_refused": refused,
     })
 }
 
@@ -527,18 +533,23 @@ fn table(
             text.push_str(&format!("  cost {cost:.2}"));
         }
         text.push('\n');
-        let broken = row["user_rules_broken"]
-            .as_object()
-            .filter(|broken| row["family"] == "all" && !broken.is_empty());
-        if let Some(broken) = broken {
-            let broken: Vec<String> = broken
-                .iter()
-                .map(|(rule, times)| format!("{rule} {times}"))
-                .collect();
-            text.push_str(&format!(
-                "  rules that the user's answers broke: {}\n",
-                broken.join(", ")
-            ));
+        for (column, what) in [
+            ("user_rules_broken", "rules that the user's answers broke"),
+            (
+                "user_replies_refused",
+                "rules that refused answers of the user broke",
+            ),
+        ] {
+            let counts = row[column]
+                .as_object()
+                .filter(|counts| row["family"] == "all" && !counts.is_empty());
+            if let Some(counts) = counts {
+                let counts: Vec<String> = counts
+                    .iter()
+                    .map(|(rule, times)| format!("{rule} {times}"))
+                    .collect();
+                text.push_str(&format!("  {what}: {}\n", counts.join(", ")));
+            }
         }
     }
     text

@@ -3,14 +3,20 @@
 use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
-use reel_llm::client::Endpoint;
-use reel_server::{AskResponder, Config, LookUp, Order, TlsFiles};
+use reel_agents::ask_user;
+use reel_llm::{
+    agent::ModelUser,
+    client::{ApiKey, Cache, CallLog, Client, Endpoint},
+};
+use reel_server::{AnswerSources, AskResponder, AskUser, Config, Order, TlsFiles};
 use reel_world::Profile;
 
 use crate::{
-    ExitStatus, inputs,
+    ExitStatus,
+    agent_arguments::{USER_TOKENS, user_settings},
+    inputs,
     match_arguments::{EMBEDDINGS, MatchArguments, Matching},
-    model::client_of,
+    model::RealClock,
 };
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
@@ -100,13 +106,16 @@ pub struct Settings {
     /// Record no images; they are rendered again on demand
     #[arg(long)]
     no_images: bool,
-    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest
-    /// (a person, through /api/questions)
+    /// Who answers `ask`: rules, client (the person at the client, by elicitation), rest
+    /// (a person, through /api/questions), or model (--user-model)
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
     ask: Option<String>,
+    /// A model at the endpoint plays the user who answers `ask`; implies --ask model
+    #[arg(long, value_name = "NAME", env = "REEL_USER_MODEL")]
+    user_model: Option<String>,
     #[command(flatten)]
     matching: MatchArguments,
-    /// OpenAI-compatible endpoint of the embedding model, up to /v1
+    /// OpenAI-compatible endpoint of the user model and the embedding model, up to /v1
     #[arg(long, value_name = "URL")]
     endpoint: Option<String>,
     /// Environment variable that holds the endpoint's key, where one is needed
@@ -130,12 +139,17 @@ impl Settings {
             play.profile = Profile::parse(profile).with_context(known)?;
         }
         play.ask = match self.ask.as_deref() {
+            None if self.user_model.is_some() => AskResponder::Model,
             None => play.ask,
             Some("rules") => AskResponder::Rules,
             Some("client") => AskResponder::Client,
             Some("rest") => AskResponder::Rest,
-            Some(other) => bail!("--ask is rules, client or rest, not '{other}'"),
+            Some("model") => AskResponder::Model,
+            Some(other) => bail!("--ask is rules, client, rest or model, not '{other}'"),
         };
+        if self.user_model.is_some() && play.ask != AskResponder::Model {
+            bail!("--user-model answers with --ask model alone: leave one of the two out");
+        }
         if self.shuffle {
             play.order = Order::Shuffled;
         }
@@ -152,34 +166,88 @@ impl Settings {
     }
 }
 
-/// How long an embedding model may take for an answer, which is asked for twice at most.
-const LOOK_UP_TIMEOUT: Duration = Duration::from_secs(20);
+/// How long a model may take for an answer, which is asked for twice at most: an agent waits.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 
 impl Settings {
-    /// What says which categories a query means: the flags, else `[play.matcher]` of the
-    /// configuration; `None` if Reel's word list does.
-    fn matcher(&self, config: &Config) -> anyhow::Result<Option<LookUp>> {
-        let configured = config.play.matcher.clone().unwrap_or_default();
-        let url = self.endpoint.clone().or(configured.endpoint.clone());
-        let key_from = self.key_from.clone().or(configured.api_key_env.clone());
-        let arguments = self.matching.or(&configured);
-        let matching = arguments.matching(|model| {
-            let url = url.context(
-                "--endpoint (play.matcher.endpoint) is missing: the address of the embedding model",
-            )?;
-            std::fs::create_dir_all(&config.data)
-                .with_context(|| format!("cannot make the folder {}", config.data.display()))?;
-            let (cache, log) = (
-                config.data.join(EMBEDDINGS),
-                config.data.join("calls.jsonl"),
-            );
-            let mut endpoint = Endpoint::new(url, model);
-            // An agent waits for the answer.
-            (endpoint.timeout, endpoint.retries) = (LOOK_UP_TIMEOUT, 1);
-            client_of(endpoint, key_from.as_deref(), &cache, &log).map(Arc::new)
-        })?;
-        Ok(matching.map(Matching::look_up))
+    /// Who answers from outside: by the flags, else by `[play.matcher]` and `[play.user]` of the
+    /// configuration.
+    fn sources(&self, config: &Config) -> anyhow::Result<AnswerSources> {
+        let (matching, user) = (self.matching(config)?, self.user(config)?);
+        let settings = [
+            matching.as_ref().map(|it| ("matcher", it.settings())),
+            user.as_ref().map(|it| ("user", user_settings(it))),
+        ];
+        let settings = settings.into_iter().flatten();
+        Ok(AnswerSources {
+            settings: settings
+                .map(|(name, value)| (name.to_owned(), value))
+                .collect(),
+            matcher: matching.map(Matching::look_up),
+            user: user.map(|client| -> AskUser {
+                Arc::new(move |situation, question, input| {
+                    let mut user = ModelUser::new(client.clone());
+                    Ok(ask_user(&mut user, &situation.question(question), input)?)
+                })
+            }),
+        })
     }
+
+    /// What says which categories a query means; `None` if Reel's word list does.
+    fn matching(&self, config: &Config) -> anyhow::Result<Option<Matching>> {
+        let configured = config.play.matcher.clone().unwrap_or_default();
+        let arguments = self.matching.or(&configured);
+        arguments.matching(|model| {
+            let endpoint = self.endpoint(model, configured.endpoint.as_ref(), "play.matcher")?;
+            let key_from = self.key_from.as_ref().or(configured.api_key_env.as_ref());
+            let cache = Cache::open(config.data.join(EMBEDDINGS))?;
+            Ok(Arc::new(
+                client(config, endpoint, key_from)?.with_cache(cache),
+            ))
+        })
+    }
+
+    /// The model that plays the user, where one does.
+    fn user(&self, config: &Config) -> anyhow::Result<Option<Arc<Client>>> {
+        if config.play.ask != AskResponder::Model {
+            return Ok(None);
+        }
+        let configured = config.play.user.clone().unwrap_or_default();
+        let model = self.user_model.clone().or(configured.model).context(
+            "--user-model (play.user.model) is missing: the model that answers for the user",
+        )?;
+        let mut endpoint = self.endpoint(&model, configured.endpoint.as_ref(), "play.user")?;
+        endpoint.max_tokens = USER_TOKENS;
+        let key_from = self.key_from.as_ref().or(configured.api_key_env.as_ref());
+        Ok(Some(Arc::new(client(config, endpoint, key_from)?)))
+    }
+
+    fn endpoint(
+        &self,
+        model: &str,
+        configured: Option<&String>,
+        section: &str,
+    ) -> anyhow::Result<Endpoint> {
+        let url = self.endpoint.as_ref().or(configured).with_context(|| {
+            format!("--endpoint ({section}.endpoint) is missing: the address of the model {model}")
+        })?;
+        let mut endpoint = Endpoint::new(url, model);
+        (endpoint.timeout, endpoint.retries) = (ANSWER_TIMEOUT, 1);
+        Ok(endpoint)
+    }
+}
+
+/// A client that logs its calls in the data folder.
+fn client(
+    config: &Config,
+    mut endpoint: Endpoint,
+    key_from: Option<&String>,
+) -> anyhow::Result<Client> {
+    std::fs::create_dir_all(&config.data)
+        .with_context(|| format!("cannot make the folder {}", config.data.display()))?;
+    endpoint.api_key = key_from.map(|name| ApiKey::from_env(name)).transpose()?;
+    let log = CallLog::append(config.data.join("calls.jsonl"))?;
+    Ok(Client::new(endpoint, Arc::new(RealClock))?.with_log(log))
 }
 
 /// Applies the flags to the configuration and serves agents until Ctrl-C.
@@ -195,12 +263,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         });
     }
     config.check()?;
-    let matcher = arguments.settings.matcher(&config)?;
+    let sources = arguments.settings.sources(&config)?;
     let scheme = config.tls.as_ref().map_or("http", |_| "https");
     reel_server::run(
         config,
         inputs::trace_files(),
-        matcher,
+        sources,
         move |address, tasks| {
             println!("listening on {scheme}://{address}: {tasks} tasks; Ctrl-C stops");
         },
@@ -211,7 +279,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// Serves one agent over standard input and output (`reel mcp`).
 pub fn mcp(arguments: &Mcp) -> anyhow::Result<ExitStatus> {
     let config = arguments.settings.config()?;
-    let matcher = arguments.settings.matcher(&config)?;
-    reel_server::run_stdio(config, matcher)?;
+    let sources = arguments.settings.sources(&config)?;
+    reel_server::run_stdio(config, sources)?;
     Ok(ExitStatus::Success)
 }

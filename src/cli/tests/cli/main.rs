@@ -43,6 +43,8 @@ mod recovery;
 mod service;
 mod settings;
 mod social;
+#[cfg(feature = "service")]
+mod stdio_client;
 mod symbols;
 #[cfg(feature = "analytics")]
 mod tables;
@@ -50,6 +52,8 @@ mod tables;
 mod taxonomy;
 #[cfg(feature = "analytics")]
 mod training;
+#[cfg(feature = "analytics")]
+mod user_model;
 #[cfg(feature = "analytics")]
 mod vocabulary;
 

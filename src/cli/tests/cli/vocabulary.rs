@@ -1,88 +1,17 @@
 //! Open vocabulary from outside: vectors from a file decide what a search means, and what the word
 //! list does not know is counted.
 
-use std::{
-    fs,
-    io::{BufRead, BufReader, Read, Write},
-    net::TcpListener,
-    path::Path,
-    process::{Child, Command, Stdio},
-    thread,
-    time::Duration,
-};
+use std::{fs, path::Path, process::Command, thread, time::Duration};
 
 use reel_trace::Trace;
 use serde_json::{Value, json};
 
-use crate::{complaint, expect};
-
-/// `reel mcp`, and a client that speaks to it over standard input and output.
-struct StdioClient {
-    server: Child,
-    answers: BufReader<std::process::ChildStdout>,
-    sent: u64,
-}
-
-impl StdioClient {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut server = Command::new(env!("CARGO_BIN_EXE_reel"))
-            .current_dir(folder)
-            .arg("mcp")
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let answers = BufReader::new(server.stdout.take().unwrap());
-        let mut client = Self {
-            server,
-            answers,
-            sent: 0,
-        };
-        let hello = json!({
-            "protocolVersion": "2025-06-18", "capabilities": {},
-            "clientInfo": {"name": "test", "version": "1"},
-        });
-        client.request("initialize", &hello);
-        client.write(&json!({"jsonrpc": "2.0", "method": "notifications/initialized"}));
-        client
-    }
-
-    fn write(&mut self, message: &Value) {
-        let input = self.server.stdin.as_mut().unwrap();
-        writeln!(input, "{message}").unwrap();
-    }
-
-    fn request(&mut self, method: &str, params: &Value) -> Value {
-        self.sent += 1;
-        let id = self.sent;
-        self.write(&json!({"jsonrpc": "2.0", "id": id, "method": method, "params": params}));
-        loop {
-            let mut line = String::new();
-            assert!(self.answers.read_line(&mut line).unwrap() > 0, "it ended");
-            let answer: Value = serde_json::from_str(&line).unwrap();
-            if answer["id"] == id {
-                return answer["result"].clone();
-            }
-        }
-    }
-
-    /// The text of a tool's result, and whether it is an error.
-    fn call(&mut self, name: &str, arguments: &Value) -> (String, bool) {
-        let result = self.request("tools/call", &json!({"name": name, "arguments": arguments}));
-        let contents = result["content"].as_array().unwrap().iter();
-        let text = contents
-            .filter_map(|content| content["text"].as_str())
-            .collect();
-        (text, result["isError"] == true)
-    }
-
-    /// Goes away, and waits for the server to end.
-    fn leave(mut self) {
-        drop(self.server.stdin.take());
-        assert!(self.server.wait().unwrap().success());
-    }
-}
+use crate::{
+    complaint,
+    endpoint::answering,
+    expect,
+    stdio_client::{StdioClient, traces},
+};
 
 #[test]
 fn an_agent_from_outside_is_served_by_the_same_vectors() {
@@ -90,7 +19,7 @@ fn an_agent_from_outside_is_served_by_the_same_vectors() {
     let folder = folder.path();
     reel!(folder, "task draw --count 1 --seed 35 --out tasks");
     reel!(folder, "run --tasks tasks --no-images --out traces");
-    let oracle = Trace::read(&only_trace(&folder.join("traces"))).unwrap();
+    let oracle = only(&folder.join("traces"));
     let categories: Vec<&str> = oracle
         .task
         .objects
@@ -132,16 +61,16 @@ fn an_agent_from_outside_is_served_by_the_same_vectors() {
             "{text}"
         );
         client.leave();
-        let trace = only_trace(&folder.join(name).join("traces"));
-        let steps = Trace::read(&trace).unwrap().steps;
+        let trace = only(&folder.join(name).join("traces"));
+        let steps = &trace.steps;
         assert_eq!(steps.len(), 2);
         let lookup = steps[0].input.lookup.as_ref().unwrap();
         assert_eq!(
             (&lookup.categories[..], lookup.source.as_str()),
             (&[target.clone()][..], "vectors.json")
         );
-        let trace = trace.display();
-        assert!(reel!(folder, "replay {trace}").contains("exact"));
+        let path = trace.path.display();
+        assert!(reel!(folder, "replay {path}").contains("exact"));
     }
     fs::write(folder.join("vectors.json"), "[]").unwrap();
     let text = complaint(folder, 2, "mcp --config serve.toml --data none");
@@ -183,47 +112,24 @@ fn a_search_that_an_endpoint_does_not_answer_is_not_done() {
         assert_eq!(failed, profile == "paper");
         client.leave();
     }
-    let traces = fs::read_dir(folder.join("data/traces")).unwrap();
-    let traces: Vec<Trace> = traces
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|it| it == "mcap"))
-        .map(|path| Trace::read(&path).unwrap())
-        .collect();
+    let traces = traces(&folder.join("data/traces"));
     assert_eq!(traces.len(), 2);
     assert!(traces.iter().all(|trace| trace.steps.is_empty()));
 }
 
 /// An endpoint of vectors that takes its time.
 fn slow_embeddings() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let url = format!("http://{}/v1", listener.local_addr().unwrap());
-    thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = BufReader::new(stream.unwrap());
-            let (mut line, mut length) = (String::new(), 0);
-            while stream.read_line(&mut line).unwrap() > 2 {
-                if let Some(value) = line.to_lowercase().strip_prefix("content-length:") {
-                    length = value.trim().parse().unwrap();
-                }
-                line.clear();
-            }
-            let mut body = vec![0; length];
-            stream.read_exact(&mut body).unwrap();
-            let request: Value = serde_json::from_slice(&body).unwrap();
-            let texts = request["input"].as_array().unwrap().len();
-            let data = vec![json!({"embedding": [1.0, 2.0]}); texts];
-            let answer = json!({"data": data}).to_string();
-            thread::sleep(Duration::from_millis(1500));
-            let head = "HTTP/1.1 200 OK\r\nconnection: close\r\ncontent-type: application/json";
-            let length = answer.len();
-            write!(
-                stream.get_mut(),
-                "{head}\r\ncontent-length: {length}\r\n\r\n{answer}"
-            )
-            .unwrap();
-        }
-    });
-    url
+    answering(|request| {
+        let texts = request["input"].as_array().unwrap().len();
+        thread::sleep(Duration::from_millis(1500));
+        json!({"data": vec![json!({"embedding": [1.0, 2.0]}); texts]})
+    })
+}
+
+fn only(folder: &Path) -> Trace {
+    let mut traces = traces(folder);
+    assert_eq!(traces.len(), 1);
+    traces.remove(0)
 }
 
 #[test]
@@ -254,38 +160,15 @@ fn a_search_is_not_done_in_the_next_episode() {
         client
             .write(&json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}));
     }
-    let search = loop {
-        let mut line = String::new();
-        assert!(client.answers.read_line(&mut line).unwrap() > 0, "it ended");
-        if serde_json::from_str::<Value>(&line).unwrap()["id"] == 100 {
-            break line;
-        }
-    };
+    let search = client.answer(100).to_string();
     assert!(
-        search.contains("the episode ended while the call waited"),
+        search.contains("or the episode ended, while this one waited"),
         "{search}"
     );
     client.leave();
-    let traces = fs::read_dir(folder.join("data/traces")).unwrap();
-    for path in traces.map(|entry| entry.unwrap().path()) {
-        if path.extension().is_some_and(|it| it == "mcap") {
-            let mut calls = Trace::read(&path).unwrap().steps.into_iter();
-            assert!(
-                calls.all(|step| step.tool_name() == "finish"),
-                "{}",
-                path.display()
-            );
-        }
-    }
-}
-
-fn only_trace(folder: &Path) -> std::path::PathBuf {
-    let mut paths = fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path());
-    paths
-        .find(|path| path.extension().is_some_and(|it| it == "mcap"))
-        .unwrap()
+    let all = traces(&folder.join("data/traces"));
+    let mut calls = all.iter().flat_map(|trace| &trace.steps);
+    assert!(calls.all(|step| step.tool_name() == "finish"));
 }
 
 #[test]

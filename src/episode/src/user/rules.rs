@@ -3,12 +3,14 @@
 
 use reel_world::{Receptacle, Scene, Task, language};
 
+use super::leaks;
+
 /// Which of the rules a reply breaks: `not_goal_driven`, `exact_position`,
 /// `target_named_too_early`, `raw_id`.
 ///
 /// - `raw_id`: it speaks an instance, asset or receptacle id.
-/// - `exact_position`: it says where the target stands more exactly than the instruction (a caption
-///   of the source), or gives numbers or directions.
+/// - `exact_position`: it says where the target stands more exactly than the instruction (what the
+///   source is or looks like), or gives numbers or directions.
 /// - `target_named_too_early`: before the target was seen it says the caption, category or an
 ///   attribute of the target that the instruction does not say.
 /// - `not_goal_driven`: it says nothing of the object or a place, sends the robot to a receptacle
@@ -16,12 +18,13 @@ use reel_world::{Receptacle, Scene, Task, language};
 ///   the target does not fit.
 pub fn violations(task: &Task, scene: &Scene, reply: &str, seen_target: bool) -> Vec<&'static str> {
     let bare = without_places(scene, reply);
+    let leaks = leaks(task, scene, reply);
     #[rustfmt::skip]
     let checks = [
         ("not_goal_driven", leads_astray(task, scene, reply, &bare, seen_target)),
-        ("exact_position", tells_position(task, scene, reply, &bare)),
+        ("exact_position", leaks.contains(&"exact_position")),
         ("target_named_too_early", !seen_target && names_target(task, &bare)),
-        ("raw_id", spoken_id(task, scene, reply).is_some()),
+        ("raw_id", leaks.contains(&"raw_id")),
     ];
     checks
         .into_iter()
@@ -61,22 +64,6 @@ fn leads_astray(task: &Task, scene: &Scene, reply: &str, bare: &str, seen_target
     !(about_places || about_objects) || elsewhere || wrong_object
 }
 
-fn tells_position(task: &Task, scene: &Scene, reply: &str, bare: &str) -> bool {
-    const DIRECTIONS: [&str; 10] = reel_world::words! {
-        left corner beside behind metres meters cm edge front coordinates
-    };
-    let source = scene
-        .receptacle(&task.src)
-        .filter(|_| task.src != task.dest);
-    let told = |caption: &String| says(reply, caption) && !says(&task.instruction, caption);
-    let words = language::words(bare);
-    source.is_some_and(|source| source.captions.keys().any(told))
-        || words.iter().any(|word| {
-            DIRECTIONS.contains(&word.as_str())
-                || word.chars().all(|letter| letter.is_ascii_digit())
-        })
-}
-
 fn names_target(task: &Task, bare: &str) -> bool {
     let target = task.target_object();
     let instruction = language::words(&task.instruction);
@@ -99,24 +86,6 @@ fn names_target(task: &Task, bare: &str) -> bool {
     telling
         || named
         || (!caption.is_empty() && says(bare, caption) && !says(&task.instruction, caption))
-}
-
-/// The first identifier of an object, an asset or a receptacle that a text speaks. What is a word,
-/// too (`sink`), is none.
-pub fn spoken_id<'a>(task: &'a Task, scene: &'a Scene, text: &str) -> Option<&'a str> {
-    let text = text.to_lowercase();
-    let objects = task
-        .objects
-        .iter()
-        .flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
-    let ids = objects.chain(
-        scene
-            .receptacles
-            .iter()
-            .map(|receptacle| receptacle.id.as_str()),
-    );
-    let raw = |id: &&str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
-    ids.filter(raw).find(|id| text.contains(&id.to_lowercase()))
 }
 
 fn says(text: &str, words: &str) -> bool {

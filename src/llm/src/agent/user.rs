@@ -1,12 +1,13 @@
 //! A simulated user that is a model: it knows the profile (where everything was, what was wanted,
 //! the instruction), what the robot saw last and what was said before; four rules bind it
-//! (docs/spec.md#simulated-user). Whether it kept them is checked by
-//! `reel_episode::user::violations`, apart from it.
+//! (docs/spec.md#simulated-user). Whether it kept them is checked by `reel_agents::ask_user` before
+//! the robot hears a reply, and by `reel_episode::user::violations`, apart from it.
 
 use std::{fmt::Write as _, sync::Arc};
 
 use crate::client::{Client, Message, Request, Role};
-use reel_agents::{ResponderError, User, UserQuestion};
+use reel_agents::{ResponderError, User};
+use reel_episode::user::UserQuestion;
 use reel_world::{
     Digest, InstanceId, Receptacle, Scene, Task,
     record::{UserReply, UserSource},
@@ -73,6 +74,7 @@ fn situation(asked: &UserQuestion<'_>) -> String {
         initial,
         steps,
         question,
+        refused,
         ..
     } = asked;
     let mut text = format!(
@@ -112,20 +114,42 @@ fn situation(asked: &UserQuestion<'_>) -> String {
     } else {
         seen.join("; ")
     };
-    let saw = if asked.saw_target() {
-        "has seen"
+    let reported = if asked.reported_target() {
+        "has reported"
     } else {
-        "has not seen"
+        "has not reported"
     };
     let _ = write!(
         text,
-        "\nThe robot's last action: {action}\nIt sees: {seen}\nIt {saw} the thing you mean.\n\nSaid before:\n"
+        "\nThe robot's last action: {action}\nIt sees: {seen}\nIt {reported} that it sees the thing you mean.\n\nSaid before:\n"
     );
     let said: Vec<String> = steps.iter().filter_map(said).collect();
     text.push_str(if said.is_empty() { "(nothing)\n" } else { "" });
     text.extend(said);
     let _ = write!(text, "\nThe robot asks: {question}\n");
+    for reply in *refused {
+        let _ = write!(
+            text,
+            "\nYou were about to say: {}\nThat breaks a rule: {}. Say it otherwise.\n",
+            reply.text,
+            reply
+                .rules
+                .iter()
+                .map(|rule| broken(rule))
+                .collect::<Vec<_>>()
+                .join("; ")
+        );
+    }
     text
+}
+
+/// What a broken rule means.
+fn broken(rule: &str) -> &str {
+    match rule {
+        "exact_position" => "it says where the thing stands",
+        "raw_id" => "it uses an identifier of a computer",
+        other => other,
+    }
 }
 
 fn said(step: &reel_world::record::StepRecord) -> Option<String> {

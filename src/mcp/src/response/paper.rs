@@ -23,7 +23,7 @@ pub(super) fn refuse(error: &LiveError) -> CallToolResult {
         LiveError::NoEpisode => "no_episode",
         LiveError::Over(_) | LiveError::Overtaken => "episode_over",
         LiveError::UnknownTask(_) => "unknown_task",
-        LiveError::Busy(_) | LiveError::NoLookUp => "busy",
+        LiveError::Busy(_) | LiveError::NoLookUp | LiveError::NoUser => "busy",
         LiveError::Broken(_) | LiveError::Recording(_) => "broken",
         _ => "refused",
     };

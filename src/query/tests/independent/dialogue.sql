@@ -65,3 +65,23 @@ SELECT
   count(DISTINCT policy) AS policies, count(DISTINCT if(success, episode_id, NULL)) AS successes,
   min(trace) AS trace, arg_min(step, (trace, step)) AS step
 FROM missed GROUP BY word, source ORDER BY calls DESC, "query", source;
+
+CREATE TABLE answer.answer_fidelity AS
+WITH opinions AS (
+  SELECT episode_id, step, list_distinct(list(label)) AS labels FROM answer_labels GROUP BY ALL
+),
+answers AS (
+  SELECT call.reply_source AS source, call.refused_replies AS refused, labels, if(len(labels) = 1, labels[1], NULL) AS agreed
+  FROM calls LEFT JOIN opinions ON opinions.episode_id = calls.episode_id AND opinions.step = call.step
+  WHERE call.tool = 'ask' AND call.error_code IS NULL AND call.reply IS NOT NULL
+),
+counts AS (
+  SELECT
+    source, count(*) AS answers, sum(refused) AS refused, count(labels) AS labelled, tally(agreed = 'faithful') AS faithful,
+    tally(agreed = 'unclear') AS unclear, tally(agreed = 'unfaithful') AS unfaithful, tally(len(labels) > 1) AS disputed,
+    count(agreed) AS settled
+  FROM answers GROUP BY source
+)
+SELECT
+  * EXCLUDE settled, faithful / nullif(settled, 0) AS share, low(faithful, settled) AS low, high(faithful, settled) AS high
+FROM counts ORDER BY source;

@@ -238,9 +238,11 @@ impl From<LiveError> for ApiError {
             | LiveError::Over(_)
             | LiveError::Overtaken
             | LiveError::Broken(_) => Self::conflict("no_episode", message),
-            LiveError::Full(_) | LiveError::Busy(_) | LiveError::NoLookUp | LiveError::Closing => {
-                Self::busy(message)
-            }
+            LiveError::Full(_)
+            | LiveError::Busy(_)
+            | LiveError::NoLookUp
+            | LiveError::NoUser
+            | LiveError::Closing => Self::busy(message),
             LiveError::Folder { source, .. } => Self::disk(source),
             LiveError::Recording(_) => Self::new(StatusCode::INSUFFICIENT_STORAGE, "disk", message),
             LiveError::Episode(_) => Self::internal("the episode cannot go on; the log says why"),

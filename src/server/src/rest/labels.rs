@@ -86,20 +86,7 @@ pub(super) async fn set(
     State(app): State<Arc<App>>,
     Body(label): Body<LabelBody>,
 ) -> Result<(StatusCode, Json<Value>), ApiError> {
-    let author = gate::owner()
-        .name()
-        .map(str::to_owned)
-        .or_else(|| label.author.clone());
-    let author = author.filter(|author| !author.trim().is_empty());
-    let author = author.ok_or_else(|| {
-        ApiError::unprocessable(
-            "no_author",
-            "the label has no author; set `author`".to_owned(),
-        )
-    })?;
-    // The command knows what a label may be, and the tables take one writer at a time.
-    let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
-    command.args(["store", "label", "--store", &app.config.store(), "set"]);
+    let author = author(label.author.as_ref())?;
     let texts = [
         ("class", label.class.clone()),
         ("sub-class", label.sub_class.clone()),
@@ -108,35 +95,102 @@ pub(super) async fn set(
         ("note", label.note.clone()),
         ("author", Some(author.clone())),
     ];
+    let flag = label.adjudicate.then_some("--adjudicate");
+    keep(&app, "set", &label.episode, &texts, flag).await?;
+    let mut kept = json!(label);
+    kept["author"] = json!(author);
+    Ok((StatusCode::CREATED, Json(kept)))
+}
+
+/// What an author says about an answer of the user to `ask`.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AnswerLabelBody {
+    /// The episode's id; its beginning is enough where it is unique.
+    episode: String,
+    /// The `ask` that was answered, counted from 0.
+    #[schema(minimum = 0)]
+    step: i32,
+    /// `faithful` (right, and enough to go on), `unfaithful` (wrong) or `unclear` (not enough to
+    /// tell).
+    label: String,
+    /// Reason for the label, in free text.
+    note: Option<String>,
+    /// Who says so; with tokens, whose token it is counts.
+    author: Option<String>,
+}
+
+/// Stores the label of an answer in the tables.
+#[utoipa::path(post, path = "/api/answer-labels", operation_id = "label_answer", tag = "tables", request_body = AnswerLabelBody,
+    responses((status = 201, body = AnswerLabelBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn answer(
+    State(app): State<Arc<App>>,
+    Body(label): Body<AnswerLabelBody>,
+) -> Result<(StatusCode, Json<Value>), ApiError> {
+    let author = author(label.author.as_ref())?;
+    let texts = [
+        ("as", Some(label.label.clone())),
+        ("step", Some(label.step.to_string())),
+        ("note", label.note.clone()),
+        ("author", Some(author.clone())),
+    ];
+    keep(&app, "answer", &label.episode, &texts, None).await?;
+    let mut kept = json!(label);
+    kept["author"] = json!(author);
+    Ok((StatusCode::CREATED, Json(kept)))
+}
+
+/// Who labels: whose token it is, else who the request says it is.
+fn author(said: Option<&String>) -> Result<String, ApiError> {
+    let author = gate::owner()
+        .name()
+        .map(str::to_owned)
+        .or_else(|| said.cloned());
+    let author = author.filter(|author| !author.trim().is_empty());
+    author.ok_or_else(|| {
+        ApiError::unprocessable(
+            "no_author",
+            "the label has no author; set `author`".to_owned(),
+        )
+    })
+}
+
+/// Runs `reel store label`: the command knows what a label may be, and the tables take one writer at
+/// a time.
+async fn keep(
+    app: &App,
+    what: &str,
+    episode: &String,
+    texts: &[(&str, Option<String>)],
+    flag: Option<&str>,
+) -> Result<(), ApiError> {
+    let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
+    command.args(["store", "label", "--store", &app.config.store(), what]);
     let mut all = texts
         .iter()
         .filter_map(|(_, value)| value.as_ref())
-        .chain([&label.episode]);
+        .chain([episode]);
     if all.any(|text| text.len() > TEXT_BYTES || text.contains('\0')) {
         let text = format!("a text of a label has at most {TEXT_BYTES} bytes, and no NUL");
         return Err(ApiError::unprocessable("bad_label", text));
     }
-    for (option, value) in &texts {
+    for (option, value) in texts {
         if let Some(value) = value {
             command.arg(format!("--{option}={value}"));
         }
     }
-    if label.adjudicate {
-        command.arg("--adjudicate");
-    }
     command
-        .args(["--", &label.episode])
+        .args(flag)
+        .args(["--", episode])
         .stdin(std::process::Stdio::null())
         .kill_on_drop(true);
     let output = command.output().await.map_err(ApiError::disk)?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr)
-            .trim()
-            .trim_start_matches("reel: ")
-            .to_owned();
-        return Err(told(&app, ApiError::unprocessable("bad_label", said)));
+    if output.status.success() {
+        return Ok(());
     }
-    let mut kept = json!(label);
-    kept["author"] = json!(author);
-    Ok((StatusCode::CREATED, Json(kept)))
+    let said = String::from_utf8_lossy(&output.stderr)
+        .trim()
+        .trim_start_matches("reel: ")
+        .to_owned();
+    Err(told(app, ApiError::unprocessable("bad_label", said)))
 }

@@ -165,6 +165,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Admin, routes!(sessions::close))
         .for_role(Read, routes!(sessions::frame))
         .for_role(Read, routes!(sessions::questions))
+        .for_role(Admin, routes!(sessions::question))
         .for_role(Admin, routes!(sessions::answer))
         .for_role(Act, routes!(sessions::lease))
         .audited(Act, routes!(sessions::release));
@@ -179,6 +180,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(sql::ask_named))
         .for_role(Read, routes!(labels::list))
         .for_role(Admin, routes!(labels::set))
+        .for_role(Admin, routes!(labels::answer))
         .for_role(Read, routes!(definitions::list))
         .for_role(Admin, routes!(definitions::keep, definitions::drop))
         .for_role(Read, routes!(exports::list))

@@ -87,6 +87,26 @@ pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
     Json(json!(app.questions.pending()))
 }
 
+/// The open question of a session with all that whoever answers has to know: what the user wants, and
+/// what the robot was told, decided and thought so far. Holds the goal, which no policy may see.
+#[utoipa::path(get, path = "/api/sessions/{session}/question", operation_id = "open_question", tag = "sessions",
+    params(("session" = String, Path)),
+    responses((status = 200, body = ref("#/components/schemas/OpenQuestion")), (status = 400, body = ErrorBody),
+        (status = 404, body = ErrorBody)))]
+pub(super) async fn question(
+    State(app): State<Arc<App>>,
+    PathParams(session): PathParams<String>,
+) -> Result<Json<Value>, ApiError> {
+    match app.questions.open(&session) {
+        Some(open) => Ok(Json(json!(open))),
+        None => Err(no_question(&session)),
+    }
+}
+
+fn no_question(session: &str) -> ApiError {
+    ApiError::not_found(format!("session {session} has no open question"))
+}
+
 /// A person's answer to the open question of a session.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -108,9 +128,7 @@ pub(super) async fn answer(
     if app.questions.answer(&session, &answer) {
         Ok(StatusCode::NO_CONTENT)
     } else {
-        Err(ApiError::not_found(format!(
-            "session {session} has no open question"
-        )))
+        Err(no_question(&session))
     }
 }
 

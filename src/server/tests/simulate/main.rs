@@ -27,7 +27,7 @@ use std::{
 use axum::body::Bytes;
 use reel_live::{Host, Work};
 use reel_replay::verify_trace;
-use reel_server::{Config, Limits, Play, Service};
+use reel_server::{AnswerSources, Config, Limits, Play, Service};
 use reel_trace::TraceFiles;
 use tempfile::TempDir;
 use tokio::{runtime::Builder, sync::oneshot, task::JoinSet};
@@ -384,9 +384,15 @@ impl<'g> World<'g> {
         let killed = runtime.block_on(async {
             let (network, connections) = network();
             let listen = async { Ok(connections) };
-            let service = Service::start_on(host, config, TraceFiles::default(), None, listen)
-                .await
-                .expect("the configuration is right");
+            let service = Service::start_on(
+                host,
+                config,
+                TraceFiles::default(),
+                AnswerSources::default(),
+                listen,
+            )
+            .await
+            .expect("the configuration is right");
             // Clients are shown every trace from now on.
             if faults.fails_once_in.is_none() && faults.dies_at.is_none() {
                 let (shown, durable) = (disk.files(), disk.durable_files());

@@ -111,6 +111,8 @@ pub const STEP: &[Column] = columns! {
         "of an answered question: whether the answer tells the target from all other candidates seen \
          so far, as the words of both are understood";
     may reply_source: Text, "who answered: `rule-based`, `model`, `human`";
+    may refused_replies: Int,
+        "of an `ask` with an answer: replies of a model that gave something away, which the policy did not get";
     may match_source: Text,
         "of a `show_object_by_category` in Reel's simulator: what decided which categories the query means: \
          `words` (Reel's word list, or equal names), else the name of the embedding model or of the file of \
@@ -396,6 +398,15 @@ pub(super) const LABELS: &[Column] = columns! {
     may sub_class: Text, "sub-class within that class";
     may step: Int, "the decisive step";
     may confidence: Float, "from 0 to 1";
+    may note: Text, "explanation in free text";
+    must at_ms: Long, "time of the label, milliseconds since 1970";
+};
+
+pub(super) const ANSWER_LABELS: &[Column] = columns! {
+    must episode_id: Text, "the episode";
+    must step: Int, "the `ask` whose answer it is about";
+    must author: Text, "author of the label";
+    must label: Text, "`faithful`, `unfaithful` or `unclear`";
     may note: Text, "explanation in free text";
     must at_ms: Long, "time of the label, milliseconds since 1970";
 };

@@ -12,9 +12,9 @@ use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 
 pub use columns::STEP;
 use columns::{
-    ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING, LABELS,
-    LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES, STEP_TERM, TASKS,
-    TERM, VERDICTS, VISIBLE,
+    ANSWER_LABELS, ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING,
+    LABELS, LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES,
+    STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
 };
 
 /// One of the tables that a store holds.
@@ -39,6 +39,8 @@ pub enum Table {
     /// Why they failed, by people, judges and those who injected the fault. The
     /// rules never read it.
     Labels,
+    /// Whether answers of the user are faithful, by people and models.
+    AnswerLabels,
     /// What replaying trace files found. Bound to no version of the store.
     Verdicts,
     /// What policies' Histories claim and their records refute. Bound to no version of the store.
@@ -102,7 +104,7 @@ const fn may(name: &'static str, kind: ColumnType, meaning: &'static str) -> Col
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 11] = [
+    pub const ALL: [Table; 12] = [
         Table::Episodes,
         Table::Tasks,
         Table::Scenes,
@@ -112,6 +114,7 @@ impl Table {
         Table::Blame,
         Table::Attribution,
         Table::Labels,
+        Table::AnswerLabels,
         Table::Verdicts,
         Table::Contradictions,
     ];
@@ -128,6 +131,7 @@ impl Table {
             Table::Blame => "blame",
             Table::Attribution => "attribution",
             Table::Labels => "labels",
+            Table::AnswerLabels => "answer_labels",
             Table::Verdicts => "verdicts",
             Table::Contradictions => "contradictions",
         }
@@ -155,6 +159,9 @@ impl Table {
             Table::Labels => {
                 "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel store label`."
             }
+            Table::AnswerLabels => {
+                "One row an answer of the user and author: whether the answer is faithful to what the user wants; written by `reel store label answer`."
+            }
             Table::Verdicts => {
                 "One row a trace file that was replayed for an export, and what was found; the same in every version of the store."
             }
@@ -176,6 +183,7 @@ impl Table {
             Table::Blame => BLAME,
             Table::Attribution => ATTRIBUTION,
             Table::Labels => LABELS,
+            Table::AnswerLabels => ANSWER_LABELS,
             Table::Verdicts => VERDICTS,
             Table::Contradictions => CONTRADICTIONS,
         }

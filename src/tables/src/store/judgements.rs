@@ -140,6 +140,25 @@ pub struct LabelRow {
     pub at_ms: i64,
 }
 
+/// What somebody says about an answer of the user: a row of `answer_labels`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct AnswerLabelRow {
+    /// Id of the episode.
+    pub episode_id: String,
+    /// The `ask` whose answer it is.
+    pub step: i32,
+    /// Who gives the label.
+    pub author: String,
+    /// `faithful`, `unfaithful` or `unclear`.
+    pub label: String,
+    /// The author's explanation in words; `None` if there is none.
+    #[serde(default)]
+    pub note: Option<String>,
+    /// When it was said, milliseconds since 1970.
+    #[serde(default)]
+    pub at_ms: i64,
+}
+
 /// Rows of one file.
 const ROWS_PER_BATCH: usize = 50_000;
 
@@ -218,6 +237,14 @@ impl Store {
         self.rows_of(&self.tables[&Table::Labels])
     }
 
+    /// Every label of an answer.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn answer_labels(&self) -> Result<Vec<AnswerLabelRow>, StoreError> {
+        self.rows_of(&self.tables[&Table::AnswerLabels])
+    }
+
     /// Changes the labels: `change` gets those that are there now, and is asked again where
     /// somebody else was quicker.
     ///
@@ -227,8 +254,27 @@ impl Store {
         &mut self,
         change: impl Fn(Vec<LabelRow>) -> Vec<LabelRow>,
     ) -> Result<(), StoreError> {
-        self.replace(Table::Labels, |store| {
-            let before = store.labels()?;
+        self.change(Table::Labels, change)
+    }
+
+    /// Changes the labels of answers as [`Store::change_labels`] does those of episodes.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn change_answer_labels(
+        &mut self,
+        change: impl Fn(Vec<AnswerLabelRow>) -> Vec<AnswerLabelRow>,
+    ) -> Result<(), StoreError> {
+        self.change(Table::AnswerLabels, change)
+    }
+
+    fn change<R: Clone + PartialEq + Serialize + for<'a> Deserialize<'a>>(
+        &mut self,
+        table: Table,
+        change: impl Fn(Vec<R>) -> Vec<R>,
+    ) -> Result<(), StoreError> {
+        self.replace(table, |store| {
+            let before: Vec<R> = store.rows_of(&store.tables[&table])?;
             let after = change(before.clone());
             Ok((after != before).then_some(after))
         })

@@ -38,7 +38,7 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 pub use ingest::{IngestReport, Progress};
-pub use judgements::{AttributionRow, BlameRow, ClassRow, Finding, LabelRow};
+pub use judgements::{AnswerLabelRow, AttributionRow, BlameRow, ClassRow, Finding, LabelRow};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use reading::{DocumentSet, TraceRows};
@@ -48,7 +48,7 @@ pub use unbound::{CheckedTrace, RefutedClaim, TraceVerdict};
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 8] = [
+const SIDE: [Table; 9] = [
     Table::Tasks,
     Table::Scenes,
     Table::Rescored,
@@ -57,6 +57,7 @@ const SIDE: [Table; 8] = [
     Table::Blame,
     Table::Attribution,
     Table::Labels,
+    Table::AnswerLabels,
 ];
 
 /// Tables that are bound to no version.

@@ -8,8 +8,8 @@ use reel_world::{
     ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget,
-        Metrics, Parent, PolicyInfo, PolicyOutput, RewardTerm, RobotState, StateDigests, UserReply,
-        VisibleObject,
+        Metrics, Parent, PolicyInfo, PolicyOutput, RefusedReply, RewardTerm, RobotState,
+        StateDigests, UserReply, VisibleObject,
     },
 };
 use serde::de::DeserializeOwned;
@@ -184,6 +184,13 @@ pub(crate) fn read_reply(message: reel::UserDialogue) -> Read<UserReply> {
         text: message.text,
         source: parse_word(&message.source)?,
     })
+}
+
+pub(crate) fn read_refused_reply(message: reel::UserDialogue) -> RefusedReply {
+    RefusedReply {
+        text: message.text,
+        rules: message.rules,
+    }
 }
 
 pub(crate) fn read_outcome(message: &reel::ToolResult) -> Read<Outcome> {

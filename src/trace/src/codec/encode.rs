@@ -4,7 +4,8 @@ use reel_world::{
     Digest, ErrorClass, FrameDigests, GraphEvent, TokenLogprobs, ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput,
-        RobotState, StartRecord, StateDigests, StepRecord, UserReply, VisibleObject,
+        RefusedReply, RobotState, StartRecord, StateDigests, StepRecord, UserReply, UserSource,
+        VisibleObject,
     },
 };
 use serde::Serialize;
@@ -172,6 +173,18 @@ pub(crate) fn user_dialogue(step: u32, kind: &str, reply: &UserReply) -> reel::U
         kind: kind.to_owned(),
         text: reply.text.clone(),
         source: word(&reply.source),
+        rules: Vec::new(),
+    }
+}
+
+/// A reply that the policy did not get.
+pub(crate) fn refused_reply(step: u32, refused: &RefusedReply) -> reel::UserDialogue {
+    reel::UserDialogue {
+        step,
+        kind: "refused".to_owned(),
+        text: refused.text.clone(),
+        source: word(&UserSource::Model),
+        rules: refused.rules.clone(),
     }
 }
 

@@ -207,6 +207,10 @@ impl Source {
                 call: ToolCall::new(self.text(), self.value()),
                 policy: self.maybe(Self::policy),
                 user_reply: self.maybe(Self::reply),
+                refused_replies: self.list(|s| RefusedReply {
+                    text: s.text(),
+                    rules: s.list(Self::text),
+                }),
                 lookup: self.maybe(|s| Lookup {
                     categories: s.list(Self::text),
                     source: s.text(),

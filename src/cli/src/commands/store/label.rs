@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{Format, QuerySession, format};
-use reel_tables::{LabelRow, Store};
+use reel_tables::{AnswerLabelRow, LabelRow, Store};
 use reel_taxonomy::{
     CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
 };
@@ -24,6 +24,7 @@ use crate::{ExitStatus, inputs};
 ///   reel store label import labels.csv --author ann --store store
 ///   reel store label import traces --store store        # labels that `reel agent faults` left beside its traces
 ///   reel store label disputed --store store
+///   reel store label answer 3f2a91c0 --step 2 --as unclear --author ann --store store
 ///   reel store label set 3f2a91c0 --sub-class wrong_attribute --author cem --adjudicate --store store
 ///   reel store label export --out labels.csv --store store
 #[derive(clap::Args)]
@@ -43,6 +44,11 @@ pub struct Arguments {
 enum Command {
     /// Label one episode of the store
     Set(Set),
+    /// Label an answer of the user to `ask`: faithful to what the user wants and enough to go on
+    /// (faithful), wrong (unfaithful), or not enough to tell (unclear)
+    Answer(Answer),
+    /// List every label of an answer
+    Answers,
     /// Read labels: CSV, JSON, or a folder with the `.label.json` files of injected faults
     Import {
         /// The file or folder
@@ -92,6 +98,25 @@ struct Set {
     adjudicate: bool,
 }
 
+#[derive(clap::Args)]
+struct Answer {
+    /// The episode's id; its beginning is enough where it is unique
+    #[arg(value_name = "EPISODE")]
+    episode: String,
+    /// The `ask` that was answered, counted from 0
+    #[arg(long, value_name = "STEP")]
+    step: i32,
+    /// What the answer is
+    #[arg(long = "as", value_name = "LABEL", value_parser = ["faithful", "unfaithful", "unclear"])]
+    label: String,
+    /// Reason for the label, as free text
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+    /// Name of the author of the label
+    #[arg(long, value_name = "NAME")]
+    author: String,
+}
+
 /// Adds, imports, exports or lists labels, or lists disputed episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let now_ms = SystemTime::now()
@@ -102,6 +127,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             &arguments.store,
             vec![labelled(&arguments.store, set, now_ms)?],
         ),
+        Command::Answer(answer) => keep_answer(&arguments.store, answer, now_ms),
+        Command::Answers => {
+            let labels = Store::open(&arguments.store)?.answer_labels()?;
+            let lines = labels.iter().map(|label| {
+                let note = label.note.iter().map(|note| format!(": {note}"));
+                format!(
+                    "{}  step {:3} {:12} {}{}\n",
+                    label.episode_id,
+                    label.step,
+                    label.author,
+                    label.label,
+                    note.collect::<String>()
+                )
+            });
+            let text = if arguments.json {
+                serde_json::to_string_pretty(&labels)? + "\n"
+            } else {
+                lines.collect()
+            };
+            print!("{text}");
+            Ok(ExitStatus::Success)
+        }
         Command::Import { path, author } => {
             let labels = read(
                 path,
@@ -194,17 +241,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         bail!("the confidence has to lie between 0 and 1");
     }
     let episodes = episodes(store)?;
-    let fitting: Vec<&String> = episodes
-        .keys()
-        .filter(|id| id.starts_with(&set.episode))
-        .collect();
-    let [episode] = fitting[..] else {
-        bail!(
-            "{} episodes have an id that begins with '{}'; give one that only one has",
-            fitting.len(),
-            set.episode
-        );
-    };
+    let episode = the_episode(&episodes, &set.episode)?;
     let (length, success) = episodes[episode];
     if success {
         eprintln!("reel: note: episode {episode} succeeded; the label says why it failed");
@@ -228,6 +265,51 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         note: set.note.clone(),
         at_ms,
     })
+}
+
+/// The one episode whose id begins so.
+fn the_episode<'a, T>(episodes: &'a BTreeMap<String, T>, id: &str) -> anyhow::Result<&'a String> {
+    let fitting: Vec<&String> = episodes.keys().filter(|it| it.starts_with(id)).collect();
+    match fitting[..] {
+        [episode] => Ok(episode),
+        _ => bail!(
+            "{} episodes have an id that begins with '{id}'; give one that only one has",
+            fitting.len()
+        ),
+    }
+}
+
+/// Keeps what an author says about an answer; of one author the last word counts.
+fn keep_answer(store: &str, answer: &Answer, at_ms: i64) -> anyhow::Result<ExitStatus> {
+    let session = QuerySession::new(inputs::store(store, None)?)?;
+    let answered = format!(
+        "SELECT episode_id, step FROM steps WHERE reply IS NOT NULL AND step = {}",
+        answer.step
+    );
+    let text = format(&session.run(&answered)?, Format::Csv)?;
+    let episodes: BTreeMap<String, ()> = text
+        .lines()
+        .skip(1)
+        .filter_map(|line| Some((line.split(',').next()?.to_owned(), ())))
+        .collect();
+    let episode = the_episode(&episodes, &answer.episode)
+        .with_context(|| format!("no answer to label at step {}", answer.step))?;
+    let label = AnswerLabelRow {
+        episode_id: episode.clone(),
+        step: answer.step,
+        author: answer.author.clone(),
+        label: answer.label.clone(),
+        note: answer.note.clone(),
+        at_ms,
+    };
+    Store::open(store)?.change_answer_labels(|mut before| {
+        let of = |it: &AnswerLabelRow| (it.episode_id.clone(), it.step, it.author.clone());
+        before.retain(|other| of(other) != of(&label));
+        before.push(label.clone());
+        before
+    })?;
+    println!("label kept");
+    Ok(ExitStatus::Success)
 }
 
 /// The episodes of a store with the number of their steps, and whether they succeeded.

@@ -1,0 +1,54 @@
+//! A moment of an episode, as those know it who answer from outside while the session goes on.
+
+use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
+
+use reel_episode::user::UserQuestion;
+use reel_world::{InstanceId, Scene, Task, WorldGraph, record::StepRecord};
+
+/// Which moment of which episode.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Moment {
+    /// The trace that the episode becomes.
+    pub recording: PathBuf,
+    /// How many calls were made.
+    pub step: u32,
+}
+
+/// What there is to know at a moment, the goal included: never for the policy.
+#[derive(Clone, Debug)]
+pub struct Situation {
+    /// Of when it is.
+    pub moment: Moment,
+    /// The task, goal included.
+    pub task: Arc<Task>,
+    /// Scene that the episode plays in.
+    pub scene: Arc<Scene>,
+    /// Where everything was at the start.
+    pub initial: WorldGraph,
+    /// What the robot saw before the first call.
+    pub seen_at_start: Vec<InstanceId>,
+    /// The calls so far, and what came of them.
+    pub steps: Vec<StepRecord>,
+}
+
+impl Situation {
+    /// A question at this moment, for a simulated user.
+    pub fn question<'a>(&'a self, question: &'a str) -> UserQuestion<'a> {
+        UserQuestion {
+            question,
+            task: &self.task,
+            scene: &self.scene,
+            initial: &self.initial,
+            steps: &self.steps,
+            seen_at_start: &self.seen_at_start,
+            refused: &[],
+        }
+    }
+
+    /// The categories of the objects of the task, sorted.
+    pub fn categories(&self) -> Vec<&str> {
+        let objects = self.task.objects.iter();
+        let categories: BTreeSet<&str> = objects.map(|object| object.category.as_str()).collect();
+        categories.into_iter().collect()
+    }
+}
