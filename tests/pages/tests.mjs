@@ -252,8 +252,12 @@ export async function a_person_answers_an_agent(browser) {
     await onPage(browser, async (page) => {
       await visit(page, "/live").catch(() => {});
       await page.locator("article img").first().waitFor();
+      await call(session, "nav_to", { receptacle_name: "nowhere" });
       const asking = call(session, "ask", { question: "Which one do you mean?" });
       await page.getByText("Which one do you mean?").waitFor();
+      await page.getByText("The robot does not know.").waitFor();
+      await page.getByText("nav_to(nowhere)").waitFor();
+      await page.getByAltText(/What the robot of/).waitFor();
       await page.getByPlaceholder("In plain words").fill("The red one.");
       await page.getByRole("button", { name: "Answer" }).click();
       const said = JSON.stringify(await asking);

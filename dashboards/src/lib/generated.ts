@@ -6,6 +6,15 @@ export type Answer = { answer: string };
 /** How an answer looks. */
 export type AnswerFormat = "json" | "csv" | "arrow";
 
+/** What an author says about an answer of the user to `ask`. */
+export type AnswerLabelBody = {
+  author?: string | null;
+  episode: string;
+  label: string;
+  note?: string | null;
+  step: number;
+};
+
 /** Why an episode failed, measured. */
 export type Blame = {
   costs: StepCost[];
@@ -283,6 +292,25 @@ export type NamedQuery = {
   summary: string;
 };
 
+/** A question and what led to it, for the person who answers; holds the goal. */
+export type OpenQuestion = {
+  decisions: ({ arguments: string[];
+  error: string | null;
+  reasoning: string | null;
+  step: number;
+  text: string;
+  tool: string })[];
+  instruction: string;
+  question: string;
+  session: string;
+  task_id: string;
+  waiting_s: number;
+  wish: { caption: string | null;
+  category: string;
+  from: string;
+  to: string };
+};
+
 /** Result of a call; `error` only if it failed. */
 export type Outcome = { error?: string; text: string };
 
@@ -425,6 +453,8 @@ export type StepInput = {
   call: Call;
   lookup?: Record<string, unknown>;
   policy?: PolicyOutput;
+  refused_replies?: { rules: string[];
+  text: string }[];
   user_reply?: UserReply;
 };
 
@@ -508,6 +538,7 @@ type Query = "" | `?${string}`;
 export type GetAnswer<P extends string> =
   P extends `/api/exports/${string}/examples${Query}` ? Examples :
   P extends `/api/exports/${string}/lint${Query}` ? Lint :
+  P extends `/api/sessions/${string}/question${Query}` ? OpenQuestion :
   P extends `/api/traces/${string}/blame${Query}` ? Blame :
   P extends `/api/traces/${string}/episode${Query}` ? TraceEpisode :
   P extends `/api/traces/${string}/reward${Query}` ? RewardReport :
@@ -535,6 +566,7 @@ export type GetAnswer<P extends string> =
 export type PostAnswer<P extends string> =
   P extends `/api/traces/${string}/branches${Query}` ? Branch :
   P extends `/api/traces/${string}/replay${Query}` ? ReplayVerdict :
+  P extends `/api/answer-labels${Query}` ? AnswerLabelBody :
   P extends `/api/jobs${Query}` ? Job :
   P extends `/api/labels${Query}` ? LabelBody :
   P extends `/api/leases${Query}` ? Leased :

@@ -22,5 +22,5 @@ pub use session::{
     CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
 };
 pub use setup::{Lease, PreparedTaskCache, Setup, check_name};
-pub use situation::{Moment, Situation};
+pub use situation::{EpisodePosition, Situation};
 pub use turns::{Owner, Turn, Turns};

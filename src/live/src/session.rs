@@ -14,7 +14,7 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Lease, LiveError, Moment, Setup, Situation, restore_on, setup::EpisodeKey};
+use crate::{EpisodePosition, Lease, LiveError, Setup, Situation, restore_on, setup::EpisodeKey};
 
 /// An exclusive simulator in which one agent plays one episode after another.
 pub struct Session {
@@ -291,14 +291,14 @@ impl Session {
         }
     }
 
-    /// Which moment of which episode it is; `None` if no episode runs.
-    pub fn moment(&self) -> Option<Moment> {
+    /// Which step of which episode is next; `None` if no episode runs.
+    pub fn position(&self) -> Option<EpisodePosition> {
         let steps = match &self.now {
             Phase::Playing(playing) => playing.episode.steps(),
             Phase::Parked(resting) => resting.episode.steps(),
             _ => return None,
         };
-        Some(Moment {
+        Some(EpisodePosition {
             recording: self.recording()?.to_owned(),
             step: calls(steps),
         })
@@ -320,9 +320,9 @@ impl Session {
             }
             _ => return Err(self.refusal()),
         };
-        let moment = self.moment().ok_or(LiveError::NoEpisode)?;
+        let position = self.position().ok_or(LiveError::NoEpisode)?;
         Ok(Situation {
-            moment,
+            position,
             task: task.clone(),
             scene: self.setup.scene(task).clone(),
             initial: start.graphs.physics.clone(),

@@ -1,24 +1,24 @@
-//! A moment of an episode, as those know it who answer from outside while the session goes on.
+//! An episode at one of its steps, as those know it who answer from outside while it goes on.
 
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use reel_episode::user::UserQuestion;
 use reel_world::{InstanceId, Scene, Task, WorldGraph, record::StepRecord};
 
-/// Which moment of which episode.
+/// Which step of which episode is next.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Moment {
+pub struct EpisodePosition {
     /// The trace that the episode becomes.
     pub recording: PathBuf,
     /// How many calls were made.
     pub step: u32,
 }
 
-/// What there is to know at a moment, the goal included: never for the policy.
+/// What there is to know at a step, the goal included: never for the policy.
 #[derive(Clone, Debug)]
 pub struct Situation {
-    /// Of when it is.
-    pub moment: Moment,
+    /// The step that is next.
+    pub position: EpisodePosition,
     /// The task, goal included.
     pub task: Arc<Task>,
     /// Scene that the episode plays in.
@@ -32,7 +32,7 @@ pub struct Situation {
 }
 
 impl Situation {
-    /// A question at this moment, for a simulated user.
+    /// A question at this step, for a simulated user.
     pub fn question<'a>(&'a self, question: &'a str) -> UserQuestion<'a> {
         UserQuestion {
             question,

@@ -9,7 +9,9 @@ use std::{
 };
 
 use axum::http::request::Parts;
-use reel_live::{LiveError, Moment, Owner, Session, SessionPool, Situation, StartedEpisode};
+use reel_live::{
+    EpisodePosition, LiveError, Owner, Session, SessionPool, Situation, StartedEpisode,
+};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
     record::{Lookup, PolicyOutput, StepInput, UserReply, UserSource},
@@ -46,7 +48,7 @@ pub enum AskResponder {
     Client,
     /// A person who answers through [`Questions`].
     Rest,
-    /// A model, [`AnswerSources::user`].
+    /// A model in the role of the user, [`AnswerSources::user`].
     Model,
 }
 
@@ -161,10 +163,11 @@ struct Reply {
 }
 elicit_safe!(Reply);
 
-/// The inputs of a call, and the moment for which somebody outside answered, if anybody did.
+/// The inputs of a call, and the position of the episode for which somebody outside answered, if
+/// anybody did.
 struct AnsweredInput {
     step: StepInput,
-    moment: Option<Moment>,
+    position: Option<EpisodePosition>,
 }
 
 /// The key of the one question that a call may have.
@@ -360,7 +363,7 @@ impl ToolServer {
                 }
                 _ => {
                     // Calls of one session that are sent at once may overtake an answer.
-                    if input.moment.is_some() && input.moment != session.moment() {
+                    if input.position.is_some() && input.position != session.position() {
                         return Err(LiveError::Overtaken);
                     }
                     let made = session.call(input.step)?;
@@ -393,7 +396,7 @@ impl ToolServer {
         said
     }
 
-    /// Asks a person, where one is to be asked: the reply, and the moment that it is for where the
+    /// Asks a person, where one is to be asked: the reply, and the step that it is for where the
     /// protocol has sessions. An error of the result is what to answer the client instead.
     async fn ask_person(
         &self,
@@ -401,7 +404,7 @@ impl ToolServer {
         question: &str,
         request: &CallToolRequestParams,
         context: &RequestContext<RoleServer>,
-    ) -> Result<(Option<UserReply>, Option<Moment>), CallToolResponse> {
+    ) -> Result<(Option<UserReply>, Option<EpisodePosition>), CallToolResponse> {
         let nobody = || UserReply {
             text: "Nobody answers.".to_owned(),
             source: UserSource::Human,
@@ -441,7 +444,7 @@ impl ToolServer {
                 let Ok(situation) = self.situation(session, context).await else {
                     return Ok((None, None));
                 };
-                let moment = Some(situation.moment.clone());
+                let position = Some(situation.position.clone());
                 let patience = self.options.ask_patience;
                 let answer = if self.options.ask == AskResponder::Rest {
                     self.questions
@@ -454,12 +457,12 @@ impl ToolServer {
                         .await;
                     answer.ok().flatten().map(|reply| reply.answer)
                 };
-                Ok((Some(answer.map_or_else(nobody, human)), moment))
+                Ok((Some(answer.map_or_else(nobody, human)), position))
             }
         }
     }
 
-    /// The moment at which the session stands.
+    /// What there is to know of the episode of a session now.
     async fn situation(
         &self,
         session: &str,
@@ -486,8 +489,8 @@ impl ToolServer {
         let situation = self.situation(session, context).await?;
         let (mut step, question) = (input.step, question.to_owned());
         let answered = spawn_blocking(move || {
-            let moment = Some(situation.moment.clone());
-            user(&situation, &question, &mut step).map(|()| AnsweredInput { step, moment })
+            let position = Some(situation.position.clone());
+            user(&situation, &question, &mut step).map(|()| AnsweredInput { step, position })
         });
         answered
             .await
@@ -518,8 +521,8 @@ impl ToolServer {
             if !profile.takes_literally(&query, &categories) {
                 step.lookup = Some(matcher(&query, &categories)?);
             }
-            let moment = Some(situation.moment.clone());
-            Ok(AnsweredInput { step, moment })
+            let position = Some(situation.position.clone());
+            Ok(AnsweredInput { step, position })
         });
         looked_up.await.map_err(Into::into).flatten().map_err(
             |error: Box<dyn Error + Send + Sync>| {
@@ -624,7 +627,7 @@ impl ServerHandler for ToolServer {
         let policy = policy_output(&context)?;
         let work = async {
             let tool = self.profile().tool(&call).ok();
-            let (user_reply, moment) = match &tool {
+            let (user_reply, position) = match &tool {
                 Some(Tool::Ask { question }) => {
                     self.ask_person(&session, question, &request, &context)
                         .await?
@@ -636,7 +639,7 @@ impl ServerHandler for ToolServer {
                 user_reply,
                 ..StepInput::from_call(call)
             };
-            let input = AnsweredInput { step, moment };
+            let input = AnsweredInput { step, position };
             Ok(self.answer(&session, input, tool, &context).await.into())
         };
         // A cancelled call was not made, or is persisted as a whole.

@@ -38,7 +38,7 @@ pub struct Question {
 /// policy.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct OpenQuestion {
-    /// The question itself.
+    /// The question, and for how long it has been waiting.
     #[serde(flatten)]
     pub asked: Question,
     /// Id of the task that the robot was given.

@@ -115,7 +115,7 @@ pub struct Play {
     pub user: Option<UserConfig>,
 }
 
-/// A model in the role of the user (docs/agents.md#a-model-as-the-user).
+/// A model in the role of the user (docs/agents.md#a-model-as-the-user-and-what-a-query-matches).
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct UserConfig {

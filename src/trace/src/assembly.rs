@@ -329,7 +329,7 @@ impl<'a> Assembly<'a> {
                 let draft = self.draft(message.step)?;
                 match message.kind.as_str() {
                     "refused" => {
-                        let refused = codec::read_refused_reply(message);
+                        let refused = codec::read_refused_reply(message)?;
                         draft.refused_replies.push(refused);
                         Ok(())
                     }

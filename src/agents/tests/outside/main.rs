@@ -9,10 +9,10 @@
 use std::sync::Arc;
 
 use reel_agents::{
-    AgentError, EpisodeReport, Matcher, RecordTo, ResponderError, Responders, User, UserQuestion,
+    AgentError, EpisodeReport, Matcher, RecordTo, ResponderError, Responders, USER_TRIES, User,
     policy, run_episode,
 };
-use reel_episode::EpisodeConfig;
+use reel_episode::{EpisodeConfig, user::UserQuestion};
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::{Images, Trace};
@@ -21,14 +21,16 @@ use reel_world::{
     record::{EndReason, Lookup, PolicyInfo, UserReply, UserSource},
 };
 
-/// Tells the robot an identifier of the computer.
-struct Blunt;
+/// Tells the robot an identifier of the computer so many times, and then nothing of use.
+struct Blunt(usize);
 
 impl User for Blunt {
     fn answer(&mut self, asked: &UserQuestion<'_>) -> Result<UserReply, ResponderError> {
         assert!(!asked.question.is_empty());
+        let leaks = asked.refused.len() < self.0;
+        let id = format!("Take {}.", asked.task.target);
         Ok(UserReply {
-            text: format!("Take {}.", asked.task.target),
+            text: if leaks { id } else { "How are you?".to_owned() },
             source: UserSource::Model,
         })
     }
@@ -96,23 +98,17 @@ fn what_comes_from_outside_decides_and_is_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let (report, trace) = play(
         Responders {
-            user: Some(Box::new(Blunt)),
+            user: Some(Box::new(Blunt(1))),
             ..Responders::default()
         },
         &folder.path().join("blunt.mcap"),
     );
     let report = report.unwrap();
-    assert!(
-        report.broken_rules.contains(&"raw_id"),
-        "{:?}",
-        report.broken_rules
-    );
-    assert_eq!(
-        EpisodeReport::of_trace(&trace, &trace.path)
-            .unwrap()
-            .broken_rules,
-        report.broken_rules
-    );
+    assert_eq!(report.broken_rules, ["not_goal_driven"]);
+    assert!(report.refused_rules.contains(&"raw_id".to_owned()));
+    let again = EpisodeReport::of_trace(&trace, &trace.path).unwrap();
+    assert_eq!(again.broken_rules, report.broken_rules);
+    assert_eq!(again.refused_rules, report.refused_rules);
     let told = trace
         .steps
         .iter()
@@ -124,6 +120,25 @@ fn what_comes_from_outside_decides_and_is_recorded() {
         .find_map(|step| step.reply.as_ref())
         .unwrap();
     assert_eq!((told, told.source), (answer, UserSource::Model));
+
+    // Who cannot keep a secret is not listened to.
+    let outside = Responders {
+        user: Some(Box::new(Blunt(USER_TRIES))),
+        ..Responders::default()
+    };
+    let (report, leaky) = play(outside, &folder.path().join("leaky.mcap"));
+    let (_, alone) = play(Responders::default(), &folder.path().join("alone.mcap"));
+    assert!(report.unwrap().broken_rules.is_empty());
+    let asked = |trace: &Trace| {
+        let step = trace.steps.iter().find(|step| step.reply.is_some());
+        let step = step.unwrap();
+        (
+            step.reply.clone().unwrap(),
+            step.input.refused_replies.len(),
+        )
+    };
+    assert_eq!(asked(&leaky), (asked(&alone).0, USER_TRIES));
+    assert_eq!(asked(&alone).1, 0);
 
     let outside = Responders {
         matcher: Some(Box::new(Blind)),

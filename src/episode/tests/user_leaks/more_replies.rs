@@ -335,7 +335,7 @@ fn destination<'a>(task: &Task, scene: &'a Scene) -> &'a Receptacle {
         .expect("the destination is in the scene")
 }
 
-/// `2` of `couch_2`.
+/// The number at the end of an id: `2` of `couch_2`.
 fn number(task: &Task) -> &str {
     let id = task.src.as_str();
     id.rsplit_once('_').map_or(id, |(_, number)| number)

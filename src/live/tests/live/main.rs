@@ -27,6 +27,7 @@ fn setup(folder: &Path) -> Setup {
         preset: Preset::paper(),
         run_id: "live".to_owned(),
         folder: folder.to_owned(),
+        answer_settings: Default::default(),
         options: Images::None.into(),
         host: Host::default(),
         stages: PreparedTaskCache::default(),

@@ -310,6 +310,7 @@ impl Table {
             preset: Preset::paper(),
             run_id: "case".to_owned(),
             folder: folder.path().to_owned(),
+            answer_settings: Default::default(),
             options: Images::None.into(),
             host: Host::default(),
             stages: known,

@@ -6,7 +6,7 @@ use std::{fs, path::Path, process::Command};
 
 use reel_query::{Format, Parameters, QuerySession, format, named};
 use reel_reward::Preset;
-use reel_tables::Store;
+use reel_tables::{AnswerLabelRow, Store};
 use reel_taxonomy::{RuleSet, classify};
 use reel_trace::{
     Images, Timing,
@@ -205,7 +205,35 @@ fn rich_store(dir: &Path) -> Store {
     let session = QuerySession::new(Store::open(dir.join("store")).unwrap()).unwrap();
     let verdicts = classify(&session, &RuleSet::built_in(), Some("policy <> 'student'")).unwrap();
     store.replace_classes(|| verdicts.classes()).unwrap();
+    label_answers(&mut store, &session);
     store
+}
+
+/// Labels of some of the answers, on one of which two authors disagree.
+fn label_answers(store: &mut Store, session: &QuerySession) {
+    let labels = ["faithful", "unclear", "unfaithful", "faithful"];
+    let answers =
+        "SELECT episode_id, step FROM steps WHERE reply IS NOT NULL ORDER BY episode_id, step";
+    let row = |author: &str, answer: &str, label: &str| {
+        let (episode, step) = answer.split_once(',').unwrap();
+        AnswerLabelRow {
+            episode_id: episode.to_owned(),
+            step: step.parse().unwrap(),
+            author: author.to_owned(),
+            label: label.to_owned(),
+            note: None,
+            at_ms: 0,
+        }
+    };
+    let answers = ask(session, answers);
+    let mut rows: Vec<AnswerLabelRow> = answers
+        .iter()
+        .zip(labels)
+        .map(|(answer, label)| row("ann", answer, label))
+        .collect();
+    rows.push(row("ben", &answers[0], "unclear"));
+    rows.push(row("ben", &answers[1], "unclear"));
+    store.change_answer_labels(|_| rows.clone()).unwrap();
 }
 
 /// What the recorded traces lack: people and models that answer, time to think, prompt groups, a

@@ -9,7 +9,7 @@ use reel_world::{
     record::{
         BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget,
         Metrics, Parent, PolicyInfo, PolicyOutput, RefusedReply, RewardTerm, RobotState,
-        StateDigests, UserReply, VisibleObject,
+        StateDigests, UserReply, UserSource, VisibleObject,
     },
 };
 use serde::de::DeserializeOwned;
@@ -180,16 +180,24 @@ pub(crate) fn read_logprobs(message: reel::TokenLogprobs) -> Read<TokenLogprobs>
 }
 
 pub(crate) fn read_reply(message: reel::UserDialogue) -> Read<UserReply> {
+    if !message.rules.is_empty() {
+        return Err("a reply that was given has rules that it broke".to_owned());
+    }
     Ok(UserReply {
         text: message.text,
         source: parse_word(&message.source)?,
     })
 }
 
-pub(crate) fn read_refused_reply(message: reel::UserDialogue) -> RefusedReply {
-    RefusedReply {
-        text: message.text,
-        rules: message.rules,
+pub(crate) fn read_refused_reply(message: reel::UserDialogue) -> Read<RefusedReply> {
+    match parse_word(&message.source)? {
+        UserSource::Model => Ok(RefusedReply {
+            text: message.text,
+            rules: message.rules,
+        }),
+        UserSource::RuleBased | UserSource::Human => {
+            Err("only replies of a model are refused".to_owned())
+        }
     }
 }
 

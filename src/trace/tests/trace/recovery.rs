@@ -541,7 +541,7 @@ fn a_torn_chunk_gives_what_decompresses() {
         texts: (0..40).map(|_| text()).collect(),
         ..Source::seeded(5)
     }
-    .sample(12);
+    .sample(16);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     sample.record(&path);
