@@ -23,6 +23,7 @@ const SCHEMAS: &[&str] = &[
     "reel/v1/vla.proto",
     "reel/v1/alignment.proto",
     "foxglove/CompressedImage.proto",
+    "foxglove/RawImage.proto",
     "foxglove/CameraCalibration.proto",
     "foxglove/FrameTransforms.proto",
     "foxglove/ImageAnnotations.proto",

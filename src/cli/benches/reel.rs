@@ -38,14 +38,15 @@ fn replay_a_trace() -> bool {
 
 #[divan::bench]
 fn render_the_first_frame() -> Vec<u8> {
-    reel_replay::frame_at(&GOLDEN, None, None).expect("the start of the trace")
+    let frame = reel_replay::frame_at(&GOLDEN, None, None);
+    frame.expect("the start of the trace").rgb
 }
 
 #[divan::bench]
 fn encode_a_frame(bencher: Bencher) {
     let frame = reel_replay::frame_at(&GOLDEN, None, None).expect("the start of the trace");
     let (width, height) = (FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-    bencher.bench(|| reel_trace::encode_webp(&frame, width, height));
+    bencher.bench(|| reel_trace::encode_webp(&frame.rgb, width, height));
 }
 
 #[divan::bench(args = ["paper", "real-repo", "real-trainer"])]

@@ -14,7 +14,7 @@ use reel_replay::SnapshotCache;
 use reel_tables::{Store, buckets::Buckets};
 use reel_tasks::assets::AssetFolder;
 use reel_tasks::{ObjectOrder, SceneSource};
-use reel_trace::{Trace, TraceFiles, is_remote};
+use reel_trace::{FrameLayers, Trace, TraceFiles, is_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
 /// The skills of a name, for arguments.
@@ -25,6 +25,14 @@ pub fn skills(name: &str) -> Result<Skills, String> {
             Skills::ALL.map(Skills::as_str).join(" and ")
         )
     })
+}
+
+/// What is recorded of each frame besides its image.
+pub fn layers(text: &str) -> Result<FrameLayers, String> {
+    if text.is_empty() {
+        return Ok(FrameLayers::default());
+    }
+    FrameLayers::parse(text)
 }
 
 /// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`);

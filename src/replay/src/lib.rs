@@ -38,7 +38,7 @@ pub use player::{Replay, StepMismatch};
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};
-pub use viewpoint::{Viewpoint, ViewpointError, view_at, views};
+pub use viewpoint::{View, Viewpoint, ViewpointError, view_at, views};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -10,7 +10,7 @@ use std::{
 
 use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::{Trace, TraceFiles};
-use reel_world::{Assets, Digest};
+use reel_world::{Assets, Digest, Frame};
 
 use crate::{Replay, Verdict, refused};
 
@@ -64,7 +64,7 @@ impl SnapshotCache {
     }
 }
 
-/// The image after a call (none: before the first), drawn again whether or not
+/// The frame after a call (none: before the first), drawn again whether or not
 /// the trace holds it.
 ///
 /// # Errors
@@ -73,9 +73,9 @@ pub fn frame_at(
     trace: &Trace,
     call: Option<u32>,
     cache: Option<&SnapshotCache>,
-) -> Result<Vec<u8>, Verdict> {
+) -> Result<Frame, Verdict> {
     let Some(call) = call else {
-        return Replay::start(trace, Detail::Full).map(|(_, frame)| frame.rgb);
+        return Replay::start(trace, Detail::Full).map(|(_, frame)| frame);
     };
     let mut replay = seek(trace, call as usize, cache)?;
     let output = replay
@@ -84,8 +84,7 @@ pub fn frame_at(
     let simulator = replay.episode().simulator();
     Ok(output
         .frame
-        .unwrap_or_else(|| simulator.render_from(&simulator.camera()))
-        .rgb)
+        .unwrap_or_else(|| simulator.render_from(&simulator.camera())))
 }
 
 /// The images (RGB) that the agent got at these moments (none: before the first call): those that

@@ -3,7 +3,7 @@
 
 use reel_sim::{Simulator, geometry::Camera, render::Detail};
 use reel_trace::Trace;
-use reel_world::{InstanceId, ObjectInstance, Task};
+use reel_world::{Frame, InstanceId, ObjectInstance, Task};
 
 use crate::{
     Replay, SnapshotCache, Verdict, frame_at,
@@ -141,7 +141,7 @@ fn object(name: &str, task: &Task) -> Result<InstanceId, ViewpointError> {
     }
 }
 
-/// The image (RGB) from a viewpoint after a call (none: before the first).
+/// The frame from a viewpoint after a call (none: before the first).
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference on the way, or that there is no
@@ -151,7 +151,7 @@ pub fn view_at(
     call: Option<u32>,
     viewpoint: &Viewpoint,
     cache: Option<&SnapshotCache>,
-) -> Result<Vec<u8>, Verdict> {
+) -> Result<Frame, Verdict> {
     let calls = match (viewpoint, call.map(|call| call as usize)) {
         (Viewpoint::Head, _) => return frame_at(trace, call, cache),
         (_, None) => 0,
@@ -161,31 +161,58 @@ pub fn view_at(
     viewpoint.outside(seek(trace, calls, cache)?.episode().simulator())
 }
 
-/// The images (RGB) from a viewpoint before the first call and after each, in order.
+/// An episode after one of its calls, from a viewpoint.
+#[derive(Debug)]
+pub struct View<'a> {
+    /// The call; `None` before the first.
+    pub step: Option<u32>,
+    /// What is seen then.
+    pub frame: Frame,
+    /// Where it is seen from.
+    pub camera: Camera,
+    /// The state of the simulator then.
+    pub simulator: &'a Simulator,
+}
+
+/// Shows what is seen from a viewpoint before the first call and after each, in order.
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference, or that there is no such object.
-pub fn views(trace: &Trace, viewpoint: &Viewpoint) -> Result<Vec<Vec<u8>>, Verdict> {
+pub fn views(
+    trace: &Trace,
+    viewpoint: &Viewpoint,
+    mut show: impl FnMut(View<'_>),
+) -> Result<(), Verdict> {
     let (mut replay, start) = Replay::start(trace, Detail::Full)?;
-    let mut images = Vec::new();
-    let mut seen = Some(start);
+    let (mut step, mut seen) = (None, Some(start));
     loop {
         let simulator = replay.episode().simulator();
-        images.push(match (viewpoint, seen) {
-            (Viewpoint::Head, Some(frame)) => frame.rgb,
-            (Viewpoint::Head, None) => simulator.render_from(&simulator.camera()).rgb,
-            _ => viewpoint.outside(simulator)?,
+        let camera = viewpoint.camera(simulator)?;
+        let frame = match (viewpoint, seen) {
+            (Viewpoint::Head, Some(frame)) => frame,
+            (Viewpoint::Head, None) => simulator.render_from(&camera),
+            _ => simulator.render_external(&camera),
+        };
+        show(View {
+            step,
+            frame,
+            camera,
+            simulator,
         });
         match replay.step()? {
-            Some(output) => seen = output.frame,
-            None => return Ok(images),
+            Some(output) => (step, seen) = (Some(output.record.step), output.frame),
+            None => return Ok(()),
         }
     }
 }
 
 impl Viewpoint {
-    fn outside(&self, simulator: &Simulator) -> Result<Vec<u8>, Verdict> {
-        let camera = match self {
+    fn outside(&self, simulator: &Simulator) -> Result<Frame, Verdict> {
+        Ok(simulator.render_external(&self.camera(simulator)?))
+    }
+
+    fn camera(&self, simulator: &Simulator) -> Result<Camera, Verdict> {
+        Ok(match self {
             Viewpoint::Head => simulator.camera(),
             Viewpoint::TopDown => simulator.camera_above(),
             Viewpoint::Free { eye, look_at } => Camera::looking_at(*eye, *look_at),
@@ -199,7 +226,6 @@ impl Viewpoint {
                         ),
                     })?
             }
-        };
-        Ok(simulator.render_external(&camera).rgb)
+        })
     }
 }

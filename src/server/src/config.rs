@@ -13,7 +13,7 @@ use reel_live::{Host, PreparedTaskCache, Setup};
 use reel_mcp::{AnswerSources, AskResponder};
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
-use reel_trace::{Durability, Images, RecordOptions};
+use reel_trace::{Durability, FrameLayers, Images, RecordOptions};
 use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
 
@@ -97,6 +97,8 @@ pub struct Play {
     pub policy: Option<String>,
     /// Whether traces hold images; without them they are drawn again on demand.
     pub images: bool,
+    /// What traces hold of each frame besides: `depth`, `masks`, both with a comma between, or nothing.
+    pub record: String,
     /// What an acknowledged call survives: `write` (the death of the process) or `fsync`
     /// (the loss of power).
     pub durability: String,
@@ -243,6 +245,7 @@ impl Default for Play {
             run: None,
             policy: None,
             images: true,
+            record: String::new(),
             durability: "write".to_owned(),
             ask: AskResponder::Rules,
             ask_timeout_s: 120,
@@ -408,6 +411,7 @@ impl Config {
         if Durability::parse(&self.play.durability).is_none() {
             return wrong("play.durability", "there are 'write' and 'fsync'");
         }
+        self.layers()?;
         if let Some(run) = &self.play.run {
             reel_live::check_name(run).map_err(|_| ConfigError::Value {
                 key: "play.run",
@@ -421,6 +425,16 @@ impl Config {
             );
         }
         self.preset().map(drop)
+    }
+
+    fn layers(&self) -> Result<FrameLayers, ConfigError> {
+        if self.play.record.is_empty() {
+            return Ok(FrameLayers::default());
+        }
+        FrameLayers::parse(&self.play.record).map_err(|message| ConfigError::Value {
+            key: "play.record",
+            message,
+        })
     }
 
     /// The reward preset of `play.preset`: a built-in one, or read from a file.
@@ -534,7 +548,11 @@ impl Config {
             run_id,
             folder: self.traces(),
             answer_settings: BTreeMap::new(),
-            options: RecordOptions { images, durability },
+            options: RecordOptions {
+                images,
+                layers: self.layers()?,
+                durability,
+            },
             host: Host::default(),
             stages: PreparedTaskCache::default(),
         })

@@ -1,7 +1,7 @@
 //! The scene from any camera, with the robot in it: for people. No agent sees these images, and
 //! taking one changes nothing.
 
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId, ROBOT_INSTANCE};
 
 use crate::{
     Simulator,
@@ -10,8 +10,6 @@ use crate::{
     render::{Detail, Drawable},
 };
 
-/// Entity of the robot in these images; nothing else has it.
-const ROBOT_ENTITY: u16 = u16::MAX;
 /// Where a held object hangs, before the robot and above the floor, in metres.
 const GRIPPER_M: [f32; 2] = [0.34, 0.95];
 /// How far a camera that follows an object stands off, level and upwards, in metres;
@@ -34,7 +32,7 @@ impl Simulator {
             parts: &robot,
             mesh: None,
             pose,
-            entity: ROBOT_ENTITY,
+            entity: ROBOT_INSTANCE,
         }];
         if let Some(held) = self.held {
             let [ahead, up] = GRIPPER_M;

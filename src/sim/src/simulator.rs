@@ -4,7 +4,8 @@
 use std::sync::Arc;
 
 use reel_world::{
-    Digest, DoorState, FLOOR, Frame, InstanceId, Profile, Scene, Task, WorldGraph,
+    Digest, DoorState, FIRST_RECEPTACLE_INSTANCE, FLOOR, Frame, InstanceId, Profile,
+    SHELL_INSTANCE, Scene, Task, WorldGraph,
     record::{BodyState, Graphs, Marker, MarkerTarget, RobotState, VisibleObject},
 };
 
@@ -15,7 +16,9 @@ use crate::{
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics, SPAWN_OFFSET_M},
     published,
-    render::{Detail, Drawable, OverlayMark, Region, overlay, render},
+    render::{
+        Detail, Drawable, OverlayMark, Region, TriangleSurface, overlay, render, surfaces_of,
+    },
 };
 
 /// Physics steps after spawning (docs/spec.md#task-filters).
@@ -30,8 +33,6 @@ const REST_ABOVE_M: f32 = 0.30;
 const REST_ASIDE_M: f32 = 0.02;
 
 /// Entity number of floor and walls in the id buffer.
-const SHELL_ENTITY: u16 = 1;
-const FIRST_FURNITURE_ENTITY: u16 = 2;
 
 /// The simulated world of one episode: physics, registry, robot and markers.
 #[derive(Debug)]
@@ -370,11 +371,32 @@ impl Simulator {
         extra: &[Drawable<'_>],
         detail: Detail,
     ) -> Frame {
+        let mut drawables = self.drawables();
+        drawables.extend_from_slice(extra);
+        render(camera, &drawables, detail)
+    }
+
+    /// How many pixels of an instance a camera would see if nothing stood before it.
+    pub fn unoccluded_pixels(&self, camera: &Camera, instance: u16) -> usize {
+        let mut alone = self.drawables();
+        alone.retain(|drawable| drawable.entity == instance);
+        let frame = render(camera, &alone, Detail::Geometry);
+        frame.ids.iter().filter(|id| **id == instance).count()
+    }
+
+    /// The surfaces that frames show, as triangles in the scene's frame: corners and, three by
+    /// three, their indices, for each part of an instance.
+    pub fn surfaces(&self) -> Vec<TriangleSurface> {
+        self.drawables().iter().flat_map(surfaces_of).collect()
+    }
+
+    /// What stands in the scene: shell, furniture with its doors, and objects.
+    fn drawables(&self) -> Vec<Drawable<'_>> {
         let shell = Drawable {
             parts: &self.stage.model.shell,
             mesh: None,
             pose: Pose::IDENTITY,
-            entity: SHELL_ENTITY,
+            entity: SHELL_INSTANCE,
         };
         let mut drawables = vec![shell];
         for (index, furniture) in self.stage.model.furniture.iter().enumerate() {
@@ -400,8 +422,7 @@ impl Simulator {
                 drawables.push(shape.drawable(motion.pose, self.object_entity(index)));
             }
         }
-        drawables.extend_from_slice(extra);
-        render(camera, &drawables, detail)
+        drawables
     }
 
     /// Camera pose of the robot's head: position, yaw and pitch.
@@ -556,7 +577,7 @@ impl VisibleEntity {
 }
 
 pub(crate) fn furniture_entity(index: usize) -> u16 {
-    FIRST_FURNITURE_ENTITY + u16::try_from(index).expect("a scene has fewer than 65,000 things")
+    FIRST_RECEPTACLE_INSTANCE + u16::try_from(index).expect("a scene has fewer than 65,000 things")
 }
 
 /// The entities of an image as runs.

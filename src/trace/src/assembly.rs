@@ -71,6 +71,10 @@ pub(crate) struct Assembly<'a> {
     end: Option<EndRecord>,
     image: Option<Vec<u8>>,
     images: BTreeMap<Option<u32>, Vec<u8>>,
+    depth: Option<Vec<u8>>,
+    depths: BTreeMap<Option<u32>, Vec<u8>>,
+    mask: Option<Vec<u8>>,
+    masks: BTreeMap<Option<u32>, Vec<u8>>,
     offsets: Vec<u64>,
     timings: BTreeMap<u32, Timing>,
     robot: RobotLog,
@@ -111,6 +115,10 @@ impl<'a> Assembly<'a> {
             end: None,
             image: None,
             images: BTreeMap::new(),
+            depth: None,
+            depths: BTreeMap::new(),
+            mask: None,
+            masks: BTreeMap::new(),
             offsets: Vec::new(),
             timings: BTreeMap::new(),
             robot: RobotLog::default(),
@@ -275,6 +283,8 @@ impl<'a> Assembly<'a> {
             bytes,
             recoveries: self.recoveries,
             images: self.images,
+            depths: self.depths,
+            masks: self.masks,
             offsets: self.offsets,
             timings: self.timings,
             robot: self.robot,
@@ -401,6 +411,9 @@ impl<'a> Assembly<'a> {
                 Some(image) => once(&mut self.image, image.data),
                 None => Ok(()),
             },
+            schema::DEPTH | schema::INSTANCES if self.records_only.is_some() => Ok(()),
+            schema::DEPTH => once(&mut self.depth, image::layer(decode(data)?)?),
+            schema::INSTANCES => once(&mut self.mask, image::layer(decode(data)?)?),
             schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
             // Derived for viewers; a recorder writes them, nobody reads them back.
             _ => Ok(()),
@@ -532,6 +545,12 @@ impl<'a> Assembly<'a> {
         }
         if let Some(image) = self.image.take() {
             self.images.insert(at, image);
+        }
+        if let Some(depth) = self.depth.take() {
+            self.depths.insert(at, depth);
+        }
+        if let Some(mask) = self.mask.take() {
+            self.masks.insert(at, mask);
         }
         if let Some(original) = self.original.take() {
             self.originals.insert(at, original);

@@ -8,10 +8,62 @@ use png::Transformations;
 use prost::Message as _;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
-use crate::schema::foxglove::CompressedImage;
+use crate::schema::foxglove::{CompressedImage, RawImage};
 
 /// Format of an image in an unfinished recording that nobody has decoded yet.
 pub(crate) const BASE64_PNG: &str = "png;base64";
+
+/// Bytes of depth or instance ids of a frame.
+pub(crate) const LAYER_BYTES: usize = FRAME_WIDTH * FRAME_HEIGHT * 2;
+/// Foxglove's name for 16-bit values, one a pixel.
+pub(crate) const LAYER_ENCODING: &str = "16UC1";
+
+/// The values of depth or instance ids, where the message is one of a frame.
+///
+/// # Errors
+/// What is wrong with it.
+pub(crate) fn layer(message: RawImage) -> Result<Vec<u8>, String> {
+    let size = (message.width as usize, message.height as usize);
+    let row = FRAME_WIDTH * 2;
+    if size != (FRAME_WIDTH, FRAME_HEIGHT)
+        || message.encoding != LAYER_ENCODING
+        || message.step as usize != row
+        || message.data.len() != LAYER_BYTES
+    {
+        return Err(format!(
+            "it is {} x {} pixels of {:?} in {} bytes instead of {FRAME_WIDTH} x {FRAME_HEIGHT} of {LAYER_ENCODING:?} in {LAYER_BYTES}",
+            size.0,
+            size.1,
+            message.encoding,
+            message.data.len()
+        ));
+    }
+    Ok(message.data)
+}
+
+/// Encodes 16-bit values, row by row from the top left, as a gray PNG.
+///
+/// # Panics
+/// When there are not `width * height` of them: a programmer's error.
+pub fn encode_png16(values: &[u16], width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder
+        .write_header()
+        .expect("writing to memory does not fail");
+    let data: Vec<u8> = values
+        .iter()
+        .flat_map(|value| value.to_be_bytes())
+        .collect();
+    writer
+        .write_image_data(&data)
+        .expect("the image has the size it says");
+    writer.finish().expect("writing to memory does not fail");
+    bytes
+}
 
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
 ///

@@ -2,6 +2,7 @@
 //! written to. Checks the turn and the hash chain. Knows no files.
 
 use std::{
+    borrow::Cow,
     collections::BTreeMap,
     io::{self, Seek, Write},
     path::{Path, PathBuf},
@@ -13,7 +14,7 @@ use mcap::{
 };
 use prost::Message;
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, canonical_json, chain,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, chain,
     record::{
         Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput,
         StepRecord, VisibleObject,
@@ -21,7 +22,7 @@ use reel_world::{
 };
 
 use crate::{
-    Images, Timing, TraceError, codec, container, encode_webp, image,
+    FrameLayers, Images, Timing, TraceError, codec, container, encode_webp, image,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{self, Channel, foxglove::log::Level, reel},
     viewer,
@@ -43,6 +44,9 @@ pub(crate) const TASK_ATTACHMENT: &str = "task.json";
 /// Name of the scene's attachment.
 pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
 
+/// Name of the attachment that says what instance ids stand for, where there are masks.
+const INSTANCES_ATTACHMENT: &str = "instances.json";
+
 /// An image on its way into a trace.
 #[derive(Clone, Copy)]
 pub(crate) enum FrameSource<'a> {
@@ -54,12 +58,36 @@ pub(crate) enum FrameSource<'a> {
     Base64(&'a str),
 }
 
+/// What a frame holds besides its image, on its way into a trace; written where it was asked for.
+#[derive(Clone, Default)]
+pub(crate) struct Layers<'a> {
+    /// 16-bit depth in millimetres, little-endian.
+    pub depth: Option<Cow<'a, [u8]>>,
+    /// 16-bit instance ids, little-endian.
+    pub masks: Option<Cow<'a, [u8]>>,
+}
+
+impl Layers<'_> {
+    /// Those of a frame; one without pixels has none.
+    pub(crate) fn of(frame: Option<&Frame>) -> Self {
+        let bytes = |values: &[u16]| {
+            let bytes = values.iter().flat_map(|value| value.to_le_bytes());
+            (!values.is_empty()).then(|| bytes.collect())
+        };
+        Self {
+            depth: frame.and_then(|frame| bytes(&frame.depth_mm)),
+            masks: frame.and_then(|frame| bytes(&frame.ids)),
+        }
+    }
+}
+
 /// Writes one episode. Calls come in the order `start`, then `input` and `step` for
 /// each step, then `end`.
 pub(crate) struct Journal<W: Write + Seek> {
     /// Path of the recording, named in error messages.
     path: PathBuf,
     images: Images,
+    layers: FrameLayers,
     reward_preset: String,
     header: EpisodeHeader,
     /// Always there until `into_inner` or drop; taken then, because the writer of the library
@@ -97,7 +125,7 @@ impl<W: Write + Seek> Journal<W> {
         sink: W,
         path: &Path,
         (header, task, scene): (&EpisodeHeader, &Task, &Scene),
-        images: Images,
+        (images, layers): (Images, FrameLayers),
         recoveries: &[BTreeMap<String, String>],
     ) -> Result<Self, TraceError> {
         let (task_json, scene_json) = (canonical_json(task), canonical_json(scene));
@@ -122,6 +150,7 @@ impl<W: Write + Seek> Journal<W> {
         let mut journal = Journal {
             path: path.to_owned(),
             images,
+            layers,
             reward_preset: header.reward_preset.clone(),
             header: header.clone(),
             writer: Some(writer),
@@ -135,6 +164,10 @@ impl<W: Write + Seek> Journal<W> {
         };
         journal.attach(TASK_ATTACHMENT, &task_json)?;
         journal.attach(SCENE_ATTACHMENT, &scene_json)?;
+        if layers.masks {
+            let table = canonical_json(&reel_world::instances(task, scene));
+            journal.attach(INSTANCES_ATTACHMENT, &table)?;
+        }
         let metadata = Metadata {
             name: HEADER_METADATA.to_owned(),
             metadata: header_metadata(header),
@@ -149,7 +182,7 @@ impl<W: Write + Seek> Journal<W> {
         }
         journal.message(schema::EPISODE, &codec::episode_start(header))?;
         journal.message(schema::SCENE, &viewer::scene(EPOCH_NS, scene, task))?;
-        if images == Images::Full {
+        if images == Images::Full || layers.any() {
             journal.message(schema::CALIBRATION, &viewer::calibration(EPOCH_NS))?;
         }
         journal.flush()?;
@@ -162,6 +195,7 @@ impl<W: Write + Seek> Journal<W> {
         &mut self,
         record: &StartRecord,
         frame: Option<FrameSource>,
+        layers: Layers<'_>,
     ) -> Result<(), TraceError> {
         if !matches!(self.turn, Expected::Start) {
             return Err(self.out_of_turn("the start"));
@@ -177,6 +211,7 @@ impl<W: Write + Seek> Journal<W> {
             schema::WORLD_GRAPH,
             &codec::world_graphs("start", &record.graphs),
         )?;
+        self.layers(None, layers)?;
         self.derived(None, frame, &record.visible, &record.robot, &record.bodies)?;
         let header = &self.header;
         let line = format!(
@@ -328,6 +363,7 @@ impl<W: Write + Seek> Journal<W> {
         &mut self,
         record: &StepRecord,
         frame: Option<FrameSource>,
+        layers: Layers<'_>,
     ) -> Result<(), TraceError> {
         if !matches!(&self.turn, Expected::Step { step, input } if *step == record.step && **input == record.input)
         {
@@ -350,6 +386,7 @@ impl<W: Write + Seek> Journal<W> {
         self.message(schema::WORLD_DIFF, &codec::world_diff(record))?;
         let reward = codec::reward(&self.reward_preset, record);
         self.message(schema::REWARD, &reward)?;
+        self.layers(Some(record.step), layers)?;
         self.derived(
             Some(record.step),
             frame,
@@ -452,6 +489,33 @@ impl<W: Write + Seek> Journal<W> {
         let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);
         self.bodies = bodies.to_vec();
         self.message(schema::TRANSFORMS, &transforms)
+    }
+
+    /// What was asked for of a frame besides its image.
+    fn layers(&mut self, step: Option<u32>, layers: Layers<'_>) -> Result<(), TraceError> {
+        let wanted = [
+            (schema::DEPTH, self.layers.depth, layers.depth, "depth"),
+            (schema::INSTANCES, self.layers.masks, layers.masks, "masks"),
+        ];
+        for (channel, wanted, data, name) in wanted {
+            let Some(data) = data.filter(|_| wanted) else {
+                continue;
+            };
+            if data.len() != image::LAYER_BYTES {
+                return Err(TraceError::Image {
+                    path: self.path.clone(),
+                    step,
+                    problem: format!(
+                        "has {} bytes of {name} instead of {}",
+                        data.len(),
+                        image::LAYER_BYTES
+                    ),
+                });
+            }
+            let message = viewer::raw_image(self.time_ns(), data.into_owned());
+            self.message(channel, &message)?;
+        }
+        Ok(())
     }
 
     fn encode(&self, step: Option<u32>, rgb: &[u8]) -> Result<Vec<u8>, TraceError> {

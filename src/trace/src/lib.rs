@@ -38,10 +38,12 @@ pub use content::content;
 pub use disk::{Disk, DiskFile, LocalDisk};
 pub use doctor::{DoctorReport, Finding, examine};
 pub use error::TraceError;
-pub use image::{decode_png, decode_webp, encode_png, encode_webp};
+pub use image::{decode_png, decode_webp, encode_png, encode_png16, encode_webp};
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
 pub use reader::{RecordsReader, Trace};
-pub use recorder::{Durability, Images, RecordOptions, Recorder, Timing, TraceSummary};
+pub use recorder::{
+    Durability, FrameLayers, Images, RecordOptions, Recorder, Timing, TraceSummary,
+};
 pub use recover::{Recovery, RecoveryStatus, RestoreScorer, recover, recover_on};
 pub use trace_files::{FileMetadata, RemoteFs, TraceFiles, is_remote};

@@ -131,7 +131,13 @@ impl Trace {
             Images::None
         };
         let webp = |step| Ok(self.image(step).map(|webp| Encoding::Webp(webp.to_vec())));
-        let bytes = self.rendered(&self.path, images, &self.recoveries, end, webp)?;
+        let bytes = self.rendered(
+            &self.path,
+            (images, self.layers()),
+            &self.recoveries,
+            end,
+            webp,
+        )?;
         // What does not read is not written.
         Trace::from_bytes(&self.path, &bytes, &Limits::default())?;
         let failed = |source| TraceError::Io {

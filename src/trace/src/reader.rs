@@ -8,12 +8,12 @@ use std::{
 };
 
 use reel_world::{
-    Assets, Digest, FRAME_HEIGHT, FRAME_WIDTH, Meshes, Scene, Task,
+    Assets, Digest, FRAME_HEIGHT, FRAME_WIDTH, FrameDigests, Meshes, Scene, Task,
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
-    Timing, TraceError, TraceFiles,
+    FrameLayers, Timing, TraceError, TraceFiles,
     assembly::Assembly,
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
@@ -55,6 +55,10 @@ pub struct Trace {
     pub(crate) originals: BTreeMap<Option<u32>, CameraImage>,
     /// WebP images; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
+    /// Depth, little-endian; none: of the start.
+    pub(crate) depths: BTreeMap<Option<u32>, Vec<u8>>,
+    /// Instance ids, little-endian; none: of the start.
+    pub(crate) masks: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
     pub(crate) offsets: Vec<u64>,
 }
@@ -165,14 +169,67 @@ impl Trace {
         Ok(Some(rgb))
     }
 
-    /// Decodes every image and checks it against its recorded digest.
+    /// What is stored of frames besides images.
+    pub fn layers(&self) -> FrameLayers {
+        FrameLayers {
+            depth: !self.depths.is_empty(),
+            masks: !self.masks.is_empty(),
+        }
+    }
+
+    /// The depth of the frame after a step (none: of the start) in millimetres, 0 where nothing is,
+    /// checked against its recorded digest; `None` if the trace does not hold it.
     ///
     /// # Errors
-    /// The first image that is wrong.
+    /// When it is not the recorded one.
+    pub fn depth_mm(&self, step: Option<u32>) -> Result<Option<Vec<u16>>, TraceError> {
+        self.layer(step, "depth", &self.depths, |digests| digests.depth)
+    }
+
+    /// The instance ids ([`reel_world::instances`]) of the frame after a step (none: of the start),
+    /// checked against their recorded digest; `None` if the trace does not hold them.
+    ///
+    /// # Errors
+    /// When they are not the recorded ones.
+    pub fn instance_ids(&self, step: Option<u32>) -> Result<Option<Vec<u16>>, TraceError> {
+        self.layer(step, "masks", &self.masks, |digests| digests.ids)
+    }
+
+    fn layer(
+        &self,
+        step: Option<u32>,
+        name: &str,
+        layer: &BTreeMap<Option<u32>, Vec<u8>>,
+        expected: fn(&FrameDigests) -> Digest,
+    ) -> Result<Option<Vec<u16>>, TraceError> {
+        let Some(bytes) = layer.get(&step) else {
+            return Ok(None);
+        };
+        let (found, expected) = (Digest::of(bytes), self.frame_digests(step).map(expected));
+        if let Some(expected) = expected.filter(|expected| *expected != found) {
+            return Err(TraceError::Image {
+                path: self.path.clone(),
+                step,
+                problem: format!("has {name} with the digest {found} instead of {expected}"),
+            });
+        }
+        let values = bytes.as_chunks().0.iter();
+        Ok(Some(
+            values.map(|value| u16::from_le_bytes(*value)).collect(),
+        ))
+    }
+
+    /// Decodes every image, depth and mask and checks it against its recorded digest.
+    ///
+    /// # Errors
+    /// The first that is wrong.
     pub fn verify_images(&self) -> Result<(), TraceError> {
-        self.images
-            .keys()
-            .try_for_each(|step| self.frame_rgb(*step).map(drop))
+        let mut images = self.images.keys();
+        images.try_for_each(|step| self.frame_rgb(*step).map(drop))?;
+        let mut depths = self.depths.keys();
+        depths.try_for_each(|step| self.depth_mm(*step).map(drop))?;
+        let mut masks = self.masks.keys();
+        masks.try_for_each(|step| self.instance_ids(*step).map(drop))
     }
 
     /// The last link of the hash chain.

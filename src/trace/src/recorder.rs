@@ -16,7 +16,7 @@ use serde::Serialize;
 use crate::{
     Disk, DiskFile, LocalDisk, TraceError, TraceFiles, container,
     files::{self, PART},
-    journal::{FrameSource, Journal},
+    journal::{FrameSource, Journal, Layers},
     limits::Limits,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
 };
@@ -29,6 +29,38 @@ pub enum Images {
     Full,
     /// None: only the simulator version of the header can draw them again.
     None,
+}
+
+/// What is stored of a frame besides its image, on request: without loss, and readable in Foxglove.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct FrameLayers {
+    /// Depth along the optical axis, 16 bits, in millimetres; 0 is nothing.
+    pub depth: bool,
+    /// Instance ids, 16 bits ([`reel_world::instances`]); 0 is nothing.
+    pub masks: bool,
+}
+
+impl FrameLayers {
+    /// Reads names with commas between them: `depth`, `masks`.
+    ///
+    /// # Errors
+    /// The first word that is no layer.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mut layers = Self::default();
+        for name in text.split(',') {
+            match name.trim() {
+                "depth" => layers.depth = true,
+                "masks" => layers.masks = true,
+                other => return Err(format!("there are depth and masks, not '{other}'")),
+            }
+        }
+        Ok(layers)
+    }
+
+    /// Whether any is stored.
+    pub fn any(self) -> bool {
+        self.depth || self.masks
+    }
 }
 
 /// What an acknowledged call survives. `docs/durability.md` says what each costs.
@@ -65,6 +97,8 @@ impl Durability {
 pub struct RecordOptions {
     /// Whether images are stored.
     pub images: Images,
+    /// What is stored of each frame besides.
+    pub layers: FrameLayers,
     /// What an acknowledged call survives.
     pub durability: Durability,
 }
@@ -143,7 +177,11 @@ impl Recorder {
         (header, task, scene): (&EpisodeHeader, &Task, &Scene),
         options: impl Into<RecordOptions>,
     ) -> Result<Recorder, TraceError> {
-        let RecordOptions { images, durability } = options.into();
+        let RecordOptions {
+            images,
+            layers,
+            durability,
+        } = options.into();
         let part = files::with_suffix(path, PART);
         let failed = |source: io::Error| match source.kind() {
             io::ErrorKind::AlreadyExists => TraceError::PartExists { part: part.clone() },
@@ -158,7 +196,8 @@ impl Recorder {
             // Where there are no locks there is nobody to keep out either.
             let _ = file.try_lock();
             let sink = BufWriter::with_capacity(1 << 18, file.try_clone().map_err(failed)?);
-            let journal = Journal::create(sink, &part, (header, task, scene), images, &[])?;
+            let journal =
+                Journal::create(sink, &part, (header, task, scene), (images, layers), &[])?;
             if durability == Durability::Fsync {
                 file.sync()
                     .and_then(|()| files::sync_folder(&*disk, &part))
@@ -189,7 +228,7 @@ impl Recorder {
     /// When it is called out of turn, the record's chain digest is not the header's and its own, or
     /// the file cannot be written.
     pub fn start(&mut self, record: &StartRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        let written = self.journal.start(record, rgb(frame));
+        let written = self.journal.start(record, rgb(frame), Layers::of(frame));
         self.acknowledge(written)
     }
 
@@ -283,7 +322,7 @@ impl Recorder {
     /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's
     /// chain digest is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        let written = self.journal.step(record, rgb(frame));
+        let written = self.journal.step(record, rgb(frame), Layers::of(frame));
         self.acknowledge(written)
     }
 
@@ -294,7 +333,8 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::start`].
     pub fn start_with_base64(&mut self, record: &StartRecord, png: &str) -> Result<(), TraceError> {
-        let written = self.journal.start(record, Some(FrameSource::Base64(png)));
+        let image = Some(FrameSource::Base64(png));
+        let written = self.journal.start(record, image, Layers::default());
         self.acknowledge(written)
     }
 
@@ -303,7 +343,8 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::step`].
     pub fn step_with_base64(&mut self, record: &StepRecord, png: &str) -> Result<(), TraceError> {
-        let written = self.journal.step(record, Some(FrameSource::Base64(png)));
+        let image = Some(FrameSource::Base64(png));
+        let written = self.journal.step(record, image, Layers::default());
         self.acknowledge(written)
     }
 

@@ -19,7 +19,7 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Disk, DiskFile, Images, Trace, TraceError, TraceFiles, container,
+    Disk, DiskFile, FrameLayers, Images, Trace, TraceError, TraceFiles, container,
     error::position,
     files::{self, PART},
     journal::Journal,
@@ -207,7 +207,7 @@ pub fn recover_on(
                     Cursor::new(Vec::new()),
                     path,
                     (header, task, scene),
-                    Images::None,
+                    (Images::None, FrameLayers::default()),
                     &recoveries,
                 )?;
                 container::finish(&journal.into_inner().into_inner(), path, &limits)
@@ -271,7 +271,7 @@ fn restored(
     } else {
         Images::None
     };
-    trace.rendered(path, images, &recoveries, &end, |step| {
+    trace.rendered(path, (images, trace.layers()), &recoveries, &end, |step| {
         Ok(trace
             .image(step)
             .filter(|_| !spoilt.contains(&step))
@@ -466,6 +466,14 @@ fn holds(files: &TraceFiles, path: &Path, recording: Option<&Trace>) -> bool {
             .images
             .keys()
             .all(|step| whole.images.contains_key(step))
+        && recording
+            .depths
+            .keys()
+            .all(|step| whole.depths.contains_key(step))
+        && recording
+            .masks
+            .keys()
+            .all(|step| whole.masks.contains_key(step))
         && recording
             .originals
             .keys()

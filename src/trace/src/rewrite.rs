@@ -3,17 +3,17 @@
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 
-use reel_world::{Digest, record::EndRecord};
+use reel_world::{Digest, FrameDigests, record::EndRecord};
 
 use crate::{
-    Images, LocalDisk, Trace, TraceError, TraceSummary, container, files,
-    journal::{FrameSource, Journal},
+    FrameLayers, Images, LocalDisk, Trace, TraceError, TraceSummary, container, files,
+    journal::{FrameSource, Journal, Layers},
     limits::Limits,
 };
 
 impl Trace {
     /// Writes the trace again, as a recording of the same records would have been: with
-    /// [`Images::None`] byte for byte as if recorded without images; with [`Images::Full`] and
+    /// [`Images::None`] byte for byte as if recorded without images, depth and masks; with [`Images::Full`] and
     /// the recorded images as if recorded with them. `rgb` gives the image after a step (none:
     /// of the start), 8-bit RGB, row by row from the top left; it is asked only with
     /// [`Images::Full`], and what it does not give is left out. What is in place at `path` (this
@@ -34,12 +34,23 @@ impl Trace {
                 part: "end of the episode",
             });
         };
-        let bytes = self.rendered(path, images, &self.recoveries, end, |step| match images {
-            Images::None => Ok(None),
-            Images::Full => rgb(step)
-                .map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb)))
-                .transpose(),
-        })?;
+        let layers = match images {
+            Images::None => FrameLayers::default(),
+            Images::Full => self.layers(),
+        };
+        let bytes =
+            self.rendered(
+                path,
+                (images, layers),
+                &self.recoveries,
+                end,
+                |step| match images {
+                    Images::None => Ok(None),
+                    Images::Full => rgb(step)
+                        .map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb)))
+                        .transpose(),
+                },
+            )?;
         let failed = |source| TraceError::Io {
             action: "write",
             path: path.to_owned(),
@@ -57,18 +68,20 @@ impl Trace {
     pub(crate) fn rendered(
         &self,
         path: &Path,
-        images: Images,
+        stored: (Images, FrameLayers),
         recoveries: &[BTreeMap<String, String>],
         end: &EndRecord,
         mut image: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
     ) -> Result<Vec<u8>, TraceError> {
         let head = (&self.header, &*self.task, &*self.scene);
-        let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
+        let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, stored, recoveries)?;
         journal.robot(None, &self.robot)?;
         if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
         }
-        journal.start(&self.start, image(None)?.as_ref().map(Encoding::image))?;
+        let first = image(None)?;
+        let first = first.as_ref().map(Encoding::image);
+        journal.start(&self.start, first, self.stored_layers(None))?;
         for step in &self.steps {
             journal.input(step.step, &step.input)?;
             if let Some(timing) = self.timings.get(&step.step) {
@@ -78,19 +91,34 @@ impl Trace {
             if let Some(original) = self.camera_image(Some(step.step)) {
                 journal.original(Some(step.step), original)?;
             }
-            journal.step(step, image(Some(step.step))?.as_ref().map(Encoding::image))?;
+            let taken = image(Some(step.step))?;
+            let taken = taken.as_ref().map(Encoding::image);
+            journal.step(step, taken, self.stored_layers(Some(step.step)))?;
         }
         journal.end(end)?;
         container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
     }
 
-    /// Checks an image against its recorded digest, where there is one.
-    pub(crate) fn check_rgb(&self, step: Option<u32>, rgb: &[u8]) -> Result<(), TraceError> {
+    fn stored_layers(&self, step: Option<u32>) -> Layers<'_> {
+        let stored = |layer: &'_ BTreeMap<Option<u32>, Vec<u8>>| layer.get(&step).cloned();
+        Layers {
+            depth: stored(&self.depths).map(Into::into),
+            masks: stored(&self.masks).map(Into::into),
+        }
+    }
+
+    /// The digests of the frame after a step (none: of the start), where there is one.
+    pub(crate) fn frame_digests(&self, step: Option<u32>) -> Option<&FrameDigests> {
         let digests = match step {
             None => Some(&self.start.digests),
             Some(step) => self.steps.get(step as usize).map(|record| &record.digests),
         };
-        let Some(expected) = digests.and_then(|digests| digests.frame.as_ref()) else {
+        digests?.frame.as_ref()
+    }
+
+    /// Checks an image against its recorded digest, where there is one.
+    pub(crate) fn check_rgb(&self, step: Option<u32>, rgb: &[u8]) -> Result<(), TraceError> {
+        let Some(expected) = self.frame_digests(step) else {
             return Ok(());
         };
         let found = Digest::of(rgb);

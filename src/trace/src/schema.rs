@@ -65,6 +65,8 @@ channels! {
     ALIGNMENT = 20, "/robot/alignment", "reel.v1.Alignment";
     CAMERA_ORIGINAL = 21, "/camera/original", "foxglove.CompressedImage";
     LOGPROBS = 22, "/logprobs", "reel.v1.TokenLogprobs";
+    DEPTH = 23, "/camera/head/depth", "foxglove.RawImage";
+    INSTANCES = 24, "/camera/head/instances", "foxglove.RawImage";
 }
 
 /// Finds a channel by its topic.

@@ -9,10 +9,11 @@ use reel_world::{
     record::{BodyState, RobotState, StepRecord, VisibleObject},
 };
 
+use crate::image::LAYER_ENCODING;
 use crate::schema::foxglove::{
     CameraCalibration, Color, CompressedImage, CubePrimitive, FrameTransform, FrameTransforms,
-    ImageAnnotations, Log, Point2, PointsAnnotation, Pose, Quaternion, SceneEntity, SceneUpdate,
-    TextAnnotation, Vector3, log::Level, points_annotation,
+    ImageAnnotations, Log, Point2, PointsAnnotation, Pose, Quaternion, RawImage, SceneEntity,
+    SceneUpdate, TextAnnotation, Vector3, log::Level, points_annotation,
 };
 
 /// Focal length of the head camera in pixels (docs/spec.md#episode: 640 x 480, horizontal field
@@ -60,6 +61,19 @@ pub(crate) fn image_message(ns: u64, format: &str, data: Vec<u8>) -> CompressedI
         frame_id: CAMERA.into(),
         data,
         format: format.into(),
+    }
+}
+
+/// Depth or instance ids of the head camera's frame, little-endian.
+pub(crate) fn raw_image(ns: u64, data: Vec<u8>) -> RawImage {
+    RawImage {
+        timestamp: timestamp(ns),
+        frame_id: CAMERA.into(),
+        width: FRAME_WIDTH as u32,
+        height: FRAME_HEIGHT as u32,
+        encoding: LAYER_ENCODING.into(),
+        step: FRAME_WIDTH as u32 * 2,
+        data,
     }
 }
 

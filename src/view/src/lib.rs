@@ -1,9 +1,10 @@
 //! An episode for human eyes: a transcript, a contact sheet, a film, two side by side, a Rerun
-//! recording. A leaf: Rerun brings an Arrow of its own.
+//! recording, annotations of its frames. A leaf: Rerun brings an Arrow of its own.
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 
 mod canvas;
+mod coco;
 mod contact_sheet;
 mod image_difference;
 #[cfg(feature = "rerun")]
@@ -14,6 +15,7 @@ mod state_text;
 mod transcript;
 mod video;
 
+pub use coco::{CocoCounts, CocoDataset, CocoError};
 pub use contact_sheet::contact_sheet;
 pub use image_difference::image_difference;
 #[cfg(feature = "rerun")]

@@ -16,16 +16,16 @@ use re_sdk::{
 };
 use re_sdk_types::{
     archetypes::{
-        Boxes3D, EncodedImage, Pinhole, Scalars, TextDocument, TextLog, Transform3D,
-        ViewCoordinates,
+        AnnotationContext, Boxes3D, DepthImage, EncodedImage, Pinhole, Scalars, SegmentationImage,
+        TextDocument, TextLog, Transform3D, ViewCoordinates,
     },
-    components::TextLogLevel,
-    datatypes::{Quaternion, Rgba32},
+    components::{ImageFormat, TextLogLevel},
+    datatypes::{ChannelDatatype, Quaternion, Rgba32},
 };
-use reel_replay::frames_at;
-use reel_trace::Trace;
+use reel_replay::{frames_at, replay_with};
+use reel_trace::{FrameLayers, Trace};
 use reel_world::{
-    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task,
+    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task, instances,
     record::{BodyState, RobotState, StepRecord},
 };
 
@@ -44,11 +44,13 @@ const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
 const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
 /// The recording, as the content of an `.rrd` file, with a layout for it. Images that the trace
-/// does not hold are drawn again where it can be replayed.
+/// does not hold are drawn again where it can be replayed. Depth shows as a point cloud, too; masks
+/// have the names of what they show.
 ///
 /// # Errors
-/// When an image of the trace is damaged.
-pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
+/// When an image of the trace is damaged, or depth or masks are asked for that it does not hold and
+/// that cannot be drawn again.
+pub fn rrd(trace: &Trace, layers: FrameLayers) -> Result<Vec<u8>, ViewError> {
     let builder =
         RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
     let builder = builder.recording_name(format!(
@@ -76,8 +78,12 @@ pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
         trace,
         stream,
         drawn,
+        layers: drawn_layers(trace, layers)?,
     };
     recording.scene()?;
+    if layers.masks {
+        recording.names()?;
+    }
     recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
     let mut total = 0.0;
     for record in &trace.steps {
@@ -92,6 +98,45 @@ pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
         recording.told(record, total)?;
     }
     storage.drain_as_bytes().map_err(|error| failed(&error))
+}
+
+/// Depth and masks as wanted, as the trace holds them or drawn again.
+fn drawn_layers(
+    trace: &Trace,
+    wanted: FrameLayers,
+) -> Result<BTreeMap<Option<u32>, LayerValues>, ViewError> {
+    let mut found = BTreeMap::new();
+    let held = trace.layers();
+    if (!wanted.depth || held.depth) && (!wanted.masks || held.masks) {
+        let steps = trace.steps.iter().map(|step| Some(step.step));
+        for step in std::iter::once(None).chain(steps) {
+            let values = LayerValues {
+                depth_mm: trace.depth_mm(step)?.filter(|_| wanted.depth),
+                ids: trace.instance_ids(step)?.filter(|_| wanted.masks),
+            };
+            found.insert(step, values);
+        }
+        return Ok(found);
+    }
+    let replayed = replay_with(trace, |step, frame| {
+        let values = LayerValues {
+            depth_mm: wanted.depth.then(|| frame.depth_mm.clone()),
+            ids: wanted.masks.then(|| frame.ids.clone()),
+        };
+        found.insert(step, values);
+    });
+    match replayed {
+        Ok(_) => Ok(found),
+        Err(verdict) => Err(ViewError::Rerun {
+            reason: format!("depth and masks cannot be drawn again: {verdict}"),
+        }),
+    }
+}
+
+/// What is shown of a frame besides its image.
+struct LayerValues {
+    depth_mm: Option<Vec<u16>>,
+    ids: Option<Vec<u16>>,
 }
 
 fn failed(error: &dyn std::error::Error) -> ViewError {
@@ -135,9 +180,21 @@ struct Recording<'a> {
     stream: RecordingStream,
     /// Images that the trace does not hold.
     drawn: BTreeMap<Option<u32>, Vec<u8>>,
+    layers: BTreeMap<Option<u32>, LayerValues>,
 }
 
 impl Recording<'_> {
+    /// What the values in masks are called.
+    fn names(&self) -> Result<(), ViewError> {
+        let known = instances(&self.trace.task, &self.trace.scene);
+        let names = known
+            .iter()
+            .map(|it| (it.id, format!("{} ({})", it.category, it.name)));
+        let names: Vec<(u16, String)> = names.collect();
+        let context = names.iter().map(|(id, name)| (*id, name.as_str()));
+        self.log_static("world/camera", &AnnotationContext::new(context))
+    }
+
     fn scene(&self) -> Result<(), ViewError> {
         let scene = &self.trace.scene;
         self.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
@@ -209,6 +266,24 @@ impl Recording<'_> {
                 "world/camera/image",
                 &EncodedImage::new(png).with_media_type("image/png"),
             )?;
+        }
+        if let Some(values) = self.layers.get(&image) {
+            let bytes = |values: &[u16]| -> Vec<u8> {
+                values
+                    .iter()
+                    .flat_map(|value| value.to_le_bytes())
+                    .collect()
+            };
+            let size = [FRAME_WIDTH as u32, FRAME_HEIGHT as u32];
+            if let Some(depth) = &values.depth_mm {
+                let depth = DepthImage::from_gray16(bytes(depth), size).with_meter(1000.0);
+                self.log("world/camera/depth", &depth)?;
+            }
+            if let Some(ids) = &values.ids {
+                let format = ImageFormat::segmentation(size, ChannelDatatype::U16);
+                let masks = SegmentationImage::new(bytes(ids), format);
+                self.log("world/camera/instances", &masks.with_opacity(0.5))?;
+            }
         }
         self.log(
             "world/camera",

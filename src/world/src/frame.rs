@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Digest;
+use crate::{Digest, Scene, Task};
 
 /// Width of the head camera's image, in pixels.
 pub const FRAME_WIDTH: usize = 640;
@@ -14,7 +14,7 @@ pub const FRAME_HEIGHT: usize = 480;
 pub struct Frame {
     /// 8-bit RGB, `FRAME_WIDTH * FRAME_HEIGHT * 3` bytes, Set-of-Mark overlay included.
     pub rgb: Vec<u8>,
-    /// Entity id of every pixel (index into the simulator's entity table; 0 is nothing).
+    /// Instance id of every pixel ([`instances`]; 0 is nothing).
     pub ids: Vec<u16>,
     /// Depth along the optical axis in millimetres; 0 is nothing.
     pub depth_mm: Vec<u16>,
@@ -63,4 +63,70 @@ impl Default for Frame {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// Instance id of walls, floor and ceiling.
+pub const SHELL_INSTANCE: u16 = 1;
+/// Instance id of the first receptacle of the scene; the others, then the objects of the task follow
+/// in their order.
+pub const FIRST_RECEPTACLE_INSTANCE: u16 = 2;
+/// Instance id of the robot, which only cameras outside of it show.
+pub const ROBOT_INSTANCE: u16 = u16::MAX;
+
+/// What an instance id of a frame stands for.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct FrameInstance {
+    /// The value of its pixels.
+    pub id: u16,
+    /// What kind of thing it is.
+    pub kind: InstanceKind,
+    /// Id of the object or receptacle; `shell` and `robot` for these.
+    pub name: String,
+    /// Its category; `shell` and `robot` for these.
+    pub category: String,
+}
+
+/// Kinds of things that a frame shows.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InstanceKind {
+    /// Walls, floor and ceiling.
+    Shell,
+    /// A receptacle of the scene, its door included.
+    Receptacle,
+    /// An object of the task.
+    Object,
+    /// The robot.
+    Robot,
+}
+
+/// What the instance ids in the frames of an episode stand for, by id.
+pub fn instances(task: &Task, scene: &Scene) -> Vec<FrameInstance> {
+    let fixed = |id, kind, name: &str| FrameInstance {
+        id,
+        kind,
+        name: name.to_owned(),
+        category: name.to_owned(),
+    };
+    let receptacles = scene
+        .receptacles
+        .iter()
+        .map(|it| (InstanceKind::Receptacle, it.id.to_string(), &it.category));
+    let objects = task
+        .objects
+        .iter()
+        .map(|it| (InstanceKind::Object, it.instance.to_string(), &it.category));
+    let things = (FIRST_RECEPTACLE_INSTANCE..).zip(receptacles.chain(objects));
+    let things = things.map(|(id, (kind, name, category))| FrameInstance {
+        id,
+        kind,
+        name,
+        category: category.clone(),
+    });
+    let shell = fixed(SHELL_INSTANCE, InstanceKind::Shell, "shell");
+    let robot = fixed(ROBOT_INSTANCE, InstanceKind::Robot, "robot");
+    std::iter::once(shell)
+        .chain(things)
+        .chain([robot])
+        .collect()
 }

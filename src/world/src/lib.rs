@@ -51,7 +51,10 @@ pub use ask_context::{
 pub use canonical::canonical_json;
 pub use digest::Digest;
 pub use failure::FailureClass;
-pub use frame::{FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests};
+pub use frame::{
+    FIRST_RECEPTACLE_INSTANCE, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, FrameInstance,
+    InstanceKind, ROBOT_INSTANCE, SHELL_INSTANCE, instances,
+};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use logprobs::{LogprobError, OLD_POLICY, TokenLogprobs};

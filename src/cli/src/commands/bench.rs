@@ -18,7 +18,7 @@ use reel_query::statistics::{bootstrap, mcnemar, wilson};
 use reel_reward::Preset;
 use reel_sim::sim_version;
 use reel_tasks::ObjectOrder;
-use reel_trace::{Durability, Images, RecordOptions, Trace};
+use reel_trace::{Durability, FrameLayers, Images, RecordOptions, Trace};
 use reel_world::{
     Digest, Family, Profile, Skills, Task,
     record::{EndReason, PolicyInfo},
@@ -89,6 +89,10 @@ pub struct Arguments {
     /// Record no images; replay renders them again
     #[arg(long)]
     no_images: bool,
+    /// Record of each frame besides: depth (16-bit millimetres), masks (instance ids), or both with a
+    /// comma between
+    #[arg(long, value_name = "LAYERS", default_value = "", hide_default_value = true, value_parser = inputs::layers)]
+    record: FrameLayers,
     /// Start no further episode after this many input and output tokens
     #[arg(long, value_name = "N")]
     max_total_tokens: Option<u64>,
@@ -190,6 +194,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                 path,
                 options: RecordOptions {
                     images,
+                    layers: arguments.record,
                     durability: Durability::default(),
                 },
             }),

@@ -89,6 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             skills: Skills::Perfect,
             out: &traces,
             images: true,
+            layers: Default::default(),
             durability: Default::default(),
             responders: Box::new(reel_agents::Responders::default),
         };

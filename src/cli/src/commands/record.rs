@@ -245,7 +245,11 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         scenes,
         policy: arguments.policy.clone(),
         mapping,
-        options: RecordOptions { images, durability },
+        options: RecordOptions {
+            images,
+            durability,
+            ..RecordOptions::default()
+        },
         on_full,
         message_max: arguments.message_limit as usize * (1 << 20),
         idle: Duration::from_secs(arguments.idle.max(1)),

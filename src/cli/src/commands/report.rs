@@ -407,7 +407,11 @@ fn image(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
     let trace = files.read(example.trace.as_ref()).ok()?;
     let before = u32::try_from(example.step).ok()?.checked_sub(1);
     let recorded = trace.frame_rgb(before).ok().flatten();
-    let rgb = recorded.or_else(|| view_at(&trace, before, &Viewpoint::Head, None).ok())?;
+    let rgb = recorded.or_else(|| {
+        view_at(&trace, before, &Viewpoint::Head, None)
+            .ok()
+            .map(|frame| frame.rgb)
+    })?;
     Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
 }
 

@@ -14,7 +14,7 @@ use reel_agents::{
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::ObjectOrder;
-use reel_trace::{Durability, Images, RecordOptions};
+use reel_trace::{Durability, FrameLayers, Images, RecordOptions};
 use reel_world::{Assets as _, Meshes, Profile, Scenes, Skills, Task, record::PolicyInfo};
 
 use crate::{ExitStatus, commands::isolation_check, inputs, progress};
@@ -69,6 +69,10 @@ pub struct Arguments {
     /// Record no images; replay renders them again
     #[arg(long)]
     no_images: bool,
+    /// Record of each frame besides: depth (16-bit millimetres), masks (instance ids), or both with a
+    /// comma between
+    #[arg(long, value_name = "LAYERS", default_value = "", hide_default_value = true, value_parser = inputs::layers)]
+    record: FrameLayers,
     /// Play everything a second time under other conditions (heap layout, thread count, order of
     /// tasks and of the objects in their files) and name the first state field that depends on them
     #[arg(long = "check-isolation", alias = "paranoid")]
@@ -180,6 +184,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         skills: arguments.skills,
         out: &arguments.out,
         images: !arguments.no_images,
+        layers: arguments.record,
         durability,
         responders: arguments.responders()?,
     };
@@ -255,6 +260,8 @@ pub struct Plan<'a> {
     pub out: &'a Path,
     /// Whether the traces hold the images.
     pub images: bool,
+    /// What the traces hold of each frame besides.
+    pub layers: FrameLayers,
     /// What a recorded call survives.
     pub durability: Durability,
     /// Makes those who answer from outside in an episode.
@@ -310,6 +317,7 @@ pub fn play(
                 path,
                 options: RecordOptions {
                     images,
+                    layers: plan.layers,
                     durability: plan.durability,
                 },
             }),

@@ -106,6 +106,10 @@ pub struct Settings {
     /// Record no images; they are rendered again on demand
     #[arg(long)]
     no_images: bool,
+    /// Record of each frame besides: depth (16-bit millimetres), masks (instance ids), or both with a
+    /// comma between
+    #[arg(long, value_name = "LAYERS", env = "REEL_RECORD")]
+    record: Option<String>,
     /// Who answers `ask`: rules, client (the person at the client, by elicitation), rest
     /// (a person, through /api/questions), or model (--user-model)
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
@@ -154,6 +158,7 @@ impl Settings {
             play.order = Order::Shuffled;
         }
         play.images &= !self.no_images;
+        play.record = self.record.clone().unwrap_or_else(|| play.record.clone());
         play.seed = self.seed.unwrap_or(play.seed);
         let or = |given: &Option<String>, otherwise: Option<String>| given.clone().or(otherwise);
         play.preset = self.preset.clone().unwrap_or_else(|| play.preset.clone());

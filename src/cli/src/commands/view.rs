@@ -3,6 +3,7 @@
 use std::{env, io::ErrorKind, net::SocketAddr, path::PathBuf, process::Command};
 
 use anyhow::{Context, bail};
+use reel_trace::FrameLayers;
 
 use crate::{ExitStatus, inputs};
 
@@ -29,6 +30,10 @@ pub struct Arguments {
     /// Where the web viewer listens
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:9876")]
     listen: SocketAddr,
+    /// Show of each frame besides: depth (as a point cloud, too), masks (with the names of instances), or
+    /// both with a comma between
+    #[arg(long, value_name = "LAYERS", default_value = "", hide_default_value = true, value_parser = inputs::layers)]
+    layers: FrameLayers,
 }
 
 /// Opens an episode in Rerun, or serves Reel's web viewer until Ctrl-C.
@@ -46,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             trace.steps.len()
         );
     }
-    let recording = reel_view::rrd(&trace)?;
+    let recording = reel_view::rrd(&trace, arguments.layers)?;
     if !arguments.web {
         let file = env::temp_dir().join(format!(
             "reel-{}-{}.rrd",

@@ -424,7 +424,8 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
                 .iter()
                 .filter(before)
                 .rfind(|step| step.digests.frame.is_some());
-            reel_replay::frame_at(&trace, latest.map(|step| step.step), None).unwrap()
+            let frame = reel_replay::frame_at(&trace, latest.map(|step| step.step), None);
+            frame.unwrap().rgb
         })
         .collect();
     let file = dir.path().join("frames.rgb");

@@ -228,6 +228,7 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         {
             Some(rgb) => rgb,
             None => reel_replay::frame_at(&trace, wanted, None)
+                .map(|frame| frame.rgb)
                 .map_err(|verdict| failed(verdict.to_string()))?,
         };
         Ok(Some(encode_png(

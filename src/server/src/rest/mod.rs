@@ -155,6 +155,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(traces::scene))
         .for_role(Read, routes!(traces::steps))
         .for_role(Read, routes!(traces::frame))
+        .for_role(Read, routes!(traces::instances))
         // Computes and keeps nothing.
         .for_role(Read, routes!(traces::replay))
         .for_role(Admin, routes!(traces::branch))

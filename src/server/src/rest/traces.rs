@@ -14,7 +14,9 @@ use reel_counterfactual::blame::BlameOptions;
 use reel_counterfactual::branch::{Branch, BranchError, Continuation};
 use reel_replay::{Verdict, Viewpoint, view_at};
 use reel_reward::Preset;
-use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles, encode_png};
+#[cfg(feature = "rerun")]
+use reel_trace::FrameLayers;
+use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles, encode_png, encode_png16};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, ToolCall};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -258,19 +260,34 @@ pub(super) async fn scene(
     answer.await.map(Json)
 }
 
+/// What a recording shows of frames besides images.
+#[cfg(feature = "rerun")]
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RecordingLayers {
+    /// depth, masks, or both with a comma between.
+    layers: Option<String>,
+}
+
 /// The episode as a Rerun recording; `/rerun/?trace=NAME&step=N` opens it in the web viewer.
 #[cfg(feature = "rerun")]
 #[utoipa::path(get, path = "/api/traces/{trace}/rrd", operation_id = "trace_recording", tag = "traces",
-    params(("trace" = String, Path)),
+    params(("trace" = String, Path), RecordingLayers),
     responses((status = 200, content_type = "application/octet-stream"), (status = 400, body = ErrorBody),
         (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
 pub(super) async fn recording(
     State(app): State<Arc<App>>,
     PathParams(name): PathParams<String>,
+    QueryParams(asked): QueryParams<RecordingLayers>,
 ) -> Result<Response, ApiError> {
+    let layers = match &asked.layers {
+        Some(layers) => FrameLayers::parse(layers)
+            .map_err(|error| ApiError::bad_request("bad_layers", format!("layers: {error}")))?,
+        None => FrameLayers::default(),
+    };
     let answer = analyse(&app, move |app| {
-        let recording = reel_view::rrd(&app.archive.read(&name)?);
+        let recording = reel_view::rrd(&app.archive.read(&name)?, layers);
         recording.map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
     });
     Ok(([(header::CONTENT_TYPE, crate::viewer::RRD)], answer.await?).into_response())
@@ -326,6 +343,24 @@ pub(super) struct Camera {
     eye: Option<String>,
     /// With the free camera: what it looks at.
     look_at: Option<String>,
+    /// What of the frame: rgb; depth (16-bit gray, millimetres along the optical axis, 0 where nothing
+    /// is); masks (16-bit gray, the ids of `/api/traces/{trace}/instances`).
+    #[serde(default)]
+    #[param(inline)]
+    what: Layer,
+}
+
+/// What of a frame is shown.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Layer {
+    /// The image that the agent saw, or that the camera sees.
+    #[default]
+    Rgb,
+    /// 16-bit depth in millimetres.
+    Depth,
+    /// 16-bit instance ids.
+    Masks,
 }
 
 fn head() -> String {
@@ -364,19 +399,55 @@ pub(super) async fn frame(
         );
         let viewpoint =
             viewpoint.map_err(|error| ApiError::bad_request("bad_camera", error.to_string()))?;
-        // What was recorded need not be drawn again.
-        let recorded = (viewpoint == Viewpoint::Head)
-            .then(|| trace.frame_rgb(step).ok().flatten())
-            .flatten();
-        let rgb = match recorded {
-            Some(rgb) => rgb,
-            None => view_at(&trace, step, &viewpoint, Some(app.snapshots.cache()))
-                .map_err(|verdict| not_executed(&verdict))?,
+        let is_head = viewpoint == Viewpoint::Head;
+        let drawn = || {
+            view_at(&trace, step, &viewpoint, Some(app.snapshots.cache()))
+                .map_err(|verdict| not_executed(&verdict))
         };
-        Ok(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
+        // What was recorded need not be drawn again.
+        let (width, height) = (FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
+        Ok(match camera.what {
+            Layer::Rgb => {
+                let recorded = is_head.then(|| trace.frame_rgb(step).ok().flatten());
+                let rgb = recorded
+                    .flatten()
+                    .map_or_else(|| drawn().map(|it| it.rgb), Ok)?;
+                encode_png(&rgb, width, height)
+            }
+            Layer::Depth => {
+                let recorded = is_head.then(|| trace.depth_mm(step).ok().flatten());
+                let depth = recorded
+                    .flatten()
+                    .map_or_else(|| drawn().map(|it| it.depth_mm), Ok)?;
+                encode_png16(&depth, width, height)
+            }
+            Layer::Masks => {
+                let recorded = is_head.then(|| trace.instance_ids(step).ok().flatten());
+                let ids = recorded
+                    .flatten()
+                    .map_or_else(|| drawn().map(|it| it.ids), Ok)?;
+                encode_png16(&ids, width, height)
+            }
+        })
     })
     .await?;
     Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+}
+
+/// What the instance ids in masks of an episode stand for.
+#[utoipa::path(get, path = "/api/traces/{trace}/instances", operation_id = "trace_instances", tag = "traces",
+    params(("trace" = String, Path)),
+    responses((status = 200, body = ref("#/components/schemas/Instances")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn instances(
+    State(app): State<Arc<App>>,
+    PathParams(name): PathParams<String>,
+) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        Ok(json!(reel_world::instances(&trace.task, &trace.scene)))
+    });
+    answer.await.map(Json)
 }
 
 fn not_executed(verdict: &Verdict) -> ApiError {

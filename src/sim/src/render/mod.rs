@@ -41,6 +41,47 @@ pub struct Drawable<'a> {
     pub entity: u16,
 }
 
+/// A surface that frames show, as triangles in the scene's frame.
+#[derive(Clone, PartialEq, Debug)]
+pub struct TriangleSurface {
+    /// Instance id of its pixels.
+    pub instance: u16,
+    /// Corners, in metres.
+    pub corners: Vec<[f32; 3]>,
+    /// Indices of the corners of each triangle, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// The surfaces that are drawn of a drawable: of each part, and of the mesh.
+pub(crate) fn surfaces_of(drawable: &Drawable<'_>) -> Vec<TriangleSurface> {
+    let mut surfaces = Vec::new();
+    for part in drawable.parts {
+        if let Some(shape) = Tessellation::of(&part.shape) {
+            let pose = drawable.pose.then(&part.pose);
+            let corners = shape.mesh.vertices.iter();
+            let triangles = shape.mesh.triangles.iter();
+            surfaces.push(TriangleSurface {
+                instance: drawable.entity,
+                corners: corners
+                    .map(|corner| pose.apply(shape.place(corner)))
+                    .collect(),
+                triangles: triangles.map(|it| it.corners.map(u32::from)).collect(),
+            });
+        }
+    }
+    if let Some(model) = drawable.mesh {
+        let corners = model.positions.iter();
+        surfaces.push(TriangleSurface {
+            instance: drawable.entity,
+            corners: corners.map(|corner| drawable.pose.apply(*corner)).collect(),
+            triangles: (model.mesh.data().triangles.iter())
+                .map(|triangle| triangle.corners)
+                .collect(),
+        });
+    }
+    surfaces
+}
+
 /// A number to draw.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct OverlayMark {

@@ -113,6 +113,7 @@ fn options(index: u64) -> RecordOptions {
     RecordOptions {
         images: Images::Full,
         durability,
+        ..RecordOptions::default()
     }
 }
 

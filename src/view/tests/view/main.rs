@@ -203,7 +203,11 @@ fn a_recording_is_what_rerun_accepts() {
     let dir = TempDir::new().unwrap();
     let trace = success("oracle", Family::FDO, 1).record(dir.path(), Images::Full);
     let path = dir.path().join("episode.rrd");
-    std::fs::write(&path, reel_view::rrd(&trace).unwrap()).unwrap();
+    std::fs::write(
+        &path,
+        reel_view::rrd(&trace, reel_trace::FrameLayers::default()).unwrap(),
+    )
+    .unwrap();
     if let Some(folder) = std::env::var_os("REEL_TEST_OUTPUT") {
         std::fs::copy(&path, std::path::Path::new(&folder).join("episode.rrd")).unwrap();
     }

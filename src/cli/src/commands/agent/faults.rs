@@ -353,6 +353,7 @@ impl CorpusWriter<'_> {
         let options = RecordOptions {
             images,
             durability: Durability::Write,
+            ..RecordOptions::default()
         };
         Ok(run_injected(
             config,

@@ -1,5 +1,6 @@
 //! `reel export`: training sets and recordings for other tools.
 
+mod coco;
 #[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
@@ -50,6 +51,8 @@ enum Command {
     #[command(about = "Traces in the files of REAL's annotation script")]
     #[cfg(feature = "analytics")]
     RealAnnotation(real_annotation::Arguments),
+    #[command(about = "Frames of traces with masks of everything in them, as COCO has it")]
+    Coco(coco::Arguments),
     /// One episode as a Rerun recording: images, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
@@ -60,6 +63,10 @@ enum Command {
         /// Trace of the episode to export
         #[arg(value_name = "TRACE")]
         trace: PathBuf,
+        /// Show of each frame besides: depth (as a point cloud, too), masks (with the names of
+        /// instances), or both with a comma between
+        #[arg(long, value_name = "LAYERS", default_value = "", hide_default_value = true, value_parser = crate::inputs::layers)]
+        layers: reel_trace::FrameLayers,
         /// Rerun recording (.rrd) to write
         #[arg(long, value_name = "FILE", default_value = "episode.rrd")]
         out: PathBuf,
@@ -95,13 +102,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         #[cfg(feature = "analytics")]
         Command::Preferences(arguments) => preferences::run(arguments),
         Command::RealEval(arguments) => real_eval::execute(arguments),
+        Command::Coco(arguments) => coco::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::RealAnnotation(arguments) => real_annotation::run(arguments),
         #[cfg(feature = "rerun")]
-        Command::Rrd { trace, out, json } => {
+        Command::Rrd {
+            trace,
+            layers,
+            out,
+            json,
+        } => {
             std::fs::write(
                 out,
-                reel_view::rrd(&crate::inputs::trace_files().read(trace)?)?,
+                reel_view::rrd(&crate::inputs::trace_files().read(trace)?, *layers)?,
             )?;
             if *json {
                 println!("{}", json!({ "out": out }));

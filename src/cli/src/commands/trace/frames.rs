@@ -5,9 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, anyhow, bail};
-use reel_trace::{Trace, encode_png};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
+use anyhow::{Context, anyhow};
+use reel_replay::Verdict;
+use reel_trace::{Trace, encode_png, encode_png16};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 use serde_json::json;
 
 use crate::{ExitStatus, camera::Camera, inputs};
@@ -21,6 +22,7 @@ use crate::{ExitStatus, camera::Camera, inputs};
 ///   reel trace frames trace.mcap --out images --at 4 --camera top-down
 ///   reel trace frames trace.mcap --out images --camera follow:target
 ///   reel trace frames trace.mcap --out images --camera free --eye 1,1,1.8 --look-at 3,2,0.8
+///   reel trace frames trace.mcap --out images --what rgb,depth,masks   # call_003.png, .depth.png, .masks.png
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -40,6 +42,10 @@ pub struct Arguments {
     camera: Camera,
     #[command(flatten)]
     cache: inputs::Cache,
+    /// What to write of each frame: rgb; depth (16-bit gray PNG, millimetres along the optical axis,
+    /// 0 where nothing is); masks (16-bit gray PNG of instance ids, which instances.json names)
+    #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "rgb", value_parser = ["rgb", "depth", "masks"])]
+    what: Vec<String>,
     /// Only the contact sheet
     #[arg(long, conflicts_with = "at")]
     sheet_only: bool,
@@ -55,23 +61,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .read(&inputs::trace_files(), &arguments.trace)?;
     fs::create_dir_all(&arguments.out)
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-    let mut files = Vec::new();
+    let mut output = Output {
+        folder: &arguments.out,
+        what: &arguments.what,
+        files: Vec::new(),
+    };
     if let Some(call) = arguments.at {
-        let path = arguments.out.join(file_name(Some(call)));
-        write(&path, &png(&image_at(&trace, call, arguments)?))?;
-        files.push(path);
+        output.frame(Some(call), &frame_at(&trace, call, arguments)?)?;
     } else if !arguments.sheet_only {
-        for (step, rgb) in images(&trace, &arguments.camera)? {
-            let path = arguments.out.join(file_name(step));
-            write(&path, &png(&rgb))?;
-            files.push(path);
-        }
+        frames(&trace, &arguments.camera, &mut output)?;
     }
-    if arguments.at.is_none() && trace.image_count() > 0 && arguments.camera.is_head() {
-        let path = arguments.out.join("contact_sheet.png");
-        write(&path, &reel_view::contact_sheet(&trace)?)?;
-        files.push(path);
+    if output.wants("masks") && !arguments.sheet_only {
+        let table = reel_world::instances(&trace.task, &trace.scene);
+        output.file("instances.json", &serde_json::to_vec_pretty(&table)?)?;
     }
+    let sheet = arguments.at.is_none() && output.wants("rgb") && arguments.camera.is_head();
+    if sheet && trace.image_count() > 0 {
+        output.file("contact_sheet.png", &reel_view::contact_sheet(&trace)?)?;
+    }
+    let files = output.files;
     if arguments.json {
         println!("{}", json!({ "trace": arguments.trace, "files": files }));
     } else {
@@ -82,49 +90,58 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-/// The images as the trace holds them; where it holds none, or from another camera, rendered
-/// again by an exact replay.
-fn images(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
-    let mut images = Vec::new();
+/// Writes all frames as the trace holds them; where it does not hold what is wanted, or from another
+/// camera, rendered again by an exact replay.
+fn frames(trace: &Trace, camera: &Camera, output: &mut Output<'_>) -> anyhow::Result<()> {
+    let held = trace.layers();
+    let holds = (!output.wants("rgb") || trace.image_count() > 0)
+        && (!output.wants("depth") || held.depth)
+        && (!output.wants("masks") || held.masks);
+    let mut written = Ok(());
+    let mut write = |step, frame: &Frame| {
+        if written.is_ok() {
+            written = output.frame(step, frame);
+        }
+    };
     if !camera.is_head() {
-        let views = reel_replay::views(trace, &camera.viewpoint(&trace.task)?);
-        let views = views.map_err(|verdict| {
-            anyhow!(
-                "{}: the frames cannot be rendered: {verdict}",
-                trace.path.display()
-            )
-        })?;
-        let moments = std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step)));
-        return Ok(moments.zip(views).collect());
+        let viewpoint = camera.viewpoint(&trace.task)?;
+        reel_replay::views(trace, &viewpoint, |view| write(view.step, &view.frame))
+            .map_err(|verdict| not_rendered(trace, &verdict))?;
+        return written;
+    }
+    if !holds {
+        reel_replay::replay_with(trace, &mut write)
+            .map_err(|verdict| not_rendered(trace, &verdict))?;
+        return written;
     }
     for step in std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step))) {
-        if let Some(rgb) = trace.frame_rgb(step)? {
-            images.push((step, rgb));
-        }
+        let frame = Frame {
+            rgb: trace.frame_rgb(step)?.unwrap_or_default(),
+            depth_mm: trace.depth_mm(step)?.unwrap_or_default(),
+            ids: trace.instance_ids(step)?.unwrap_or_default(),
+        };
+        output.frame(step, &frame)?;
     }
-    if images.is_empty() {
-        let replayed =
-            reel_replay::replay_with(trace, |step, frame| images.push((step, frame.rgb.clone())));
-        if let Err(verdict) = replayed {
-            bail!(
-                "{}: the frames cannot be rendered again: {verdict}",
-                trace.path.display()
-            );
-        }
-    }
-    Ok(images)
+    Ok(())
 }
 
-/// The image of one call, rendered again.
-fn image_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Vec<u8>> {
+fn not_rendered(trace: &Trace, verdict: &Verdict) -> anyhow::Error {
+    anyhow!(
+        "{}: the frames cannot be rendered again: {verdict}",
+        trace.path.display()
+    )
+}
+
+/// The frame of one call, rendered again.
+fn frame_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Frame> {
     let viewpoint = arguments.camera.viewpoint(&trace.task)?;
-    let image = reel_replay::view_at(
+    let frame = reel_replay::view_at(
         trace,
         Some(call),
         &viewpoint,
         arguments.cache.open().as_ref(),
     );
-    image.map_err(|verdict| {
+    frame.map_err(|verdict| {
         anyhow!(
             "{}: cannot go to call {call}: {verdict}",
             trace.path.display()
@@ -132,17 +149,41 @@ fn image_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<V
     })
 }
 
-fn file_name(step: Option<u32>) -> String {
-    step.map_or_else(
-        || "start.png".to_owned(),
-        |step| format!("call_{step:03}.png"),
-    )
+/// The folder that is written to, and what is in it by now.
+struct Output<'a> {
+    folder: &'a Path,
+    what: &'a [String],
+    files: Vec<PathBuf>,
 }
 
-fn png(rgb: &[u8]) -> Vec<u8> {
-    encode_png(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)
-}
+impl Output<'_> {
+    fn wants(&self, layer: &str) -> bool {
+        self.what.iter().any(|wanted| wanted == layer)
+    }
 
-fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+    /// Writes what is wanted of a frame and is there.
+    fn frame(&mut self, step: Option<u32>, frame: &Frame) -> anyhow::Result<()> {
+        let name = step.map_or_else(|| "start".to_owned(), |step| format!("call_{step:03}"));
+        let (width, height) = (FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
+        if self.wants("rgb") && !frame.rgb.is_empty() {
+            self.file(
+                &format!("{name}.png"),
+                &encode_png(&frame.rgb, width, height),
+            )?;
+        }
+        for (layer, values) in [("depth", &frame.depth_mm), ("masks", &frame.ids)] {
+            if self.wants(layer) && !values.is_empty() {
+                let png = encode_png16(values, width, height);
+                self.file(&format!("{name}.{layer}.png"), &png)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn file(&mut self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
+        let path = self.folder.join(name);
+        fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+        self.files.push(path);
+        Ok(())
+    }
 }

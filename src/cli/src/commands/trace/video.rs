@@ -80,8 +80,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let mut images = Vec::new();
     for trace in &traces {
-        match views(trace, &arguments.camera.viewpoint(&trace.task)?) {
-            Ok(views) => images.push(views),
+        let (mut seen, viewpoint) = (Vec::new(), arguments.camera.viewpoint(&trace.task)?);
+        match views(trace, &viewpoint, |view| seen.push(view.frame.rgb)) {
+            Ok(()) => images.push(seen),
             Err(verdict) => {
                 eprintln!(
                     "reel: {}: the frames cannot be rendered: {verdict}",

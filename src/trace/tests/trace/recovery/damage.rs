@@ -295,6 +295,7 @@ fn both_durabilities_give_the_same_bytes() {
         let options = RecordOptions {
             images: Images::None,
             durability,
+            ..RecordOptions::default()
         };
         sample
             .record_open(&path, &[], options)

@@ -191,6 +191,7 @@ fn one_episode(
     let options = RecordOptions {
         images: Images::None,
         durability: Durability::Write,
+        ..RecordOptions::default()
     };
     let record = RecordTo {
         path: path.clone(),
