@@ -190,6 +190,9 @@ export type Header = {
 /** What a living server says. */
 export type Health = { status: string; version: string };
 
+/** What the instance ids in masks stand for, by id. */
+export type Instances = ({ category: string; id: number; kind: "shell" | "receptacle" | "object" | "robot"; name: string })[];
+
 /** A job with its state, its progress and its report. */
 export type Job = {
   created: number;
@@ -541,6 +544,7 @@ export type GetAnswer<P extends string> =
   P extends `/api/sessions/${string}/question${Query}` ? OpenQuestion :
   P extends `/api/traces/${string}/blame${Query}` ? Blame :
   P extends `/api/traces/${string}/episode${Query}` ? TraceEpisode :
+  P extends `/api/traces/${string}/instances${Query}` ? Instances :
   P extends `/api/traces/${string}/reward${Query}` ? RewardReport :
   P extends `/api/traces/${string}/scene${Query}` ? Scene :
   P extends `/api/traces/${string}/steps${Query}` ? Steps :

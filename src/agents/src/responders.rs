@@ -35,7 +35,7 @@ pub trait User {
 pub const USER_TRIES: usize = 3;
 
 /// Asks a user for the reply of a step. A model's reply that gives something away
-/// ([`reel_episode::user::leaks`]) is kept as refused, and the model is asked again, told why; after
+/// ([`reel_episode::user::leaks`]) or is empty is kept as refused, and the model is asked again, told why; after
 /// [`USER_TRIES`] of them there is no reply from outside, and the rule-based user answers. What a
 /// person says stands.
 ///
@@ -52,6 +52,7 @@ pub fn ask_user(
             ..*asked
         })?;
         let broken = match reply.source {
+            UserSource::Model if reply.text.trim().is_empty() => vec!["empty"],
             UserSource::Model => leaks(asked.task, asked.scene, &reply.text),
             UserSource::RuleBased | UserSource::Human => Vec::new(),
         };

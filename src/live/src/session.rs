@@ -274,11 +274,7 @@ impl Session {
     /// # Errors
     /// When no episode runs.
     pub fn briefing(&self) -> Result<Briefing, LiveError> {
-        let task = match &self.now {
-            Phase::Playing(playing) => playing.episode.task(),
-            Phase::Parked(resting) => resting.episode.task(),
-            _ => return Err(self.refusal()),
-        };
+        let task = self.task()?;
         Ok(Briefing::new(task, self.setup.scene(task)))
     }
 
@@ -288,6 +284,18 @@ impl Session {
             Phase::Playing(playing) => Some(&playing.path),
             Phase::Parked(resting) => Some(&resting.path),
             _ => None,
+        }
+    }
+
+    /// The task of the episode.
+    ///
+    /// # Errors
+    /// When no episode runs.
+    pub fn task(&self) -> Result<&Arc<Task>, LiveError> {
+        match &self.now {
+            Phase::Playing(playing) => Ok(playing.episode.task()),
+            Phase::Parked(resting) => Ok(resting.episode.task()),
+            _ => Err(self.refusal()),
         }
     }
 
@@ -309,18 +317,13 @@ impl Session {
     /// # Errors
     /// When no episode runs.
     pub fn situation(&self) -> Result<Situation, LiveError> {
-        let (task, start, steps) = match &self.now {
-            Phase::Playing(playing) => {
-                let episode = &playing.episode;
-                (episode.task(), episode.start_record(), episode.steps())
-            }
-            Phase::Parked(resting) => {
-                let episode = &resting.episode;
-                (episode.task(), episode.start_record(), episode.steps())
-            }
+        let (task, position) = (self.task()?, self.position());
+        let (start, steps) = match &self.now {
+            Phase::Playing(playing) => (playing.episode.start_record(), playing.episode.steps()),
+            Phase::Parked(resting) => (resting.episode.start_record(), resting.episode.steps()),
             _ => return Err(self.refusal()),
         };
-        let position = self.position().ok_or(LiveError::NoEpisode)?;
+        let position = position.ok_or(LiveError::NoEpisode)?;
         Ok(Situation {
             position,
             task: task.clone(),

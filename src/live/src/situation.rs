@@ -1,6 +1,6 @@
 //! An episode at one of its steps, as those know it who answer from outside while it goes on.
 
-use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
+use std::{path::PathBuf, sync::Arc};
 
 use reel_episode::user::UserQuestion;
 use reel_world::{InstanceId, Scene, Task, WorldGraph, record::StepRecord};
@@ -43,12 +43,5 @@ impl Situation {
             seen_at_start: &self.seen_at_start,
             refused: &[],
         }
-    }
-
-    /// The categories of the objects of the task, sorted.
-    pub fn categories(&self) -> Vec<&str> {
-        let objects = self.task.objects.iter();
-        let categories: BTreeSet<&str> = objects.map(|object| object.category.as_str()).collect();
-        categories.into_iter().collect()
     }
 }

@@ -2,9 +2,9 @@
 
 use std::{
     borrow::Cow,
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     error::Error,
-    sync::Arc,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -29,10 +29,15 @@ use rmcp::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tokio::{runtime::Handle, sync::oneshot, task::spawn_blocking};
+use tokio::{
+    runtime::Handle,
+    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
+    task::spawn_blocking,
+};
 
 use crate::{
-    Caller, Questions, VERSIONS, Worker, catalogue, methods::WITH_SESSIONS, response, tools_only,
+    Caller, Questions, VERSIONS, Withdrawn, Worker, catalogue, methods::WITH_SESSIONS, response,
+    tools_only,
 };
 use response::Response;
 
@@ -74,6 +79,72 @@ pub struct AnswerSources {
     pub user: Option<AskUser>,
     /// Who they are, for the traces: beside the policy's own settings.
     pub settings: BTreeMap<String, Value>,
+    /// Which sessions wait for one of them.
+    pub waiting: Arc<WaitingSessions>,
+}
+
+/// The sessions that wait for an answer from outside: each for one, and so many at a time, so that a
+/// slow endpoint takes no thread from those who simulate.
+#[derive(Debug)]
+pub struct WaitingSessions {
+    places: Arc<Semaphore>,
+    sessions: Mutex<BTreeSet<String>>,
+}
+
+/// So many sessions may wait for an answer from outside at a time.
+const WAITING_MAX: usize = 64;
+
+impl Default for WaitingSessions {
+    fn default() -> Self {
+        Self {
+            places: Arc::new(Semaphore::new(WAITING_MAX)),
+            sessions: Mutex::default(),
+        }
+    }
+}
+
+impl WaitingSessions {
+    /// A place for a session, which is waited for.
+    async fn enter(self: Arc<Self>, session: &str, patience: Duration) -> Result<Place, LiveError> {
+        let first = self.lock().insert(session.to_owned());
+        if !first {
+            return Err(LiveError::Overtaken);
+        }
+        let left = Left {
+            all: self.clone(),
+            session: session.to_owned(),
+        };
+        let place = tokio::time::timeout(patience, self.places.clone().acquire_owned()).await;
+        match place {
+            Ok(Ok(place)) => Ok(Place {
+                _left: left,
+                _place: place,
+            }),
+            Ok(Err(_)) | Err(_) => Err(LiveError::Busy(patience.as_secs())),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A session that waits for an answer.
+struct Place {
+    _left: Left,
+    _place: OwnedSemaphorePermit,
+}
+
+/// Lets a session wait again when it is dropped.
+struct Left {
+    all: Arc<WaitingSessions>,
+    session: String,
+}
+
+impl Drop for Left {
+    fn drop(&mut self) {
+        self.all.lock().remove(&self.session);
+    }
 }
 
 /// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
@@ -168,6 +239,14 @@ elicit_safe!(Reply);
 struct AnsweredInput {
     step: StepInput,
     position: Option<EpisodePosition>,
+}
+
+/// Why a question has no answer yet.
+enum Unanswered {
+    /// The client is to ask its person, and to call again.
+    Ask(CallToolResponse),
+    /// The session went on meanwhile.
+    Overtaken,
 }
 
 /// The key of the one question that a call may have.
@@ -332,6 +411,8 @@ impl ToolServer {
             }
             _ => input,
         };
+        // A question that still waits is one of a step that will be over.
+        self.questions.withdraw(session);
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
         let work = move |session: &mut Session| {
@@ -404,7 +485,7 @@ impl ToolServer {
         question: &str,
         request: &CallToolRequestParams,
         context: &RequestContext<RoleServer>,
-    ) -> Result<(Option<UserReply>, Option<EpisodePosition>), CallToolResponse> {
+    ) -> Result<(Option<UserReply>, Option<EpisodePosition>), Unanswered> {
         let nobody = || UserReply {
             text: "Nobody answers.".to_owned(),
             source: UserSource::Human,
@@ -429,7 +510,7 @@ impl ToolServer {
                     .as_ref()
                     .and_then(|answers| answers.get(ANSWER));
                 let Some(answered) = answered else {
-                    return Err(elicitation(question));
+                    return Err(Unanswered::Ask(elicitation(question)));
                 };
                 let result: Option<ElicitResult> = serde_json::from_value(answered.clone()).ok();
                 let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
@@ -447,9 +528,8 @@ impl ToolServer {
                 let position = Some(situation.position.clone());
                 let patience = self.options.ask_patience;
                 let answer = if self.options.ask == AskResponder::Rest {
-                    self.questions
-                        .ask(session, question, situation, patience)
-                        .await
+                    let answered = self.questions.ask(session, question, situation, patience);
+                    answered.await.map_err(|Withdrawn| Unanswered::Overtaken)?
                 } else {
                     let answer = context
                         .peer
@@ -473,6 +553,13 @@ impl ToolServer {
             .await?
     }
 
+    /// Lets a session wait for an answer from outside.
+    async fn place(&self, session: &str) -> Result<Place, LiveError> {
+        let patience = self.pool.limits().worker_timeout;
+        let waiting = self.options.sources.waiting.clone();
+        waiting.enter(session, patience).await
+    }
+
     /// Asks the model that plays the user, where one does and nobody else answered.
     async fn ask_model(
         &self,
@@ -486,9 +573,12 @@ impl ToolServer {
         let Some(user) = user.filter(|_| asks && self.runs(session)) else {
             return Ok(input);
         };
+        let place = self.place(session).await?;
         let situation = self.situation(session, context).await?;
         let (mut step, question) = (input.step, question.to_owned());
         let answered = spawn_blocking(move || {
+            // Until the endpoint is done, whoever stops waiting.
+            let _place = place;
             let position = Some(situation.position.clone());
             user(&situation, &question, &mut step).map(|()| AnsweredInput { step, position })
         });
@@ -514,14 +604,23 @@ impl ToolServer {
         let Some(matcher) = matcher.filter(|_| self.runs(session)) else {
             return Ok(input);
         };
-        let (profile, situation) = (self.profile(), self.situation(session, context).await?);
+        let place = self.place(session).await?;
+        let (owner, profile) = (self.owner(context), self.profile());
+        let facts = |session: &mut Session| {
+            let task = session.task().cloned();
+            task.map(|task| (task, session.position()))
+        };
+        let facts = self.pool.with_own_session(session, &owner, facts).await?;
+        let (task, position) = facts?;
         let (mut step, query) = (input.step, query.to_owned());
         let looked_up = spawn_blocking(move || {
-            let categories = situation.categories();
+            let _place = place;
+            let objects = task.objects.iter();
+            let categories: BTreeSet<&str> = objects.map(|it| it.category.as_str()).collect();
+            let categories: Vec<&str> = categories.into_iter().collect();
             if !profile.takes_literally(&query, &categories) {
                 step.lookup = Some(matcher(&query, &categories)?);
             }
-            let position = Some(situation.position.clone());
             Ok(AnsweredInput { step, position })
         });
         looked_up.await.map_err(Into::into).flatten().map_err(
@@ -564,16 +663,40 @@ fn elicitation(question: &str) -> CallToolResponse {
 }
 
 /// The key of `_meta` under which a client says what its policy thought: an object with any of
-/// `reasoning`, `history`, `plan`, `raw`, `tokens`, `latency_ns` and `logprobs`.
+/// [`POLICY_FIELDS`].
 const POLICY: &str = "reel/policy";
+const POLICY_FIELDS: [&str; 7] = reel_world::words! {
+    reasoning history plan raw tokens latency_ns logprobs
+};
 
 /// What came with a decision, where the client says it.
 fn policy_output(context: &RequestContext<RoleServer>) -> Result<Option<PolicyOutput>, ErrorData> {
-    let output = context.meta.0.get(POLICY).map(PolicyOutput::deserialize);
-    output.transpose().map_err(|error| {
-        let text = format!("_meta[\"{POLICY}\"] is not what came with a decision: {error}");
+    let wrong = |what: &str| {
+        let text = format!("_meta[\"{POLICY}\"] is not what came with a decision: {what}");
         ErrorData::invalid_params(text, None)
-    })
+    };
+    let fields = match context.meta.0.get(POLICY) {
+        None | Some(Value::Null) => return Ok(None),
+        Some(Value::Object(fields)) => fields,
+        Some(_) => return Err(wrong("it is no object")),
+    };
+    let unknown = |name: &&String| !POLICY_FIELDS.contains(&name.as_str());
+    if let Some(name) = fields.keys().find(unknown) {
+        let known = POLICY_FIELDS.join(", ");
+        return Err(wrong(&format!("it may have {known}, not {name:?}")));
+    }
+    let output = PolicyOutput::deserialize(fields).map_err(|error| wrong(&error.to_string()))?;
+    let tokens = output.tokens.into_iter().flatten();
+    if tokens
+        .max()
+        .is_some_and(|most| i32::try_from(most).is_err())
+        || output
+            .latency_ns
+            .is_some_and(|ns| i64::try_from(ns).is_err())
+    {
+        return Err(wrong("a number is too large"));
+    }
+    Ok(Some(output))
 }
 
 /// Whether the protocol has no sessions.
@@ -644,7 +767,12 @@ impl ServerHandler for ToolServer {
         };
         // A cancelled call was not made, or is persisted as a whole.
         tokio::select! {
-            answer = work => Ok(answer.unwrap_or_else(|instead: CallToolResponse| instead)),
+            answer = work => Ok(answer.unwrap_or_else(|instead| match instead {
+                Unanswered::Ask(instead) => instead,
+                Unanswered::Overtaken => {
+                    response::refuse(self.profile(), &request.name, &LiveError::Overtaken).into()
+                }
+            })),
             () = context.ct.cancelled() => Err(ErrorData::internal_error("the call was cancelled", None)),
         }
     }

@@ -21,7 +21,8 @@ pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
 pub use handler::{
     AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
+    WaitingSessions,
 };
 pub use methods::{VERSIONS, agreed_version, refusal};
-pub use questions::{Decision, OpenQuestion, Question, Questions, Wish};
+pub use questions::{Decision, OpenQuestion, Question, Questions, Wish, Withdrawn};
 pub use router::{Worker, router, stdio, streamable_http};

@@ -118,14 +118,17 @@ fn called(scene: &Scene, id: &ReceptacleId) -> String {
 }
 
 impl Questions {
-    /// Waits for somebody to answer; none when nobody does in time.
+    /// Waits for somebody to answer; `None` when nobody does in time.
+    ///
+    /// # Errors
+    /// When the question was withdrawn, or the session asked another one.
     pub async fn ask(
         &self,
         session: &str,
         text: &str,
         situation: Situation,
         patience: Duration,
-    ) -> Option<String> {
+    ) -> Result<Option<String>, Withdrawn> {
         let (answer, answered) = oneshot::channel();
         let waiting = Waiting {
             text: text.to_owned(),
@@ -135,8 +138,21 @@ impl Questions {
         };
         self.lock().insert(session.to_owned(), waiting);
         // Also when the caller stops waiting in the middle.
-        let _gone = Withdraw(self, session);
-        tokio::time::timeout(patience, answered).await.ok()?.ok()
+        let mut asked = Asked {
+            questions: self,
+            session,
+            answered,
+        };
+        match tokio::time::timeout(patience, &mut asked.answered).await {
+            Ok(Ok(answer)) => Ok(Some(answer)),
+            Ok(Err(_)) => Err(Withdrawn),
+            Err(_) => Ok(None),
+        }
+    }
+
+    /// Takes the question of a session back, if one waits.
+    pub fn withdraw(&self, session: &str) {
+        self.lock().remove(session);
     }
 
     /// Answers the question of a session. Whether there was one.
@@ -180,10 +196,27 @@ impl Questions {
     }
 }
 
-struct Withdraw<'a>(&'a Questions, &'a str);
+/// A question that is no longer asked.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Withdrawn;
 
-impl Drop for Withdraw<'_> {
+/// A question under way.
+struct Asked<'a> {
+    questions: &'a Questions,
+    session: &'a str,
+    answered: oneshot::Receiver<String>,
+}
+
+impl Drop for Asked<'_> {
     fn drop(&mut self) {
-        self.0.lock().remove(self.1);
+        // Of a later question of the session the answer is still expected.
+        self.answered.close();
+        let mut waiting = self.questions.lock();
+        if waiting
+            .get(self.session)
+            .is_some_and(|it| it.answer.is_closed())
+        {
+            waiting.remove(self.session);
+        }
     }
 }

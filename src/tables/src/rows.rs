@@ -396,7 +396,9 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             robot_y_m: record.robot.base[1],
             robot_yaw_rad: record.robot.yaw,
             path_length_m: record.robot.path_length_m,
-            latency_ns: policy.and_then(|policy| policy.latency_ns),
+            latency_ns: policy
+                .and_then(|policy| policy.latency_ns)
+                .map(|ns| ns.min(i64::MAX as u64)),
             duration_ns: trace.timings.get(&record.step).map(|timing| timing.took_ns),
             reasoning: policy.and_then(|policy| said(&policy.reasoning)),
             history: policy.and_then(|policy| said(&policy.history)),
@@ -422,10 +424,10 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             raw: policy.and_then(|policy| said(&policy.raw)),
             prompt_tokens: policy
                 .and_then(|policy| policy.tokens)
-                .map(|[read, _]| read),
+                .map(|[read, _]| count(read)),
             completion_tokens: policy
                 .and_then(|policy| policy.tokens)
-                .map(|[_, written]| written),
+                .map(|[_, written]| count(written)),
             tokens: recorded.map(TokenLogprobs::tokens),
             logprobs: recorded
                 .into_iter()
@@ -560,6 +562,11 @@ fn query<'a>(trace: &Trace, record: &'a StepRecord) -> Option<Cow<'a, str>> {
         && record.outcome.error != Some(ErrorCode::BadArguments)
         && trace.header.backend == Backend::Sim;
     is_search.then(|| record.input.call.argument()).flatten()
+}
+
+/// As many tokens as a column holds.
+fn count(tokens: u32) -> u32 {
+    tokens.min(i32::MAX as u32)
 }
 
 fn question(record: &StepRecord) -> Option<Cow<'_, str>> {

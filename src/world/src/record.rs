@@ -159,12 +159,12 @@ pub struct UserReply {
 }
 
 /// What a model in the role of the user said first, which the policy did not get because it gave
-/// something away.
+/// something away, or said nothing.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct RefusedReply {
     /// Text of the reply, as the model said it.
     pub text: String,
-    /// The rules that it broke: `exact_position`, `raw_id`.
+    /// What is wrong with it: `exact_position`, `raw_id`, `empty`.
     pub rules: Vec<String>,
 }
 

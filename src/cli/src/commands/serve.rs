@@ -115,7 +115,7 @@ pub struct Settings {
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
     ask: Option<String>,
     /// A model at the endpoint plays the user who answers `ask`; implies --ask model
-    #[arg(long, value_name = "NAME", env = "REEL_USER_MODEL")]
+    #[arg(long, value_name = "NAME")]
     user_model: Option<String>,
     #[command(flatten)]
     matching: MatchArguments,
@@ -143,7 +143,13 @@ impl Settings {
             play.profile = Profile::parse(profile).with_context(known)?;
         }
         play.ask = match self.ask.as_deref() {
-            None if self.user_model.is_some() => AskResponder::Model,
+            // A flag wins over the environment.
+            asked
+                if self.user_model.is_some()
+                    && asked == std::env::var("REEL_ASK").ok().as_deref() =>
+            {
+                AskResponder::Model
+            }
             None => play.ask,
             Some("rules") => AskResponder::Rules,
             Some("client") => AskResponder::Client,
@@ -185,6 +191,7 @@ impl Settings {
         ];
         let settings = settings.into_iter().flatten();
         Ok(AnswerSources {
+            waiting: Arc::default(),
             settings: settings
                 .map(|(name, value)| (name.to_owned(), value))
                 .collect(),

@@ -30,6 +30,7 @@ mod gspo;
 #[cfg(feature = "analytics")]
 mod hostile;
 mod import;
+mod layers;
 mod making;
 mod moments;
 #[cfg(feature = "analytics")]

@@ -7,7 +7,7 @@ use reel_world::{
     Receptacle, Scene, Task,
     language::{is_a, lemma, quotes, words},
 };
-use unicode_normalization::UnicodeNormalization as _;
+use unicode_normalization::{UnicodeNormalization as _, char::is_combining_mark};
 use unicode_security::confusable_detection::skeleton;
 
 /// Says where something stands, as a word.
@@ -98,7 +98,7 @@ pub fn leaks(task: &Task, scene: &Scene, reply: &str) -> Vec<&'static str> {
     if tells_position(task, scene, &reply) {
         found.push("exact_position");
     }
-    if spoken_id(task, scene, &reply).is_some() {
+    if id_in(task, scene, &reply).is_some() {
         found.push("raw_id");
     }
     found
@@ -107,7 +107,11 @@ pub fn leaks(task: &Task, scene: &Scene, reply: &str) -> Vec<&'static str> {
 /// The first identifier of an object, an asset or a receptacle that a text speaks, in whatever
 /// spelling. What is a word, too (`sink`), is none.
 pub fn spoken_id<'a>(task: &'a Task, scene: &'a Scene, text: &str) -> Option<&'a str> {
-    let sentences: Vec<Vec<String>> = sentences(&plain(text)).map(spelled).collect();
+    id_in(task, scene, &plain(text))
+}
+
+fn id_in<'a>(task: &'a Task, scene: &'a Scene, plain: &str) -> Option<&'a str> {
+    let sentences: Vec<Vec<String>> = sentences(plain).map(spelled).collect();
     let assets = || task.objects.iter().map(|object| object.asset.as_str());
     let instances = task.objects.iter().map(|object| object.instance.as_str());
     let receptacles = scene.receptacles.iter().map(|one| one.id.as_str());
@@ -399,10 +403,16 @@ fn squeezed(id: &str) -> String {
 fn plain(text: &str) -> String {
     let mut plain = String::with_capacity(text.len());
     for letter in text.nfkc().filter(|letter| !is_invisible(*letter)) {
-        if letter.is_ascii() {
-            plain.push(letter);
-        } else {
-            plain.extend(skeleton(letter.encode_utf8(&mut [0; 4])));
+        match letter {
+            _ if letter.is_ascii() => plain.push(letter),
+            _ if letter.is_alphanumeric() => {
+                let mut buffer = [0; 4];
+                let looks_like = skeleton(letter.encode_utf8(&mut buffer));
+                plain.extend(looks_like.filter(|letter| !is_combining_mark(*letter)));
+            }
+            _ if is_combining_mark(letter) => {}
+            // Dashes and the like stand between words.
+            _ => plain.push(' '),
         }
     }
     plain.to_lowercase()

@@ -48,22 +48,27 @@ impl User for ModelUser {
                 ..Request::default()
             })
             .map_err(ResponderError::new)?;
-        // Models that reason show it, and people do not.
-        let said = reply
-            .text
-            .rsplit_once("</think>")
-            .map_or(reply.text.as_str(), |(_, said)| said);
-        let text = said
-            .trim()
-            .trim_matches('"')
-            .chars()
-            .take(REPLY_LENGTH_MAX)
-            .collect();
+        let text = if reply.truncated {
+            // Half a sentence may mean the opposite.
+            String::new()
+        } else {
+            spoken(&reply.text)
+        };
         Ok(UserReply {
             text,
             source: UserSource::Model,
         })
     }
+}
+
+/// What is said of an answer: models that reason show it, and people do not.
+fn spoken(answer: &str) -> String {
+    let said = answer
+        .rsplit_once("</think>")
+        .map_or(answer, |(_, said)| said);
+    let said = said.split_once("<think>").map_or(said, |(said, _)| said);
+    let said = said.trim().trim_matches('"').trim();
+    said.chars().take(REPLY_LENGTH_MAX).collect()
 }
 
 /// The profile, the auxiliary observation, the dialogue and the question.
@@ -148,6 +153,7 @@ fn broken(rule: &str) -> &str {
     match rule {
         "exact_position" => "it says where the thing stands",
         "raw_id" => "it uses an identifier of a computer",
+        "empty" => "it says nothing",
         other => other,
     }
 }

@@ -21,7 +21,8 @@ pub(super) fn say(said: &Response) -> CallToolResult {
 pub(super) fn refuse(error: &LiveError) -> CallToolResult {
     let code = match error {
         LiveError::NoEpisode => "no_episode",
-        LiveError::Over(_) | LiveError::Overtaken => "episode_over",
+        LiveError::Over(_) => "episode_over",
+        LiveError::Overtaken => "overtaken",
         LiveError::UnknownTask(_) => "unknown_task",
         LiveError::Busy(_) | LiveError::NoLookUp | LiveError::NoUser => "busy",
         LiveError::Broken(_) | LiveError::Recording(_) => "broken",

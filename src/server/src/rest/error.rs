@@ -234,10 +234,10 @@ impl From<LiveError> for ApiError {
             LiveError::OtherOwner(_) => Self::forbidden("owner", message),
             LiveError::Quota { .. } => Self::new(StatusCode::TOO_MANY_REQUESTS, "quota", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
-            LiveError::NoEpisode
-            | LiveError::Over(_)
-            | LiveError::Overtaken
-            | LiveError::Broken(_) => Self::conflict("no_episode", message),
+            LiveError::Overtaken => Self::conflict("overtaken", message),
+            LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {
+                Self::conflict("no_episode", message)
+            }
             LiveError::Full(_)
             | LiveError::Busy(_)
             | LiveError::NoLookUp

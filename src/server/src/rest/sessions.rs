@@ -76,6 +76,7 @@ pub(super) async fn close(
     State(app): State<Arc<App>>,
     PathParams(session): PathParams<String>,
 ) -> Result<StatusCode, ApiError> {
+    app.questions.withdraw(&session);
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
 }
@@ -233,6 +234,7 @@ pub(super) async fn release(
     if !own && !app.tokens.has_role(&caller, Role::Admin) {
         return Err(LiveError::OtherOwner(session).into());
     }
+    app.questions.withdraw(&session);
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
 }

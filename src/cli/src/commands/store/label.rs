@@ -1,4 +1,5 @@
-//! `reel store label`: what people say about failed episodes, beside what the rules say.
+//! `reel store label`: what people say about failed episodes, beside what the rules say, and about
+//! answers of the user.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -35,7 +36,7 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store", global = true)]
     store: String,
-    /// Print labels as JSON (`list` and `disputed`)
+    /// Print labels as JSON (`list`, `disputed` and `answers`)
     #[arg(long, global = true)]
     json: bool,
 }
@@ -251,7 +252,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
     }
     Ok(LabelRow {
         episode_id: episode.clone(),
-        author: set.author.clone(),
+        author: author(&set.author)?,
         kind: if set.adjudicate {
             "adjudicated"
         } else {
@@ -265,6 +266,15 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         note: set.note.clone(),
         at_ms,
     })
+}
+
+/// The name of an author, which is not blank.
+fn author(name: &str) -> anyhow::Result<String> {
+    let name = name.trim();
+    if name.is_empty() {
+        bail!("--author needs a name");
+    }
+    Ok(name.to_owned())
 }
 
 /// The one episode whose id begins so.
@@ -281,23 +291,27 @@ fn the_episode<'a, T>(episodes: &'a BTreeMap<String, T>, id: &str) -> anyhow::Re
 
 /// Keeps what an author says about an answer; of one author the last word counts.
 fn keep_answer(store: &str, answer: &Answer, at_ms: i64) -> anyhow::Result<ExitStatus> {
+    let known = episodes(store)?;
+    let episode = the_episode(&known, &answer.episode)?;
     let session = QuerySession::new(inputs::store(store, None)?)?;
     let answered = format!(
-        "SELECT episode_id, step FROM steps WHERE reply IS NOT NULL AND step = {}",
+        "SELECT 1 FROM steps WHERE episode_id = '{episode}' AND step = {} AND reply IS NOT NULL",
         answer.step
     );
-    let text = format(&session.run(&answered)?, Format::Csv)?;
-    let episodes: BTreeMap<String, ()> = text
-        .lines()
-        .skip(1)
-        .filter_map(|line| Some((line.split(',').next()?.to_owned(), ())))
-        .collect();
-    let episode = the_episode(&episodes, &answer.episode)
-        .with_context(|| format!("no answer to label at step {}", answer.step))?;
+    if session
+        .run(&answered)?
+        .iter()
+        .all(|batch| batch.num_rows() == 0)
+    {
+        bail!(
+            "episode {episode} has no answer to label at step {}",
+            answer.step
+        );
+    }
     let label = AnswerLabelRow {
         episode_id: episode.clone(),
         step: answer.step,
-        author: answer.author.clone(),
+        author: author(&answer.author)?,
         label: answer.label.clone(),
         note: answer.note.clone(),
         at_ms,
