@@ -1,10 +1,13 @@
 //! Shapes, poses, coloured parts and the camera: what models are made of, and what physics,
 //! navigation and the renderer share. Frame: metres, z up. Bodies: quaternions x, y, z, w.
 
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, Serialize};
 
 /// Focal length of the head camera in pixels (640 x 480, horizontal field of view 77 degrees).
 pub const FOCAL_PX: f32 = 400.0;
+/// What is nearer to the camera is not projected, in metres.
+const NEAR_M: f32 = 0.05;
 
 /// A convex primitive around its own origin. Cylinders and capsules stand along z.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -213,7 +216,52 @@ impl Camera {
     /// Pixel coordinates of a scene point in front of the camera.
     pub fn project(&self, point: [f32; 3]) -> Option<[f32; 2]> {
         let [x, y, z] = self.to_camera(point);
-        (z > 0.05).then(|| [320.0 + FOCAL_PX * x / z, 240.0 + FOCAL_PX * y / z])
+        (z > NEAR_M).then(|| [320.0 + FOCAL_PX * x / z, 240.0 + FOCAL_PX * y / z])
+    }
+
+    /// The pixels that a box of the scene (lower and upper corner) covers at most: x and y of the
+    /// first and of the last. `None` where it is outside of the image or behind the camera.
+    pub fn projected(&self, [low, high]: [[f32; 3]; 2]) -> Option<[u16; 4]> {
+        let corner = |number: usize| {
+            let of_axis = |axis: usize| {
+                if number >> axis & 1 == 0 {
+                    low[axis]
+                } else {
+                    high[axis]
+                }
+            };
+            self.to_camera([0, 1, 2].map(of_axis))
+        };
+        let corners: [[f32; 3]; 8] = std::array::from_fn(corner);
+        let mut covered = [f32::MAX, f32::MAX, f32::MIN, f32::MIN];
+        let mut cover = |[x, y, z]: [f32; 3]| {
+            let at = [320.0 + FOCAL_PX * x / z, 240.0 + FOCAL_PX * y / z];
+            for axis in 0..2 {
+                covered[axis] = covered[axis].min(at[axis]);
+                covered[axis + 2] = covered[axis + 2].max(at[axis]);
+            }
+        };
+        for from in 0..8 {
+            if corners[from][2] > NEAR_M {
+                cover(corners[from]);
+            }
+            // Edges go from a corner to those that differ in one axis; some are cut where they come
+            // too near.
+            for to in (0..3).map(|axis| from ^ 1 << axis).filter(|to| *to > from) {
+                let (a, b) = (corners[from], corners[to]);
+                if (a[2] > NEAR_M) != (b[2] > NEAR_M) {
+                    let part = (NEAR_M - a[2]) / (b[2] - a[2]);
+                    let [x, y] = [0, 1].map(|axis| a[axis] + (b[axis] - a[axis]) * part);
+                    cover([x, y, NEAR_M]);
+                }
+            }
+        }
+        let [left, top, right, bottom] = covered;
+        let size = [FRAME_WIDTH as f32, FRAME_HEIGHT as f32];
+        let is_seen = left < size[0] && top < size[1] && right > 0.0 && bottom > 0.0;
+        let clip =
+            |value: f32, axis: usize| libm::floorf(value.clamp(0.0, size[axis] - 1.0)) as u16;
+        is_seen.then(|| [clip(left, 0), clip(top, 1), clip(right, 0), clip(bottom, 1)])
     }
 }
 
@@ -235,6 +283,32 @@ mod tests {
         let down = Camera::looking_at([0.0, 0.0, 1.4], [1.0, 1.0, 0.4]);
         let [x, y] = down.project([1.0, 1.0, 0.4]).unwrap();
         assert!((x - 320.0).abs() < 0.01 && (y - 240.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_box_covers_what_its_corners_do_and_is_clipped() {
+        let camera = Camera {
+            position: [0.0; 3],
+            yaw: 0.0,
+            pitch: 0.0,
+        };
+        // Looking along +x: two metres away the image is 3.2 m wide and 2.4 m high.
+        let ahead = camera.projected([[2.0, -0.4, -0.2], [3.0, 0.4, 0.2]]);
+        assert_eq!(ahead, Some([240, 200, 400, 280]));
+        let beside = camera
+            .projected([[-1.0, 0.5, -9.0], [4.0, 0.6, 0.1]])
+            .unwrap();
+        assert_eq!(
+            (beside[0], beside[3]),
+            (0, 479),
+            "it passes the camera: {beside:?}"
+        );
+        assert!(beside[2] < 320, "it is on the left: {beside:?}");
+        assert_eq!(
+            camera.projected([[-3.0, -1.0, -1.0], [-2.0, 1.0, 1.0]]),
+            None
+        );
+        assert_eq!(camera.projected([[2.0, 5.0, 0.0], [2.5, 6.0, 0.5]]), None);
     }
 
     #[test]

@@ -61,6 +61,10 @@ pub const SIM_CHANGES: &[SimChange] = &[
         profiles: &[Profile::RealRepo, Profile::RealGspo],
         text: "a search without a match is recorded as nothing_found, the answer of the published servers' user as a reply",
     },
+    SimChange {
+        profiles: &[Profile::Paper],
+        text: "show_receptacles marks the projected boxes of receptacles, as the paper does, instead of their pixels",
+    },
 ];
 
 /// The version whose episodes of a profile this simulator plays: that of the last

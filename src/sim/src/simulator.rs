@@ -550,9 +550,17 @@ impl Simulator {
                 sights
                     .get(usize::from(entity))?
                     .filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
+                let region = match &marker.target {
+                    MarkerTarget::Object(_) => Region::Entity(entity),
+                    MarkerTarget::Receptacle(id) => {
+                        let index = self.furniture_index(id)?;
+                        let bounds = self.stage.model.furniture[index].bounds;
+                        Region::Rectangle(self.camera().projected(bounds)?)
+                    }
+                };
                 Some(OverlayMark {
                     number: marker.id,
-                    region: Region::Entity(entity),
+                    region,
                 })
             })
             .collect();

@@ -35,14 +35,14 @@ pub struct CocoDataset {
     panoptic: Vec<(Value, Vec<Segment>)>,
 }
 
-/// What was written.
+/// How much a dataset holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CocoCounts {
-    /// Frames.
+    /// Number of annotated frames.
     pub images: usize,
-    /// Masks of instances.
+    /// Number of masks, one an instance and frame.
     pub annotations: usize,
-    /// Different categories.
+    /// Number of different categories.
     pub categories: usize,
 }
 

@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use reel_agents::{RecordTo, Responders, policy, run_episode};
-use reel_replay::{Verdict, verify_all, verify_restored, verify_trace, views};
+use reel_replay::{Verdict, verify_all, verify_restored, verify_trace, view_at};
 use reel_tasks::home_scene;
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -170,8 +170,8 @@ fn meshes_are_seen_and_make_another_episode() {
     assert_ne!(with.start.digests.frame, without.start.digests.frame);
     let camera = reel_replay::Viewpoint::Follow(task.target.clone());
     assert_ne!(
-        views(&with, &camera).unwrap()[0],
-        views(&without, &camera).unwrap()[0]
+        view_at(&with, None, &camera, None).unwrap().rgb,
+        view_at(&without, None, &camera, None).unwrap().rgb
     );
 }
 

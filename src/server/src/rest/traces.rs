@@ -359,7 +359,7 @@ pub(super) enum Layer {
     Rgb,
     /// 16-bit depth in millimetres.
     Depth,
-    /// 16-bit instance ids.
+    /// Instance ids, 16 bits a pixel.
     Masks,
 }
 

@@ -46,7 +46,7 @@ pub struct Drawable<'a> {
 pub struct TriangleSurface {
     /// Instance id of its pixels.
     pub instance: u16,
-    /// Corners, in metres.
+    /// Corners of the triangles, in metres.
     pub corners: Vec<[f32; 3]>,
     /// Indices of the corners of each triangle, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
