@@ -25,9 +25,11 @@ pub use check::history_check;
 pub use error::AnnotateError;
 #[doc(hidden)]
 pub use model::parse_answer;
-pub use model::{AnnotatedEpisode, BATCH, HistoryCheck, ModelAnnotator, prompt_version};
+pub use model::{
+    AnnotatedEpisode, BATCH, FrameBefore, HistoryCheck, ModelAnnotator, prompt_version,
+};
 pub use privileged::PrivilegedFacts;
 pub use rules::{Annotation, annotate, episode_seed, version};
-pub use sidecar::{Entry, Provenance, notes_path, read_notes, write_notes};
+pub use sidecar::{Entry, Provenance, RequestForm, notes_path, read_notes, write_notes};
 pub use step::{MarkedItem, ObservedObject, Step};
 pub use task::{PublicReceptacle, PublicTask, ReceptacleRole};

@@ -27,6 +27,18 @@ pub struct Provenance {
     pub version: Digest,
     /// Of the choice of words.
     pub seed: u64,
+    /// How a model was asked; `None` where none was, and in files of before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request: Option<RequestForm>,
+}
+
+/// What a request to a model holds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct RequestForm {
+    /// Most decisions in one request.
+    pub decisions: usize,
+    /// Whether it holds the images that the robot saw.
+    pub frames: bool,
 }
 
 /// A further line: the note of a decision.
@@ -147,6 +159,7 @@ mod tests {
             annotator: "rules".to_owned(),
             version: Digest::of(b"v"),
             seed: 3,
+            request: None,
         }
     }
 

@@ -52,6 +52,9 @@ fn decode_all(path: &str) -> u64 {
             "/robot/alignment" => decode::<reel::Alignment>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),
             "/camera/head" | "/camera/original" => decode::<foxglove::CompressedImage>(data),
+            "/camera/head/depth" | "/camera/head/instances" => {
+                decode::<foxglove::RawImage>(data);
+            }
             "/camera/head/calibration" => decode::<foxglove::CameraCalibration>(data),
             "/camera/head/annotations" => decode::<foxglove::ImageAnnotations>(data),
             "/tf" => decode::<foxglove::FrameTransforms>(data),

@@ -21,7 +21,8 @@ pub use answer::parse as parse_answer;
 pub use prompt::version as prompt_version;
 
 use crate::{
-    AnnotateError, Annotation, Entry, PrivilegedFacts, Provenance, PublicTask, Step, annotate,
+    AnnotateError, Annotation, Entry, PrivilegedFacts, Provenance, PublicTask, RequestForm, Step,
+    annotate,
     sidecar::{read_some, write_notes},
 };
 
@@ -31,6 +32,10 @@ pub const BATCH: usize = 10;
 /// Looks at the History of a decision, given by its index, and says what in it is not so; none if
 /// all of it may be true.
 pub type HistoryCheck<'a> = dyn Fn(usize, &str) -> Option<String> + 'a;
+
+/// The image, as a PNG file, that the robot had before it a decision, given by its index; `None` where its
+/// last result had none.
+pub type FrameBefore<'a> = dyn Fn(usize) -> Option<Vec<u8>> + 'a;
 
 /// Writes notes by asking a model.
 pub struct ModelAnnotator<'a> {
@@ -42,6 +47,11 @@ pub struct ModelAnnotator<'a> {
     pub check: &'a HistoryCheck<'a>,
     /// The prompt that the annotated robot acts on, so that the notes fit it.
     pub prompt: Arc<Prompt>,
+    /// Number of decisions in one request, from 1 to [`BATCH`]. With 1 the model writes step by step, as
+    /// the robot decided: of what was before it gets the last result and the history alone.
+    pub decisions: usize,
+    /// Images that the model gets with the record; `None` if it gets the record alone.
+    pub frames: Option<&'a FrameBefore<'a>>,
 }
 
 /// What came of an episode.
@@ -88,13 +98,17 @@ impl ModelAnnotator<'_> {
             annotator,
             version: prompt_version(&self.prompt),
             seed: self.seed,
+            request: Some(RequestForm {
+                decisions: self.decisions,
+                frames: self.frames.is_some(),
+            }),
         };
         let mut entries = kept(path, &provenance)?;
         let resumed = entries.len();
         let rules = annotate(task, steps, self.seed);
         while entries.len() < steps.len() {
             let from = entries.len();
-            let to = steps.len().min(from + BATCH);
+            let to = steps.len().min(from + self.decisions.clamp(1, BATCH));
             let answered = self.ask(task, steps, secrets, &entries, from..to)?;
             for (index, rules) in rules.iter().enumerate().take(to).skip(from) {
                 let note = answered
@@ -133,8 +147,13 @@ impl ModelAnnotator<'_> {
             self.client.complete(request).map_err(error)
         };
         let before = entries.last().map(|entry| entry.note.history.as_str());
-        let mut request =
-            prompt::request(&self.prompt, task, steps, secrets, before, batch.clone());
+        // Step by step the history is all that is left of what was before the last result.
+        let shown = if self.decisions == 1 { 1 } else { steps.len() };
+        let part = (shown, batch.clone());
+        let mut request = prompt::request(&self.prompt, task, steps, secrets, before, part);
+        if let Some(frames) = self.frames {
+            prompt::add_frames(&mut request, batch.clone(), frames);
+        }
         let first = complete(&request)?;
         let notes = answer::parse(&first.text);
         if !notes.is_empty() {

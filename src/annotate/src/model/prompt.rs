@@ -3,11 +3,12 @@
 
 use std::{ops::Range, sync::Arc};
 
-use reel_llm::client::{Message, Request, Role};
+use reel_llm::client::{Message, Part, Request, Role};
 use reel_prompt::{EpisodePrompt, Prompt, SingleTurn};
 use reel_world::Digest;
 use serde_json::{Map, Value, json};
 
+use super::FrameBefore;
 use crate::{
     PrivilegedFacts, PublicTask, Step,
     step::{MarkedItem, ObservedObject},
@@ -25,8 +26,8 @@ pub fn version(robot: &Prompt) -> Digest {
     Digest::of([PROMPT, &robot.digest().to_string()].concat().as_bytes())
 }
 
-/// What the model is asked about a batch of decisions. Of the last one only the call is
-/// shown, of later ones nothing. `robot` is the prompt that the robot acts on, shown as it
+/// What the model is asked about a batch of decisions; the steps `shown` before it are part of the
+/// record. Of the last one only the call is shown, of later ones nothing. `robot` is the prompt that the robot acts on, shown as it
 /// stands at the first decision.
 pub(super) fn request(
     robot: &Arc<Prompt>,
@@ -34,7 +35,7 @@ pub(super) fn request(
     steps: &[Step<'_>],
     secrets: &PrivilegedFacts,
     before: Option<&str>,
-    batch: Range<usize>,
+    (shown, batch): (usize, Range<usize>),
 ) -> Request {
     let receptacles: Vec<Value> = task
         .receptacles
@@ -49,7 +50,8 @@ pub(super) fn request(
         "{}\n",
         json!({"for_your_eyes_only": secrets.truth()})
     ));
-    for (index, step) in steps[..batch.end].iter().enumerate() {
+    let first_shown = batch.start.saturating_sub(shown);
+    for (index, step) in steps[..batch.end].iter().enumerate().skip(first_shown) {
         let over = index + 1 < batch.end;
         record.push_str(&format!("{}\n", line(index, step, secrets, over)));
     }
@@ -79,6 +81,25 @@ pub(super) fn request(
             Message::text(Role::User, text),
         ],
         ..Request::default()
+    }
+}
+
+/// Adds the image that the robot saw before each decision of a batch, where there was one.
+pub(super) fn add_frames(request: &mut Request, batch: Range<usize>, frames: &FrameBefore<'_>) {
+    let asked = request
+        .messages
+        .last_mut()
+        .expect("a request ends with what is asked");
+    for index in batch {
+        if let Some(bytes) = frames(index) {
+            asked.parts.push(Part::Text(format!(
+                "What the robot saw before step {index}:"
+            )));
+            asked.parts.push(Part::Image {
+                media_type: "image/png".to_owned(),
+                bytes,
+            });
+        }
     }
 }
 

@@ -37,12 +37,25 @@ fn run(
     path: &Path,
     check: &reel_annotate::HistoryCheck<'_>,
 ) -> Result<AnnotatedEpisode, AnnotateError> {
-    run_with(Prompt::builtin(), trace, base_url, path, check)
+    run_with(
+        Prompt::builtin(),
+        (BATCH, false),
+        trace,
+        base_url,
+        path,
+        check,
+    )
 }
 
-/// Annotates for a robot that acts on `prompt`.
+/// An image before every decision but the second.
+fn frame(decision: usize) -> Option<Vec<u8>> {
+    (decision != 1).then(|| format!("image {decision}").into_bytes())
+}
+
+/// Annotates for a robot that acts on `prompt`, so many decisions a request, with images or without.
 fn run_with(
     prompt: Arc<Prompt>,
+    form: (usize, bool),
     trace: &Trace,
     base_url: &str,
     path: &Path,
@@ -62,6 +75,8 @@ fn run_with(
         seed: 7,
         check,
         prompt,
+        decisions: form.0,
+        frames: form.1.then_some(&frame as &reel_annotate::FrameBefore<'_>),
     };
     let task = PublicTask::of(&trace.task, &trace.scene);
     annotator.annotate(
@@ -75,7 +90,8 @@ fn run_with(
 
 /// The steps that a request asks for.
 fn asked(received: &Received) -> std::ops::Range<usize> {
-    let text = received.body["messages"][1]["content"].as_str().unwrap();
+    let content = &received.body["messages"][1]["content"];
+    let text = content.as_str().or(content[0]["text"].as_str()).unwrap();
     let (_, range) = text.rsplit_once("notes of steps ").unwrap();
     let numbers: Vec<usize> = range
         .split(|c: char| !c.is_ascii_digit())
@@ -96,6 +112,62 @@ fn answer(steps: std::ops::Range<usize>, change: impl Fn(usize, &mut Value)) -> 
 
 fn fine(_: usize, _: &str) -> Option<String> {
     None
+}
+
+#[test]
+fn step_by_step_with_what_the_robot_saw() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("notes.jsonl");
+    let server = Scripted::answering(|received| Act::Reply(answer(asked(received), |_, _| {})));
+    let written = run_with(
+        Prompt::builtin(),
+        (1, true),
+        &trace,
+        &server.base_url,
+        &path,
+        &fine,
+    );
+    let written = written.unwrap();
+    assert_eq!(written.fallbacks(), 0);
+    let form = written.provenance.request.unwrap();
+    assert_eq!((form.decisions, form.frames), (1, true));
+    assert_eq!(
+        read_notes(&path, &chain(&trace)).unwrap().0,
+        written.provenance
+    );
+    let received = server.received();
+    assert_eq!(received.len(), trace.steps.len());
+    for (step, received) in received.iter().enumerate() {
+        assert_eq!(asked(received), step..step + 1);
+        let parts = received.body["messages"][1]["content"].as_array();
+        if step == 1 {
+            assert!(parts.is_none(), "a result without an image");
+            continue;
+        }
+        let parts = parts.unwrap();
+        assert_eq!(
+            parts[1]["text"],
+            format!("What the robot saw before step {step}:")
+        );
+        let url = parts[2]["image_url"]["url"].as_str().unwrap();
+        assert!(url.starts_with("data:image/png;base64,"), "{url}");
+        // The result of the step before is there, its own is not.
+        let text = parts[0]["text"].as_str().unwrap();
+        let line = |number: usize| {
+            let begin = format!("{{\"step\":{number},");
+            let line = text.lines().find(|line| line.starts_with(&begin));
+            serde_json::from_str::<Value>(line.unwrap()).unwrap()
+        };
+        assert!(line(step).get("outcome").is_none());
+        assert!(step == 0 || line(step - 1).get("outcome").is_some());
+        let earlier = format!("{{\"step\":{},", step.saturating_sub(2));
+        assert!(step < 2 || !text.contains(&earlier));
+        let history = format!("The history of step {} was: I did", step.saturating_sub(1));
+        assert_eq!(text.contains(&history), step > 0);
+    }
+    // Asked in another way, it is asked anew.
+    let again = run(&trace, &server.base_url, &path, &fine).unwrap();
+    assert_eq!(again.resumed, 0);
 }
 
 #[test]
@@ -169,6 +241,7 @@ fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes(
     let asked_first = server.received().len();
     let written = run_with(
         Arc::new(own.clone()),
+        (BATCH, false),
         &trace,
         &server.base_url,
         &path,

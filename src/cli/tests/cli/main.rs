@@ -12,6 +12,8 @@ macro_rules! reel {
 mod agents;
 #[cfg(feature = "analytics")]
 mod agreement;
+#[cfg(feature = "service")]
+mod annotation;
 mod attribution;
 mod blame;
 mod branches;

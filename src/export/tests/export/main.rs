@@ -570,6 +570,7 @@ fn words_come_from_the_notes_beside_the_traces() {
     };
     let (version, steps) = (reel_world::Digest::of(b"prompt"), trace.steps.len());
     let provenance = Provenance {
+        request: None,
         trace: trace.chain(),
         steps,
         annotator: "a-model".into(),

@@ -24,6 +24,15 @@ const CLOSING: i64 = (PREFIX + 20 + MAGIC.len()) as i64;
 /// Largest record, compressed or not.
 const BYTES_MAX: u64 = 1 << 30;
 
+/// Opcodes from here on are of private records, which are skipped.
+const PRIVATE: u8 = 0x80;
+/// So many bytes at a time are searched for the record behind a damaged one.
+const SEARCHED: u64 = 1 << 16;
+/// So many bytes hold what a chunk says of itself before its records.
+const CHUNK_HEAD: u64 = 128;
+/// So many records have to follow one that was found there.
+const FOLLOWING: usize = 3;
+
 /// A message of a file.
 pub(crate) struct Message<'a> {
     /// How many messages of the file stand before it.
@@ -42,6 +51,7 @@ pub(crate) fn walk(path: &Path, visit: &mut dyn FnMut(Message<'_>)) -> Vec<Strin
         Err(error) => return vec![format!("it cannot be read ({error})")],
     };
     let mut walk = Walk {
+        size: file.get_ref().metadata().map_or(0, |file| file.len()),
         file,
         at: 0,
         channels: ChannelAccumulator::default(),
@@ -67,6 +77,8 @@ pub(crate) fn walk(path: &Path, visit: &mut dyn FnMut(Message<'_>)) -> Vec<Strin
 
 struct Walk<'a> {
     file: BufReader<File>,
+    /// Length of the file.
+    size: u64,
     /// Where the next record begins.
     at: u64,
     channels: ChannelAccumulator<'static>,
@@ -75,6 +87,22 @@ struct Walk<'a> {
     unknown: u64,
     visit: &'a mut dyn FnMut(Message<'_>),
     lost: Vec<String>,
+}
+
+/// Where a record ends that begins with these bytes at `at`; `None` if no record of a file of this size
+/// begins so.
+fn record_end(bytes: &[u8], at: u64, size: u64) -> Option<u64> {
+    let (opcode, rest) = bytes.split_first()?;
+    let length = u64::from_le_bytes(*rest.first_chunk()?);
+    let is_one = is_record(*opcode, length, size.saturating_sub(at));
+    is_one.then(|| at + PREFIX as u64 + length)
+}
+
+/// Whether a record may have this opcode and length where so many bytes are left: one of the
+/// specification, or a private one.
+fn is_record(opcode: u8, length: u64, left: u64) -> bool {
+    let known = matches!(opcode, op::HEADER..=op::DATA_END) || opcode >= PRIVATE;
+    known && length <= left.saturating_sub(PREFIX as u64)
 }
 
 impl Walk<'_> {
@@ -91,6 +119,21 @@ impl Walk<'_> {
         while let Some((opcode, length)) = self.prefix()? {
             if opcode == op::DATA_END {
                 return Ok(());
+            }
+            if !is_record(opcode, length, self.size.saturating_sub(self.at)) {
+                let torn = opcode == op::CHUNK && self.is_chunk_of(length)?;
+                let next = if torn { None } else { self.next_record()? };
+                if let Some(next) = next {
+                    self.lost.push(format!(
+                        "bytes {} to {} are damaged and left out",
+                        self.at,
+                        next - 1
+                    ));
+                    self.at = next;
+                    self.file.seek(SeekFrom::Start(next))?;
+                    continue;
+                }
+                self.file.seek(SeekFrom::Start(self.at + PREFIX as u64))?;
             }
             let wanted = matches!(opcode, op::CHUNK | op::MESSAGE | op::CHANNEL | op::SCHEMA);
             if wanted && length > BYTES_MAX {
@@ -124,6 +167,70 @@ impl Walk<'_> {
             self.at
         ));
         Ok(())
+    }
+
+    /// Whether the chunk that begins here says itself that it has this length: then the file breaks off in
+    /// it.
+    fn is_chunk_of(&mut self, length: u64) -> io::Result<bool> {
+        self.file.seek(SeekFrom::Start(self.at + PREFIX as u64))?;
+        let head = self.read(CHUNK_HEAD)?;
+        // Two times, two lengths and a checksum, and between them the name of the compression.
+        let name = head.get(28..).and_then(|rest| rest.first_chunk());
+        let Some(name) = name.map(|name| u64::from(u32::from_le_bytes(*name))) else {
+            return Ok(false);
+        };
+        let records = usize::try_from(32 + name)
+            .ok()
+            .and_then(|from| head.get(from..)?.first_chunk());
+        let records = records.map(|records| u64::from_le_bytes(*records));
+        Ok(records.and_then(|records| records.checked_add(40 + name)) == Some(length))
+    }
+
+    /// Where the next record begins after one that cannot be one: the first place from which records
+    /// follow each other. `None` where there is none, as where the file breaks off.
+    fn next_record(&mut self) -> io::Result<Option<u64>> {
+        let mut from = self.at + 1;
+        while from < self.size {
+            self.file.seek(SeekFrom::Start(from))?;
+            let bytes = self.read(SEARCHED + PREFIX as u64)?;
+            let places = bytes.len().saturating_sub(PREFIX);
+            for place in 0..places {
+                let at = from + place as u64;
+                if let Some(end) = record_end(&bytes[place..], at, self.size)
+                    && self.follows(at, end)?
+                {
+                    return Ok(Some(at));
+                }
+            }
+            from += SEARCHED;
+        }
+        Ok(None)
+    }
+
+    /// Whether a record from `at` to `end` can be read, and so many others come right behind it.
+    fn follows(&mut self, at: u64, mut end: u64) -> io::Result<bool> {
+        self.file.seek(SeekFrom::Start(at))?;
+        let body = match self.prefix()? {
+            Some((op::CHUNK, _)) => None,
+            Some((opcode, length)) => Some((opcode, self.read(length.min(BYTES_MAX))?)),
+            None => return Ok(false),
+        };
+        if body.is_some_and(|(opcode, body)| mcap::parse_record(opcode, &body).is_err()) {
+            return Ok(false);
+        }
+        for _ in 0..FOLLOWING {
+            self.file.seek(SeekFrom::Start(end))?;
+            let prefix = self.read(PREFIX as u64)?;
+            // Behind the last record there is nothing, or the file says that it is whole.
+            if prefix.is_empty() || prefix.starts_with(MAGIC) {
+                return Ok(true);
+            }
+            match record_end(&prefix, end, self.size) {
+                Some(next) => end = next,
+                None => return Ok(false),
+            }
+        }
+        Ok(true)
     }
 
     /// Opcode and length of the next record; none where the file ends.
@@ -273,3 +380,6 @@ impl Walk<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

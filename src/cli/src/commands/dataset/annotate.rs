@@ -1,25 +1,31 @@
 //! `reel dataset annotate`: reasoning, History, schedule and subtask for traces that came without words.
 
 use std::{
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::Arc,
 };
 
+use anyhow::anyhow;
+
 use rayon::prelude::*;
 use reel_annotate::{
-    Entry, ModelAnnotator, PrivilegedFacts, Provenance, PublicTask, Step, annotate, episode_seed,
-    history_check, notes_path, version, write_notes,
+    BATCH, Entry, FrameBefore, ModelAnnotator, PrivilegedFacts, Provenance, PublicTask, Step,
+    annotate, episode_seed, history_check, notes_path, version, write_notes,
 };
 use reel_history::{EpisodeFacts, StepFacts};
 use reel_llm::client::Client;
 use reel_prompt::Prompt;
+use reel_trace::{Trace, encode_png};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, record::StateDigests};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, model::Model, progress, prompt::PromptArguments};
 
 /// Write what an agent might have said along with each decision of a trace: reasoning, History,
 /// schedule and subtask, from what it could know at that moment. By rules in varied words, or by a
-/// model behind an OpenAI-compatible endpoint, ten decisions a request. The model reads the prompt
+/// model behind an OpenAI-compatible endpoint, ten decisions a request or one (`--decisions-per-request`), with
+/// the images that the agent saw (`--frames`) or without. The model reads the prompt
 /// that the agent acts on (`--prompt`; without it the one of Reel), so that its notes fit. Its note
 /// stands only if it is complete, says nothing that an agent cannot know and no History that the
 /// record refutes; else the rules' note stands in, and the file says why. The notes go into a file
@@ -30,6 +36,7 @@ use crate::{ExitStatus, inputs, model::Model, progress, prompt::PromptArguments}
 /// Example:
 ///   reel dataset annotate traces
 ///   reel dataset annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl
+///   reel dataset annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl --frames --decisions-per-request 1
 ///   reel dataset annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl --prompt real_grpo_prompt.txt
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -41,6 +48,12 @@ pub struct Arguments {
     model: Model,
     #[command(flatten)]
     prompt: PromptArguments,
+    /// Give the model the image that the agent saw before each decision: as recorded, or drawn again
+    #[arg(long, requires = "model")]
+    frames: bool,
+    /// Decisions in one request, 1 to 10; with 1 the model writes step by step, with the last result
+    #[arg(long, value_name = "N", default_value_t = BATCH as u8, value_parser = clap::value_parser!(u8).range(1..=BATCH as i64))]
+    decisions_per_request: u8,
     /// Folder in which a model's replies are kept
     #[arg(long, value_name = "DIR", default_value = "annotate-cache")]
     cache: PathBuf,
@@ -77,7 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .num_threads(inputs::workers(arguments.jobs))
         .build()?;
     let note = |path: &PathBuf| {
-        let noted = note(&files, path, client.as_ref(), &prompt, arguments.seed);
+        let noted = note(&files, path, client.as_ref(), &prompt, arguments);
         bar.inc(1);
         noted
     };
@@ -134,12 +147,12 @@ fn note(
     path: &Path,
     client: Option<&Client>,
     prompt: &Arc<Prompt>,
-    seed: u64,
+    arguments: &Arguments,
 ) -> anyhow::Result<TraceResult> {
     let trace = files.read(path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
-    let seed = episode_seed(seed, &trace.chain());
+    let seed = episode_seed(arguments.seed, &trace.chain());
     let notes = notes_path(path);
     let Some(client) = client else {
         let entries: Vec<Entry> = annotate(&public, &steps, seed)
@@ -152,6 +165,7 @@ fn note(
             annotator: "rules".to_owned(),
             version: version(),
             seed,
+            request: None,
         };
         write_notes(&notes, &provenance, &entries)?;
         return Ok(TraceResult {
@@ -162,11 +176,22 @@ fn note(
     };
     let setting = EpisodeFacts::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(StepFacts::of).collect());
+    let seen = if arguments.frames {
+        frames_before(&trace)?
+    } else {
+        BTreeMap::new()
+    };
+    let frames = |decision: usize| {
+        let rgb = seen.get(&decision)?;
+        Some(encode_png(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
+    };
     let annotator = ModelAnnotator {
         client,
         seed,
         check: &check,
         prompt: Arc::clone(prompt),
+        decisions: usize::from(arguments.decisions_per_request),
+        frames: arguments.frames.then_some(&frames as &FrameBefore<'_>),
     };
     let written = annotator.annotate(
         &public,
@@ -186,4 +211,22 @@ fn note(
             .filter_map(fallback)
             .collect(),
     })
+}
+
+/// The image that the agent saw before each decision: that of the last result, where it had one.
+fn frames_before(trace: &Trace) -> anyhow::Result<BTreeMap<usize, Vec<u8>>> {
+    let shown = |digests: &StateDigests| digests.frame.is_some();
+    let start = shown(&trace.start.digests).then_some(None);
+    let steps = trace.steps.iter().filter(|step| shown(&step.digests));
+    let wanted: BTreeSet<Option<u32>> = start
+        .into_iter()
+        .chain(steps.map(|step| Some(step.step)))
+        .collect();
+    let frames = reel_replay::frames_at(trace, &wanted);
+    let frames = frames.map_err(|verdict| anyhow!("its frames cannot be had: {verdict}"))?;
+    let after = |step: Option<u32>| step.map_or(0, |step| step as usize + 1);
+    Ok(frames
+        .into_iter()
+        .map(|(step, rgb)| (after(step), rgb))
+        .collect())
 }
