@@ -1,6 +1,6 @@
 """Reads depth and masks as others do, and compares: check.py TRACE FRAMES COCO.
 
-TRACE was recorded with --record depth,masks; FRAMES are the same frames that `reel trace frames --what depth,masks` drew again from a
+TRACE was recorded with --record depth,masks; FRAMES are the same frames that `reel trace frames --layers depth,masks` drew again from a
 trace without them; COCO is what `reel export coco` made of it. MCAP is read by `mcap`, masks by `pycocotools`, images by Pillow.
 """
 import json
@@ -59,11 +59,11 @@ def check_coco(folder):
             assert len(value) == 1 and np.array_equal(decoded, ids == value[0]), annotation["instance"]
             assert annotation["area"] == decoded.sum()
             assert list(masks.toBbox(annotation["segmentation"])) == annotation["bbox"]
-            assert 0 < annotation["visible_share"] <= 1
+            assert annotation["visible_share"] is None or 0 < annotation["visible_share"] <= 1
             found.append((value[0], annotation["category_id"]))
         things = [(segment["id"], segment["category_id"]) for segment in one["segments_info"] if names[segment["category_id"]] != "shell"]
         assert sorted(found) == sorted(things)
-    shares = [one["visible_share"] for one in coco.loadAnns(coco.getAnnIds())]
+    shares = [one["visible_share"] or 1 for one in coco.loadAnns(coco.getAnnIds())]
     assert min(shares) < 0.9 < max(shares), "some are hidden in part, others are not"
     return len(shares)
 

@@ -29,9 +29,6 @@ pub fn skills(name: &str) -> Result<Skills, String> {
 
 /// What is recorded of each frame besides its image.
 pub fn layers(text: &str) -> Result<FrameLayers, String> {
-    if text.is_empty() {
-        return Ok(FrameLayers::default());
-    }
     FrameLayers::parse(text)
 }
 

@@ -104,20 +104,24 @@ impl Default for WaitingSessions {
 }
 
 impl WaitingSessions {
-    /// A place for a session, which is waited for.
-    async fn enter(self: Arc<Self>, session: &str, patience: Duration) -> Result<Place, LiveError> {
+    /// Waits until the session may ask somebody outside.
+    async fn wait(
+        self: Arc<Self>,
+        session: &str,
+        patience: Duration,
+    ) -> Result<WaitingTurn, LiveError> {
         let first = self.lock().insert(session.to_owned());
         if !first {
-            return Err(LiveError::Overtaken);
+            return Err(LiveError::Busy(0));
         }
-        let left = Left {
+        let session = RemoveOnDrop {
             all: self.clone(),
             session: session.to_owned(),
         };
         let place = tokio::time::timeout(patience, self.places.clone().acquire_owned()).await;
         match place {
-            Ok(Ok(place)) => Ok(Place {
-                _left: left,
+            Ok(Ok(place)) => Ok(WaitingTurn {
+                _session: session,
                 _place: place,
             }),
             Ok(Err(_)) | Err(_) => Err(LiveError::Busy(patience.as_secs())),
@@ -130,18 +134,18 @@ impl WaitingSessions {
 }
 
 /// A session that waits for an answer.
-struct Place {
-    _left: Left,
+struct WaitingTurn {
+    _session: RemoveOnDrop,
     _place: OwnedSemaphorePermit,
 }
 
 /// Lets a session wait again when it is dropped.
-struct Left {
+struct RemoveOnDrop {
     all: Arc<WaitingSessions>,
     session: String,
 }
 
-impl Drop for Left {
+impl Drop for RemoveOnDrop {
     fn drop(&mut self) {
         self.all.lock().remove(&self.session);
     }
@@ -244,7 +248,7 @@ struct AnsweredInput {
 /// Why a question has no answer yet.
 enum Unanswered {
     /// The client is to ask its person, and to call again.
-    Ask(CallToolResponse),
+    AskClient(Box<CallToolResponse>),
     /// The session went on meanwhile.
     Overtaken,
 }
@@ -411,13 +415,14 @@ impl ToolServer {
             }
             _ => input,
         };
-        // A question that still waits is one of a step that will be over.
-        self.questions.withdraw(session);
+        let (questions, asked) = (self.questions.clone(), session.to_owned());
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
         let work = move |session: &mut Session| {
             // Nobody waits for it where the call has no progress token.
             let _ = begun.send(());
+            // A question that still waits is one of a step that will be over.
+            questions.withdraw(&asked);
             session.set_policy(&policy);
             let said_begun = |begun: StartedEpisode| {
                 let scene = setup.scene(&begun.task).clone();
@@ -510,7 +515,7 @@ impl ToolServer {
                     .as_ref()
                     .and_then(|answers| answers.get(ANSWER));
                 let Some(answered) = answered else {
-                    return Err(Unanswered::Ask(elicitation(question)));
+                    return Err(Unanswered::AskClient(Box::new(elicitation(question))));
                 };
                 let result: Option<ElicitResult> = serde_json::from_value(answered.clone()).ok();
                 let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
@@ -554,10 +559,10 @@ impl ToolServer {
     }
 
     /// Lets a session wait for an answer from outside.
-    async fn place(&self, session: &str) -> Result<Place, LiveError> {
+    async fn waiting_turn(&self, session: &str) -> Result<WaitingTurn, LiveError> {
         let patience = self.pool.limits().worker_timeout;
         let waiting = self.options.sources.waiting.clone();
-        waiting.enter(session, patience).await
+        waiting.wait(session, patience).await
     }
 
     /// Asks the model that plays the user, where one does and nobody else answered.
@@ -573,12 +578,13 @@ impl ToolServer {
         let Some(user) = user.filter(|_| asks && self.runs(session)) else {
             return Ok(input);
         };
-        let place = self.place(session).await?;
+        // Whose session it is not is told so here.
         let situation = self.situation(session, context).await?;
+        let turn = self.waiting_turn(session).await?;
         let (mut step, question) = (input.step, question.to_owned());
         let answered = spawn_blocking(move || {
             // Until the endpoint is done, whoever stops waiting.
-            let _place = place;
+            let _turn = turn;
             let position = Some(situation.position.clone());
             user(&situation, &question, &mut step).map(|()| AnsweredInput { step, position })
         });
@@ -604,7 +610,6 @@ impl ToolServer {
         let Some(matcher) = matcher.filter(|_| self.runs(session)) else {
             return Ok(input);
         };
-        let place = self.place(session).await?;
         let (owner, profile) = (self.owner(context), self.profile());
         let facts = |session: &mut Session| {
             let task = session.task().cloned();
@@ -612,9 +617,10 @@ impl ToolServer {
         };
         let facts = self.pool.with_own_session(session, &owner, facts).await?;
         let (task, position) = facts?;
+        let turn = self.waiting_turn(session).await?;
         let (mut step, query) = (input.step, query.to_owned());
         let looked_up = spawn_blocking(move || {
-            let _place = place;
+            let _turn = turn;
             let objects = task.objects.iter();
             let categories: BTreeSet<&str> = objects.map(|it| it.category.as_str()).collect();
             let categories: Vec<&str> = categories.into_iter().collect();
@@ -768,7 +774,7 @@ impl ServerHandler for ToolServer {
         // A cancelled call was not made, or is persisted as a whole.
         tokio::select! {
             answer = work => Ok(answer.unwrap_or_else(|instead| match instead {
-                Unanswered::Ask(instead) => instead,
+                Unanswered::AskClient(instead) => *instead,
                 Unanswered::Overtaken => {
                     response::refuse(self.profile(), &request.name, &LiveError::Overtaken).into()
                 }

@@ -177,7 +177,7 @@ pub struct View<'a> {
 /// Shows what is seen from a viewpoint before the first call and after each, in order.
 ///
 /// # Errors
-/// Why nothing can be executed, the first difference, or that there is no such object.
+/// Why nothing can be executed, the first difference, that of the end included, or that there is no such object.
 pub fn views(
     trace: &Trace,
     viewpoint: &Viewpoint,
@@ -201,8 +201,12 @@ pub fn views(
         });
         match replay.step()? {
             Some(output) => (step, seen) = (Some(output.record.step), output.frame),
-            None => return Ok(()),
+            None => break,
         }
+    }
+    match replay.finish(|_, _| ())? {
+        verdict if verdict.is_exact() => Ok(()),
+        verdict => Err(verdict),
     }
 }
 

@@ -428,9 +428,6 @@ impl Config {
     }
 
     fn layers(&self) -> Result<FrameLayers, ConfigError> {
-        if self.play.record.is_empty() {
-            return Ok(FrameLayers::default());
-        }
         FrameLayers::parse(&self.play.record).map_err(|message| ConfigError::Value {
             key: "play.record",
             message,

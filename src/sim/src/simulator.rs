@@ -32,8 +32,6 @@ const REST_ABOVE_M: f32 = 0.30;
 /// How far its centre may be outside the surface, in metres.
 const REST_ASIDE_M: f32 = 0.02;
 
-/// Entity number of floor and walls in the id buffer.
-
 /// The simulated world of one episode: physics, registry, robot and markers.
 #[derive(Debug)]
 pub struct Simulator {
@@ -384,8 +382,8 @@ impl Simulator {
         frame.ids.iter().filter(|id| **id == instance).count()
     }
 
-    /// The surfaces that frames show, as triangles in the scene's frame: corners and, three by
-    /// three, their indices, for each part of an instance.
+    /// The surfaces that frames show, as triangles in the scene's frame: one for each part of an
+    /// instance, in the order of the instances.
     pub fn surfaces(&self) -> Vec<TriangleSurface> {
         self.drawables().iter().flat_map(surfaces_of).collect()
     }
@@ -555,7 +553,8 @@ impl Simulator {
                     MarkerTarget::Receptacle(id) => {
                         let index = self.furniture_index(id)?;
                         let bounds = self.stage.model.furniture[index].bounds;
-                        Region::Rectangle(self.camera().projected(bounds)?)
+                        let covered = self.camera().projected(bounds);
+                        covered.map_or(Region::Entity(entity), Region::Rectangle)
                     }
                 };
                 Some(OverlayMark {

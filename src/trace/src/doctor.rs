@@ -123,9 +123,8 @@ pub fn examine(path: &Path) -> Result<DoctorReport, TraceError> {
             examination.images = trace.image_count();
             examination.end = trace.end.as_ref().map(|end| end.reason);
             let frames = trace
-                .images
-                .keys()
-                .filter_map(|step| trace.frame_rgb(*step).err());
+                .moments()
+                .filter_map(|step| trace.verify_frame(step).err());
             findings.extend(frames.map(|error| finding(&error, 0, &bytes)));
             if let Some(origin) = trace.header.backend.not_replayable_reason() {
                 notes.push(format!("recorded {origin}: nothing to re-execute"));

@@ -14,7 +14,7 @@ use mcap::{
 };
 use prost::Message;
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, chain,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, chain, little_endian,
     record::{
         Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput,
         StepRecord, VisibleObject,
@@ -68,15 +68,16 @@ pub(crate) struct Layers<'a> {
 }
 
 impl Layers<'_> {
-    /// Those of a frame; one without pixels has none.
-    pub(crate) fn of(frame: Option<&Frame>) -> Self {
-        let bytes = |values: &[u16]| {
-            let bytes = values.iter().flat_map(|value| value.to_le_bytes());
-            (!values.is_empty()).then(|| bytes.collect())
+    /// Those of a frame that are wanted; one without pixels has none.
+    pub(crate) fn of(frame: Option<&Frame>, wanted: FrameLayers) -> Self {
+        let bytes = |wanted: bool, values: fn(&Frame) -> &Vec<u16>| {
+            let values = frame.filter(|_| wanted).map(values);
+            let values = values.filter(|values| !values.is_empty());
+            values.map(|values| little_endian(values).into())
         };
         Self {
-            depth: frame.and_then(|frame| bytes(&frame.depth_mm)),
-            masks: frame.and_then(|frame| bytes(&frame.ids)),
+            depth: bytes(wanted.depth, |frame| &frame.depth_mm),
+            masks: bytes(wanted.masks, |frame| &frame.ids),
         }
     }
 }
@@ -436,6 +437,11 @@ impl<W: Write + Seek> Journal<W> {
         )?;
         self.message(schema::EPISODE, &codec::episode_end(record))?;
         self.flush()
+    }
+
+    /// What is written of frames besides images.
+    pub(crate) fn wanted_layers(&self) -> FrameLayers {
+        self.layers
     }
 
     /// How many steps are whole; none before the start.

@@ -169,12 +169,23 @@ impl Trace {
         Ok(Some(rgb))
     }
 
-    /// What is stored of frames besides images.
+    /// What is stored of any frame besides images.
     pub fn layers(&self) -> FrameLayers {
         FrameLayers {
             depth: !self.depths.is_empty(),
             masks: !self.masks.is_empty(),
         }
+    }
+
+    /// Whether these are stored of every frame.
+    pub fn has_layers(&self, wanted: FrameLayers) -> bool {
+        let mut frames = self
+            .moments()
+            .filter(|step| self.frame_digests(*step).is_some());
+        frames.all(|step| {
+            (!wanted.depth || self.depths.contains_key(&step))
+                && (!wanted.masks || self.masks.contains_key(&step))
+        })
     }
 
     /// The depth of the frame after a step (none: of the start) in millimetres, 0 where nothing is,
@@ -205,13 +216,19 @@ impl Trace {
         let Some(bytes) = layer.get(&step) else {
             return Ok(None);
         };
-        let (found, expected) = (Digest::of(bytes), self.frame_digests(step).map(expected));
-        if let Some(expected) = expected.filter(|expected| *expected != found) {
-            return Err(TraceError::Image {
-                path: self.path.clone(),
-                step,
-                problem: format!("has {name} with the digest {found} instead of {expected}"),
-            });
+        let refuse = |problem: String| TraceError::Image {
+            path: self.path.clone(),
+            step,
+            problem,
+        };
+        let Some(expected) = self.frame_digests(step).map(expected) else {
+            return Err(refuse(format!("has {name}, and no digest of them")));
+        };
+        let found = Digest::of(bytes);
+        if found != expected {
+            return Err(refuse(format!(
+                "has {name} with the digest {found} instead of {expected}"
+            )));
         }
         let values = bytes.as_chunks().0.iter();
         Ok(Some(
@@ -224,12 +241,19 @@ impl Trace {
     /// # Errors
     /// The first that is wrong.
     pub fn verify_images(&self) -> Result<(), TraceError> {
-        let mut images = self.images.keys();
-        images.try_for_each(|step| self.frame_rgb(*step).map(drop))?;
-        let mut depths = self.depths.keys();
-        depths.try_for_each(|step| self.depth_mm(*step).map(drop))?;
-        let mut masks = self.masks.keys();
-        masks.try_for_each(|step| self.instance_ids(*step).map(drop))
+        self.moments().try_for_each(|step| self.verify_frame(step))
+    }
+
+    /// Decodes what is stored of the frame after a step (none: of the start), and checks it.
+    pub(crate) fn verify_frame(&self, step: Option<u32>) -> Result<(), TraceError> {
+        self.frame_rgb(step)?;
+        self.depth_mm(step)?;
+        self.instance_ids(step).map(drop)
+    }
+
+    /// The start (none), and every step.
+    pub(crate) fn moments(&self) -> impl Iterator<Item = Option<u32>> {
+        std::iter::once(None).chain(self.steps.iter().map(|step| Some(step.step)))
     }
 
     /// The last link of the hash chain.

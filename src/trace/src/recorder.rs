@@ -41,12 +41,15 @@ pub struct FrameLayers {
 }
 
 impl FrameLayers {
-    /// Reads names with commas between them: `depth`, `masks`.
+    /// Reads names with commas between them: `depth`, `masks`; none of them is nothing.
     ///
     /// # Errors
     /// The first word that is no layer.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut layers = Self::default();
+        if text.is_empty() {
+            return Ok(layers);
+        }
         for name in text.split(',') {
             match name.trim() {
                 "depth" => layers.depth = true,
@@ -228,7 +231,8 @@ impl Recorder {
     /// When it is called out of turn, the record's chain digest is not the header's and its own, or
     /// the file cannot be written.
     pub fn start(&mut self, record: &StartRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        let written = self.journal.start(record, rgb(frame), Layers::of(frame));
+        let layers = Layers::of(frame, self.journal.wanted_layers());
+        let written = self.journal.start(record, rgb(frame), layers);
         self.acknowledge(written)
     }
 
@@ -322,7 +326,8 @@ impl Recorder {
     /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's
     /// chain digest is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        let written = self.journal.step(record, rgb(frame), Layers::of(frame));
+        let layers = Layers::of(frame, self.journal.wanted_layers());
+        let written = self.journal.step(record, rgb(frame), layers);
         self.acknowledge(written)
     }
 

@@ -266,6 +266,13 @@ fn restored(
         .cloned()
         .chain([metadata(recovery)])
         .collect();
+    let mut kept = trace.clone();
+    for step in spoilt {
+        // As its image below.
+        kept.depths.remove(step);
+        kept.masks.remove(step);
+    }
+    let trace = &kept;
     let images = if trace.image_count() + trace.originals.len() > 0 {
         Images::Full
     } else {
@@ -345,10 +352,10 @@ fn ended(trace: &Trace) -> Option<EndReason> {
         .flatten()
 }
 
-/// The images that are not the recorded ones, and why.
+/// The frames of which something is not what was recorded, and why; all of such a frame is dropped.
 fn spoilt_images(trace: &Trace) -> BTreeMap<Option<u32>, String> {
     let steps = std::iter::once(None).chain((0..trace.steps.len()).map(|step| Some(step as u32)));
-    let refused = steps.filter_map(|step| Some((step, trace.frame_rgb(step).err()?)));
+    let refused = steps.filter_map(|step| Some((step, trace.verify_frame(step).err()?)));
     refused
         .map(|(step, error)| {
             (

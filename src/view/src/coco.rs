@@ -2,14 +2,14 @@
 //! masks with their visible share, and panoptic images.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
 };
 
 use reel_replay::{Verdict, View, Viewpoint, views};
 use reel_trace::{Trace, encode_png};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, FrameInstance, InstanceKind, instances};
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, FrameInstance, InstanceKind, instances};
 use serde_json::{Value, json};
 
 /// Why frames are not annotated.
@@ -30,6 +30,8 @@ pub enum CocoError {
 /// A folder that is being filled: `images/`, `panoptic/`, `instances.json`, `panoptic.json`.
 pub struct CocoDataset {
     folder: PathBuf,
+    /// The traces that were added, by the last link of their chain.
+    known: BTreeSet<Digest>,
     images: Vec<Value>,
     annotations: Vec<Annotation>,
     panoptic: Vec<(Value, Vec<Segment>)>,
@@ -68,6 +70,7 @@ impl CocoDataset {
         make(folder)?;
         Ok(Self {
             folder: folder.to_owned(),
+            known: BTreeSet::new(),
             images: Vec::new(),
             annotations: Vec::new(),
             panoptic: Vec::new(),
@@ -79,7 +82,7 @@ impl CocoDataset {
     ///
     /// # Errors
     /// When the trace does not replay exactly, and then nothing of it is added, or a file cannot be
-    /// written.
+    /// written. A trace that was added before adds nothing.
     pub fn add(
         &mut self,
         trace: &Trace,
@@ -88,8 +91,20 @@ impl CocoDataset {
     ) -> Result<(), CocoError> {
         let (mut seen, mut problem) = (Vec::new(), Ok(()));
         let known = instances(&trace.task, &trace.scene);
-        let stem = trace.path.file_stem().unwrap_or_default().to_string_lossy();
-        let stem = format!("{}-{}", trace.header.episode_id, stem);
+        // A name of ours: what a trace says of itself is no path.
+        let stem = trace.chain().to_string();
+        if !self.known.insert(trace.chain()) {
+            return Ok(());
+        }
+        let refused = |verdict: Verdict| CocoError::NotExact {
+            path: trace.path.clone(),
+            verdict: Box::new(verdict),
+        };
+        trace.verify_images().map_err(|error| {
+            refused(Verdict::Refused {
+                reason: error.to_string(),
+            })
+        })?;
         let replayed = views(trace, viewpoint, |view| {
             if problem.is_ok() {
                 let clean = *viewpoint == Viewpoint::Head && !marks;
@@ -104,10 +119,7 @@ impl CocoDataset {
                 // Nothing of it was promised.
                 let _ = fs::remove_dir_all(self.folder.join(folder).join(&stem));
             }
-            return Err(CocoError::NotExact {
-                path: trace.path.clone(),
-                verdict: Box::new(verdict),
-            });
+            return Err(refused(verdict));
         }
         for (step, name, visible) in seen {
             self.frame(trace, step, &name, visible);
@@ -232,8 +244,9 @@ struct Visible {
     bbox: [usize; 4],
     /// Run lengths as COCO writes them.
     counts: String,
-    /// Pixels of it of those that would be seen if nothing stood before it.
-    visible_share: f64,
+    /// Pixels of it of those that would be seen if nothing stood before it; `None` for what is not drawn
+    /// alone, the robot and what it holds.
+    visible_share: Option<f64>,
 }
 
 fn visible(known: &[FrameInstance], view: &View<'_>) -> Vec<Visible> {
@@ -258,8 +271,7 @@ fn visible(known: &[FrameInstance], view: &View<'_>) -> Vec<Visible> {
             area,
             bbox: [left, top, right - left + 1, bottom - top + 1],
             counts: run_lengths(ids, instance.id),
-            // What cannot be drawn alone (the robot, a held object) stands before all else.
-            visible_share: area as f64 / whole.max(area) as f64,
+            visible_share: (whole > 0).then(|| area as f64 / whole.max(area) as f64),
         });
     }
     found
@@ -279,7 +291,7 @@ fn run_lengths(ids: &[u16], instance: u16) -> String {
     }
     let mut text = String::new();
     for (index, run) in runs.iter().enumerate() {
-        // From the third on, the difference to the run of the same kind before.
+        // From the fourth on, the difference to the run of the same kind before.
         let mut value = if index > 2 {
             run - runs[index - 2]
         } else {

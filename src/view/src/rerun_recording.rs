@@ -25,7 +25,7 @@ use re_sdk_types::{
 use reel_replay::{frames_at, replay_with};
 use reel_trace::{FrameLayers, Trace};
 use reel_world::{
-    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task, instances,
+    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task, instances, little_endian,
     record::{BodyState, RobotState, StepRecord},
 };
 
@@ -106,13 +106,20 @@ fn drawn_layers(
     wanted: FrameLayers,
 ) -> Result<BTreeMap<Option<u32>, LayerValues>, ViewError> {
     let mut found = BTreeMap::new();
-    let held = trace.layers();
-    if (!wanted.depth || held.depth) && (!wanted.masks || held.masks) {
+    if trace.has_layers(wanted) {
         let steps = trace.steps.iter().map(|step| Some(step.step));
         for step in std::iter::once(None).chain(steps) {
             let values = LayerValues {
-                depth_mm: trace.depth_mm(step)?.filter(|_| wanted.depth),
-                ids: trace.instance_ids(step)?.filter(|_| wanted.masks),
+                depth_mm: wanted
+                    .depth
+                    .then(|| trace.depth_mm(step))
+                    .transpose()?
+                    .flatten(),
+                ids: wanted
+                    .masks
+                    .then(|| trace.instance_ids(step))
+                    .transpose()?
+                    .flatten(),
             };
             found.insert(step, values);
         }
@@ -268,20 +275,14 @@ impl Recording<'_> {
             )?;
         }
         if let Some(values) = self.layers.get(&image) {
-            let bytes = |values: &[u16]| -> Vec<u8> {
-                values
-                    .iter()
-                    .flat_map(|value| value.to_le_bytes())
-                    .collect()
-            };
             let size = [FRAME_WIDTH as u32, FRAME_HEIGHT as u32];
             if let Some(depth) = &values.depth_mm {
-                let depth = DepthImage::from_gray16(bytes(depth), size).with_meter(1000.0);
+                let depth = DepthImage::from_gray16(little_endian(depth), size).with_meter(1000.0);
                 self.log("world/camera/depth", &depth)?;
             }
             if let Some(ids) = &values.ids {
                 let format = ImageFormat::segmentation(size, ChannelDatatype::U16);
-                let masks = SegmentationImage::new(bytes(ids), format);
+                let masks = SegmentationImage::new(little_endian(ids), format);
                 self.log("world/camera/instances", &masks.with_opacity(0.5))?;
             }
         }

@@ -44,13 +44,7 @@ impl Frame {
 
     /// Digests of the three buffers.
     pub fn digests(&self) -> FrameDigests {
-        let le = |values: &[u16]| {
-            let bytes: Vec<u8> = values
-                .iter()
-                .flat_map(|value| value.to_le_bytes())
-                .collect();
-            Digest::of(&bytes)
-        };
+        let le = |values: &[u16]| Digest::of(&little_endian(values));
         FrameDigests {
             rgb: Digest::of(&self.rgb),
             ids: le(&self.ids),
@@ -63,6 +57,14 @@ impl Default for Frame {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// The bytes of depth or instance ids, as digests, traces and viewers take them.
+pub fn little_endian(values: &[u16]) -> Vec<u8> {
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
 }
 
 /// Instance id of walls, floor and ceiling.
@@ -96,7 +98,7 @@ pub enum InstanceKind {
     Receptacle,
     /// An object of the task.
     Object,
-    /// The robot.
+    /// The robot itself, in images of other cameras than its own.
     Robot,
 }
 
@@ -116,7 +118,8 @@ pub fn instances(task: &Task, scene: &Scene) -> Vec<FrameInstance> {
         .objects
         .iter()
         .map(|it| (InstanceKind::Object, it.instance.to_string(), &it.category));
-    let things = (FIRST_RECEPTACLE_INSTANCE..).zip(receptacles.chain(objects));
+    let ids = FIRST_RECEPTACLE_INSTANCE..ROBOT_INSTANCE;
+    let things = ids.zip(receptacles.chain(objects));
     let things = things.map(|(id, (kind, name, category))| FrameInstance {
         id,
         kind,

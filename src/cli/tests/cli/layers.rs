@@ -35,11 +35,11 @@ fn depth_and_masks_are_the_same_recorded_and_drawn_again() {
 
     reel!(
         folder,
-        "trace frames {lean} --what depth,masks --out frames"
+        "trace frames {lean} --layers depth,masks --out frames"
     );
     let text = reel!(
         folder,
-        "trace frames {full} --at 2 --what depth --camera top-down --out above"
+        "trace frames {full} --at 2 --layers depth --camera top-down --out above"
     );
     assert!(text.contains("call_002.depth.png"), "{text}");
     reel!(folder, "export coco {full} --out coco");

@@ -391,7 +391,7 @@ fn content(task: &Task, scene: &Scene, receptacle: &Receptacle) -> String {
 fn company(task: &Task) -> Vec<String> {
     let target = task.target_object();
     let [x, y, _] = target.position;
-    let distance = |[ox, oy, _]: [f64; 3]| (ox - x).powi(2) + (oy - y).powi(2);
+    let distance = |[ox, oy, _]: [f64; 3]| (ox - x) * (ox - x) + (oy - y) * (oy - y);
     let mut there: Vec<_> = task
         .objects
         .iter()
@@ -442,7 +442,7 @@ fn others<'a>(task: &Task, scene: &'a Scene) -> Vec<&'a Receptacle> {
 /// From the target to the middle of a piece of furniture.
 fn squared_distance(task: &Task, receptacle: &Receptacle) -> f64 {
     let ([x, y, _], [cx, cy]) = (task.target_object().position, centre(receptacle));
-    (cx - x).powi(2) + (cy - y).powi(2)
+    (cx - x) * (cx - x) + (cy - y) * (cy - y)
 }
 
 fn centre(receptacle: &Receptacle) -> [f64; 2] {

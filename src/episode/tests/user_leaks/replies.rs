@@ -241,7 +241,7 @@ fn says(task: &Task, name: &str) -> bool {
 fn neighbour(task: &Task, scene: &Scene) -> (String, [f64; 2]) {
     let target = task.target_object();
     let [x, y, _] = target.position;
-    let distance = |[ox, oy, _]: [f64; 3]| (ox - x).powi(2) + (oy - y).powi(2);
+    let distance = |[ox, oy, _]: [f64; 3]| (ox - x) * (ox - x) + (oy - y) * (oy - y);
     let beside = task.objects.iter().filter(|object| {
         let is_news = object.category == target.category || !says(task, &object.category);
         is_news && object.receptacle == target.receptacle && object.instance != target.instance
@@ -292,7 +292,7 @@ fn nearest_furniture<'a>(task: &Task, scene: &'a Scene) -> &'a Receptacle {
 /// From the target to the middle of a piece of furniture.
 fn squared_distance(task: &Task, receptacle: &Receptacle) -> f64 {
     let ([x, y, _], [cx, cy]) = (task.target_object().position, centre(receptacle));
-    (cx - x).powi(2) + (cy - y).powi(2)
+    (cx - x) * (cx - x) + (cy - y) * (cy - y)
 }
 
 fn centre(receptacle: &Receptacle) -> [f64; 2] {

@@ -26,6 +26,10 @@ const BYTES_MAX: u64 = 1 << 30;
 
 /// Opcodes from here on are of private records, which are skipped.
 const PRIVATE: u8 = 0x80;
+/// Length of the record at the end of the data.
+const DATA_END_BYTES: u64 = 4;
+/// So much is read of a record to tell whether it is one.
+const PROBED: u64 = 1 << 16;
 /// So many bytes at a time are searched for the record behind a damaged one.
 const SEARCHED: u64 = 1 << 16;
 /// So many bytes hold what a chunk says of itself before its records.
@@ -101,7 +105,11 @@ fn record_end(bytes: &[u8], at: u64, size: u64) -> Option<u64> {
 /// Whether a record may have this opcode and length where so many bytes are left: one of the
 /// specification, or a private one.
 fn is_record(opcode: u8, length: u64, left: u64) -> bool {
-    let known = matches!(opcode, op::HEADER..=op::DATA_END) || opcode >= PRIVATE;
+    let known = match opcode {
+        op::DATA_END => length == DATA_END_BYTES,
+        op::HEADER..=op::SUMMARY_OFFSET => true,
+        private => private >= PRIVATE,
+    };
     known && length <= left.saturating_sub(PREFIX as u64)
 }
 
@@ -117,7 +125,7 @@ impl Walk<'_> {
         self.at = MAGIC.len() as u64;
         self.file.seek(SeekFrom::Start(self.at))?;
         while let Some((opcode, length)) = self.prefix()? {
-            if opcode == op::DATA_END {
+            if opcode == op::DATA_END && length == DATA_END_BYTES {
                 return Ok(());
             }
             if !is_record(opcode, length, self.size.saturating_sub(self.at)) {
@@ -209,28 +217,29 @@ impl Walk<'_> {
 
     /// Whether a record from `at` to `end` can be read, and so many others come right behind it.
     fn follows(&mut self, at: u64, mut end: u64) -> io::Result<bool> {
-        self.file.seek(SeekFrom::Start(at))?;
-        let body = match self.prefix()? {
-            Some((op::CHUNK, _)) => None,
-            Some((opcode, length)) => Some((opcode, self.read(length.min(BYTES_MAX))?)),
-            None => return Ok(false),
-        };
-        if body.is_some_and(|(opcode, body)| mcap::parse_record(opcode, &body).is_err()) {
-            return Ok(false);
-        }
         for _ in 0..FOLLOWING {
             self.file.seek(SeekFrom::Start(end))?;
             let prefix = self.read(PREFIX as u64)?;
             // Behind the last record there is nothing, or the file says that it is whole.
             if prefix.is_empty() || prefix.starts_with(MAGIC) {
-                return Ok(true);
+                break;
             }
             match record_end(&prefix, end, self.size) {
                 Some(next) => end = next,
                 None => return Ok(false),
             }
         }
-        Ok(true)
+        self.file.seek(SeekFrom::Start(at))?;
+        Ok(match self.prefix()? {
+            Some((opcode @ (op::SCHEMA | op::CHANNEL | op::MESSAGE), length)) => {
+                let body = self.read(length.min(PROBED))?;
+                // A long message is known by its head.
+                (length > PROBED && opcode == op::MESSAGE)
+                    || mcap::parse_record(opcode, &body).is_ok()
+            }
+            Some(_) => true,
+            None => false,
+        })
     }
 
     /// Opcode and length of the next record; none where the file ends.

@@ -343,11 +343,11 @@ pub(super) struct Camera {
     eye: Option<String>,
     /// With the free camera: what it looks at.
     look_at: Option<String>,
-    /// What of the frame: rgb; depth (16-bit gray, millimetres along the optical axis, 0 where nothing
+    /// Layer of the frame: rgb (the image); depth (16-bit gray, millimetres along the optical axis, 0 where nothing
     /// is); masks (16-bit gray, the ids of `/api/traces/{trace}/instances`).
     #[serde(default)]
     #[param(inline)]
-    what: Layer,
+    layer: Layer,
 }
 
 /// What of a frame is shown.
@@ -406,7 +406,7 @@ pub(super) async fn frame(
         };
         // What was recorded need not be drawn again.
         let (width, height) = (FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-        Ok(match camera.what {
+        Ok(match camera.layer {
             Layer::Rgb => {
                 let recorded = is_head.then(|| trace.frame_rgb(step).ok().flatten());
                 let rgb = recorded

@@ -3,6 +3,7 @@
 mod damage;
 mod doctor;
 mod flips;
+mod layers;
 mod logprobs;
 mod recovery;
 mod robot;

@@ -48,11 +48,13 @@ pub struct Arguments {
     model: Model,
     #[command(flatten)]
     prompt: PromptArguments,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Give the model the image that the agent saw before each decision: as recorded, or drawn again
     #[arg(long, requires = "model")]
     frames: bool,
     /// Decisions in one request, 1 to 10; with 1 the model writes step by step, with the last result
-    #[arg(long, value_name = "N", default_value_t = BATCH as u8, value_parser = clap::value_parser!(u8).range(1..=BATCH as i64))]
+    #[arg(long, value_name = "N", requires = "model", default_value_t = BATCH as u8, value_parser = clap::value_parser!(u8).range(1..=BATCH as i64))]
     decisions_per_request: u8,
     /// Folder in which a model's replies are kept
     #[arg(long, value_name = "DIR", default_value = "annotate-cache")]
@@ -149,7 +151,7 @@ fn note(
     prompt: &Arc<Prompt>,
     arguments: &Arguments,
 ) -> anyhow::Result<TraceResult> {
-    let trace = files.read(path)?;
+    let trace = arguments.assets.read(files, path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
     let seed = episode_seed(arguments.seed, &trace.chain());
@@ -215,9 +217,12 @@ fn note(
 
 /// The image that the agent saw before each decision: that of the last result, where it had one.
 fn frames_before(trace: &Trace) -> anyhow::Result<BTreeMap<usize, Vec<u8>>> {
-    let shown = |digests: &StateDigests| digests.frame.is_some();
-    let start = shown(&trace.start.digests).then_some(None);
-    let steps = trace.steps.iter().filter(|step| shown(&step.digests));
+    let shown = |step: Option<u32>, digests: &StateDigests| {
+        digests.frame.is_some() || trace.image(step).is_some()
+    };
+    let start = shown(None, &trace.start.digests).then_some(None);
+    let steps = trace.steps.iter();
+    let steps = steps.filter(|step| shown(Some(step.step), &step.digests));
     let wanted: BTreeSet<Option<u32>> = start
         .into_iter()
         .chain(steps.map(|step| Some(step.step)))

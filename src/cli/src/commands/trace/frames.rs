@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context, anyhow};
 use reel_replay::Verdict;
-use reel_trace::{Trace, encode_png, encode_png16};
+use reel_trace::{FrameLayers, Trace, TraceError, encode_png, encode_png16};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 use serde_json::json;
 
@@ -22,7 +22,7 @@ use crate::{ExitStatus, camera::Camera, inputs};
 ///   reel trace frames trace.mcap --out images --at 4 --camera top-down
 ///   reel trace frames trace.mcap --out images --camera follow:target
 ///   reel trace frames trace.mcap --out images --camera free --eye 1,1,1.8 --look-at 3,2,0.8
-///   reel trace frames trace.mcap --out images --what rgb,depth,masks   # call_003.png, .depth.png, .masks.png
+///   reel trace frames trace.mcap --out images --layers rgb,depth,masks   # call_003.png, .depth.png, .masks.png
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -42,10 +42,10 @@ pub struct Arguments {
     camera: Camera,
     #[command(flatten)]
     cache: inputs::Cache,
-    /// What to write of each frame: rgb; depth (16-bit gray PNG, millimetres along the optical axis,
+    /// What to write of each frame: rgb (the image); depth (16-bit gray PNG, millimetres along the optical axis,
     /// 0 where nothing is); masks (16-bit gray PNG of instance ids, which instances.json names)
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "rgb", value_parser = ["rgb", "depth", "masks"])]
-    what: Vec<String>,
+    layers: Vec<String>,
     /// Only the contact sheet
     #[arg(long, conflicts_with = "at")]
     sheet_only: bool,
@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let mut output = Output {
         folder: &arguments.out,
-        what: &arguments.what,
+        layers: &arguments.layers,
         files: Vec::new(),
     };
     if let Some(call) = arguments.at {
@@ -93,10 +93,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// Writes all frames as the trace holds them; where it does not hold what is wanted, or from another
 /// camera, rendered again by an exact replay.
 fn frames(trace: &Trace, camera: &Camera, output: &mut Output<'_>) -> anyhow::Result<()> {
-    let held = trace.layers();
-    let holds = (!output.wants("rgb") || trace.image_count() > 0)
-        && (!output.wants("depth") || held.depth)
-        && (!output.wants("masks") || held.masks);
+    let wanted = FrameLayers {
+        depth: output.wants("depth"),
+        masks: output.wants("masks"),
+    };
+    let holds = (!output.wants("rgb") || trace.image_count() > 0) && trace.has_layers(wanted);
     let mut written = Ok(());
     let mut write = |step, frame: &Frame| {
         if written.is_ok() {
@@ -116,13 +117,22 @@ fn frames(trace: &Trace, camera: &Camera, output: &mut Output<'_>) -> anyhow::Re
     }
     for step in std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step))) {
         let frame = Frame {
-            rgb: trace.frame_rgb(step)?.unwrap_or_default(),
-            depth_mm: trace.depth_mm(step)?.unwrap_or_default(),
-            ids: trace.instance_ids(step)?.unwrap_or_default(),
+            rgb: read(output.wants("rgb"), || trace.frame_rgb(step))?,
+            depth_mm: read(wanted.depth, || trace.depth_mm(step))?,
+            ids: read(wanted.masks, || trace.instance_ids(step))?,
         };
         output.frame(step, &frame)?;
     }
     Ok(())
+}
+
+/// What a trace holds, where it is wanted.
+fn read<T>(
+    wanted: bool,
+    read: impl FnOnce() -> Result<Option<Vec<T>>, TraceError>,
+) -> Result<Vec<T>, TraceError> {
+    let held = wanted.then(read).transpose()?;
+    Ok(held.flatten().unwrap_or_default())
 }
 
 fn not_rendered(trace: &Trace, verdict: &Verdict) -> anyhow::Error {
@@ -152,13 +162,13 @@ fn frame_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<F
 /// The folder that is written to, and what is in it by now.
 struct Output<'a> {
     folder: &'a Path,
-    what: &'a [String],
+    layers: &'a [String],
     files: Vec<PathBuf>,
 }
 
 impl Output<'_> {
     fn wants(&self, layer: &str) -> bool {
-        self.what.iter().any(|wanted| wanted == layer)
+        self.layers.iter().any(|wanted| wanted == layer)
     }
 
     /// Writes what is wanted of a frame and is there.

@@ -65,7 +65,7 @@ fn a_record_whose_head_is_damaged_is_skipped() {
     let (whole, records) = file();
     assert_eq!(read(&whole), ((0..MESSAGES).collect(), Vec::new()));
     for (number, record) in records.iter().enumerate() {
-        for head in [[0xff; PREFIX], [0; PREFIX], [0x47; PREFIX]] {
+        for head in [[0xff; PREFIX], [0; PREFIX], [0x47; PREFIX], [0x0f; PREFIX]] {
             let mut bytes = whole.clone();
             bytes[record.start..record.start + PREFIX].copy_from_slice(&head);
             let (found, lost) = read(&bytes);
