@@ -4,7 +4,7 @@ use std::{
     borrow::Cow,
     collections::{BTreeMap, BTreeSet},
     error::Error,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -14,7 +14,7 @@ use reel_live::{
 };
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
-    record::{Lookup, PolicyOutput, StepInput, UserReply, UserSource},
+    record::{Lookup, StepInput, UserReply, UserSource},
 };
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
@@ -29,17 +29,15 @@ use rmcp::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tokio::{
-    runtime::Handle,
-    sync::{OwnedSemaphorePermit, Semaphore, oneshot},
-    task::spawn_blocking,
-};
+use tokio::{runtime::Handle, sync::oneshot, task::spawn_blocking};
 
 use crate::{
-    Caller, Questions, VERSIONS, Withdrawn, Worker, catalogue, methods::WITH_SESSIONS, response,
-    tools_only,
+    Caller, Questions, VERSIONS, Withdrawn, Worker, catalogue, methods::WITH_SESSIONS,
+    policy_output, response, tools_only, waiting,
 };
+use policy_output::policy_output;
 use response::Response;
+use waiting::{WaitingSessions, WaitingTurn};
 
 /// Who answers the questions that a policy asks with `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -81,74 +79,6 @@ pub struct AnswerSources {
     pub settings: BTreeMap<String, Value>,
     /// Which sessions wait for one of them.
     pub waiting: Arc<WaitingSessions>,
-}
-
-/// The sessions that wait for an answer from outside: each for one, and so many at a time, so that a
-/// slow endpoint takes no thread from those who simulate.
-#[derive(Debug)]
-pub struct WaitingSessions {
-    places: Arc<Semaphore>,
-    sessions: Mutex<BTreeSet<String>>,
-}
-
-/// So many sessions may wait for an answer from outside at a time.
-const WAITING_MAX: usize = 64;
-
-impl Default for WaitingSessions {
-    fn default() -> Self {
-        Self {
-            places: Arc::new(Semaphore::new(WAITING_MAX)),
-            sessions: Mutex::default(),
-        }
-    }
-}
-
-impl WaitingSessions {
-    /// Waits until the session may ask somebody outside.
-    async fn wait(
-        self: Arc<Self>,
-        session: &str,
-        patience: Duration,
-    ) -> Result<WaitingTurn, LiveError> {
-        let first = self.lock().insert(session.to_owned());
-        if !first {
-            return Err(LiveError::Busy(0));
-        }
-        let session = RemoveOnDrop {
-            all: self.clone(),
-            session: session.to_owned(),
-        };
-        let place = tokio::time::timeout(patience, self.places.clone().acquire_owned()).await;
-        match place {
-            Ok(Ok(place)) => Ok(WaitingTurn {
-                _session: session,
-                _place: place,
-            }),
-            Ok(Err(_)) | Err(_) => Err(LiveError::Busy(patience.as_secs())),
-        }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, BTreeSet<String>> {
-        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// A session that waits for an answer.
-struct WaitingTurn {
-    _session: RemoveOnDrop,
-    _place: OwnedSemaphorePermit,
-}
-
-/// Lets a session wait again when it is dropped.
-struct RemoveOnDrop {
-    all: Arc<WaitingSessions>,
-    session: String,
-}
-
-impl Drop for RemoveOnDrop {
-    fn drop(&mut self) {
-        self.all.lock().remove(&self.session);
-    }
 }
 
 /// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
@@ -666,43 +596,6 @@ fn elicitation(question: &str) -> CallToolResponse {
     };
     let request = InputRequest::Elicitation(ElicitRequest::new(params));
     InputRequiredResult::from_input_requests([(ANSWER.to_owned(), request)].into()).into()
-}
-
-/// The key of `_meta` under which a client says what its policy thought: an object with any of
-/// [`POLICY_FIELDS`].
-const POLICY: &str = "reel/policy";
-const POLICY_FIELDS: [&str; 7] = reel_world::words! {
-    reasoning history plan raw tokens latency_ns logprobs
-};
-
-/// What came with a decision, where the client says it.
-fn policy_output(context: &RequestContext<RoleServer>) -> Result<Option<PolicyOutput>, ErrorData> {
-    let wrong = |what: &str| {
-        let text = format!("_meta[\"{POLICY}\"] is not what came with a decision: {what}");
-        ErrorData::invalid_params(text, None)
-    };
-    let fields = match context.meta.0.get(POLICY) {
-        None | Some(Value::Null) => return Ok(None),
-        Some(Value::Object(fields)) => fields,
-        Some(_) => return Err(wrong("it is no object")),
-    };
-    let unknown = |name: &&String| !POLICY_FIELDS.contains(&name.as_str());
-    if let Some(name) = fields.keys().find(unknown) {
-        let known = POLICY_FIELDS.join(", ");
-        return Err(wrong(&format!("it may have {known}, not {name:?}")));
-    }
-    let output = PolicyOutput::deserialize(fields).map_err(|error| wrong(&error.to_string()))?;
-    let tokens = output.tokens.into_iter().flatten();
-    if tokens
-        .max()
-        .is_some_and(|most| i32::try_from(most).is_err())
-        || output
-            .latency_ns
-            .is_some_and(|ns| i64::try_from(ns).is_err())
-    {
-        return Err(wrong("a number is too large"));
-    }
-    Ok(Some(output))
 }
 
 /// Whether the protocol has no sessions.

@@ -11,18 +11,20 @@ mod guard;
 mod handler;
 mod legacy_sse;
 mod methods;
+mod policy_output;
 mod questions;
 mod response;
 mod router;
 mod sessions;
+mod waiting;
 
 pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
 pub use handler::{
     AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
-    WaitingSessions,
 };
 pub use methods::{VERSIONS, agreed_version, refusal};
 pub use questions::{Decision, OpenQuestion, Question, Questions, Wish, Withdrawn};
 pub use router::{Worker, router, stdio, streamable_http};
+pub use waiting::WaitingSessions;
