@@ -19,6 +19,7 @@ use reel_world::{
 use serde_json::json;
 
 use super::{
+    align::{MapAlignment, RobotMap},
     event::{CallEvent, EpisodeEvent, Event, EventPayload, ResultEvent},
     mapping::{Kind, Mapping},
 };
@@ -41,7 +42,12 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<EpisodeBuil
     let mut played: Vec<EpisodeBuilder> = Vec::new();
     let mut open: Option<EpisodeBuilder> = None;
     let mut between: Vec<Event> = Vec::new();
+    // A map is often told once for all that follows.
+    let mut map: Option<RobotMap> = None;
     for event in events {
+        if let EventPayload::Map(told) = &event.payload {
+            map = Some(told.clone());
+        }
         let begins = match &event.payload {
             EventPayload::Begin(_) => true,
             EventPayload::Call(_) => open.as_ref().is_none_or(|playing| playing.finished),
@@ -50,7 +56,9 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<EpisodeBuil
         };
         if begins {
             played.extend(open.take());
-            open = Some(EpisodeBuilder::after(std::mem::take(&mut between), bare));
+            let mut playing = EpisodeBuilder::after(std::mem::take(&mut between), bare);
+            playing.map.clone_from(&map);
+            open = Some(playing);
         }
         match (&mut open, event) {
             (
@@ -126,6 +134,8 @@ pub(crate) struct EpisodeBuilder {
     image: Option<(u64, ImageLocation)>,
     steps: Vec<Step>,
     log: RobotLog,
+    /// Where the robot has receptacles in its map, as it was told last.
+    map: Option<RobotMap>,
     /// When the last result came.
     answered_ns: u64,
     /// Results that no call waits for, and the like: what, and when.
@@ -223,6 +233,7 @@ impl EpisodeBuilder {
             EventPayload::Alignment(measured) => {
                 self.log.alignments.push(Alignment { step, ..measured })
             }
+            EventPayload::Map(map) => self.map = Some(map),
             EventPayload::Image(place) => self.see(ns, place),
             EventPayload::Shows(shown) => {
                 self.state = self.state.after(&shown);
@@ -413,7 +424,7 @@ impl EpisodeBuilder {
 
     /// Makes the records. `frame` tells the digests of an image, if there is one at a place.
     pub(crate) fn finish(
-        self,
+        mut self,
         mapping: &Mapping,
         options: &ImportOptions<'_>,
         path: &Path,
@@ -424,10 +435,23 @@ impl EpisodeBuilder {
             TaskSetup {
                 task,
                 scene,
-                settings,
+                mut settings,
             },
             known,
         ) = self.setting(options, path, &mut notes);
+        if let Some(map) = self.map.take() {
+            match MapAlignment::of(&map, &scene) {
+                Some(alignment) => {
+                    self.align(&alignment);
+                    notes.push(alignment.note());
+                    settings.insert("map_alignment".to_owned(), alignment.settings());
+                }
+                None => notes.push(
+                    "the robot's map and the scene have no two receptacles in common; poses stay in the robot's frame"
+                        .to_owned(),
+                ),
+            }
+        }
         let reason = self.reason(&mut notes);
         let ended = self.ended.as_deref();
         let told_success = ended.and_then(|told| told.success);
@@ -558,6 +582,15 @@ impl EpisodeBuilder {
             log: self.log,
             end,
             notes,
+        }
+    }
+
+    /// Brings every pose into the frame of the scene.
+    fn align(&mut self, alignment: &MapAlignment) {
+        let steps = self.steps.iter_mut().map(|step| &mut step.moment.pose);
+        let poses = steps.chain([&mut self.start.pose]).flatten();
+        for pose in poses.chain(&mut self.log.odometry) {
+            *pose = alignment.pose(*pose);
         }
     }
 

@@ -11,6 +11,7 @@ use reel_world::{
 use serde_json::{Map, Value, json};
 
 use super::{
+    align::RobotMap,
     decode::parse_text,
     mapping::{Entry, Kind, Mapping},
 };
@@ -40,6 +41,8 @@ pub(crate) enum EventPayload {
     Odometry(Odometry),
     Vla(VlaLatency),
     Alignment(Alignment),
+    /// Where the robot has receptacles in its map.
+    Map(RobotMap),
     /// The head camera's image: file and number of its message.
     Image([u64; 2]),
     /// Something of the world, under a key of the published server's debug information.
@@ -116,6 +119,7 @@ pub(crate) fn read(
             image_shift_px: said.number("image_shift_px"),
             image_rmse_px: said.number("image_rmse_px"),
         }),
+        Kind::Map => EventPayload::Map(map(&said)?),
         Kind::Graph => EventPayload::Shows(shows("world_graph", said.object("graph")?)),
         Kind::Markers => EventPayload::Shows(shows("CURRENT_MARKER_MAP", said.object("markers")?)),
         Kind::Held => EventPayload::Shows(shows("CURRENT_INV", said.name("held")?)),
@@ -210,12 +214,30 @@ fn primitive(
     })
 }
 
+/// A component of a vector, by its name or its place.
+fn axis(value: &Value, name: &str, index: usize) -> Option<f64> {
+    let value = value.get(name).or_else(|| value.get(index));
+    value.and_then(number)
+}
+
+/// A place in the plane.
+fn place(value: &Value) -> Option<[f64; 2]> {
+    Some([axis(value, "x", 0)?, axis(value, "y", 1)?])
+}
+
+/// The receptacles of a map: `{"table_1": {"x": 1.0, "y": 2.0}, ...}`, also as lists, or under
+/// `position`.
+fn map(said: &EntryMessage<'_>) -> Result<RobotMap, String> {
+    let all = said.object("receptacles")?;
+    let places = all.as_object().into_iter().flatten().map(|(id, value)| {
+        let found = place(value).or_else(|| place(value.get("position")?));
+        let found = found.ok_or_else(|| format!("{id} has no place in the map"))?;
+        Ok((id.clone(), found))
+    });
+    places.collect()
+}
+
 fn odometry(said: &EntryMessage<'_>, ns: u64) -> Result<Odometry, String> {
-    let axis = |value: &Value, name: &str, index: usize| {
-        let value = value.get(name).or_else(|| value.get(index));
-        value.and_then(number)
-    };
-    let place = |value: &Value| Some([axis(value, "x", 0)?, axis(value, "y", 1)?]);
     let [x, y] = said
         .all("position")
         .find_map(place)

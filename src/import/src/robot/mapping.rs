@@ -17,6 +17,7 @@ pub(crate) enum Kind {
     Held,
     Landmark,
     Markers,
+    Map,
     Policy,
     Call,
     Odometry,
@@ -110,6 +111,7 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
     ("graph", Kind::Graph, &[("graph", &["/world_graph", "/graph", ""])]),
     ("held", Kind::Held, &[("held", &["/held", "/data", ""])]),
     ("landmark", Kind::Landmark, &[("landmark", &["/landmark", "/data", ""])]),
+    ("map", Kind::Map, &[("receptacles", &["/receptacles", "/map", ""])]),
     ("markers", Kind::Markers, &[("markers", &["/markers", "/marker_map", ""])]),
     (
         "reply",

@@ -5,6 +5,7 @@
 //! A recording is read twice: what was said first, and then the images that are wanted, so that
 //! memory holds no film.
 
+mod align;
 mod assemble;
 mod bag;
 mod decode;

@@ -153,6 +153,7 @@ const TYPES: &[(&str, Field)] = &[
     ),
     ("/graph", Message("std_msgs/String", &[("data", Text)])),
     ("/held", Message("std_msgs/String", &[("data", Text)])),
+    ("/map", Message("std_msgs/String", &[("data", Text)])),
     ("/markers", Message("std_msgs/String", &[("data", Text)])),
     ("/policy", Message("robot_msgs/Policy", &[("raw", Text), ("latency_s", Number)])),
     ("/reply", Message("robot_msgs/Reply", &[("text", Text), ("source", Text)])),

@@ -1,0 +1,132 @@
+//! A robot's map laid over the scene: the rotation and shift of the plane that take the receptacles of
+//! the map nearest to those of the scene, and how far they stay apart. Never scales: both are in metres.
+
+use std::collections::BTreeMap;
+
+use reel_trace::robot::Odometry;
+use reel_world::Scene;
+use serde_json::{Value, json};
+
+/// Where receptacles stand in a robot's map, in metres.
+pub(crate) type RobotMap = BTreeMap<String, [f64; 2]>;
+
+/// The motion from a robot's map to the scene, with what it leaves over.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct MapAlignment {
+    /// Rotation around z in radians, counter-clockwise.
+    yaw: f64,
+    /// Shift after the rotation, in metres.
+    shift: [f64; 2],
+    /// Receptacles that map and scene have in common.
+    pairs: usize,
+    /// Root mean square of the distances between the two after the motion, in metres.
+    rmse_m: f64,
+    /// The largest of these distances, and whose it is.
+    worst: (f64, String),
+}
+
+impl MapAlignment {
+    /// The motion with the least squared distances (Umeyama 1991, without scale; in the plane its solution
+    /// is the angle below). `None` where map and scene have no two receptacles in common.
+    pub(crate) fn of(map: &RobotMap, scene: &Scene) -> Option<Self> {
+        let centre = |id: &String| {
+            let known = scene.receptacles.iter().find(|it| it.id.as_str() == id)?;
+            let (low, high) = (known.surface_min, known.surface_max);
+            // A scene of names alone has no places.
+            let is_placed = (0..2).all(|axis| high[axis] > low[axis]);
+            is_placed.then(|| [0, 1].map(|axis| f64::midpoint(low[axis], high[axis])))
+        };
+        let pairs: Vec<(&String, [f64; 2], [f64; 2])> = map
+            .iter()
+            .filter_map(|(id, there)| Some((id, *there, centre(id)?)))
+            .collect();
+        if pairs.len() < 2 {
+            return None;
+        }
+        let (from, to) = (
+            mean(pairs.iter().map(|(_, there, _)| *there)),
+            mean(pairs.iter().map(|(_, _, here)| *here)),
+        );
+        let (mut along, mut across) = (0.0, 0.0);
+        for (_, there, here) in &pairs {
+            let [ax, ay] = [there[0] - from[0], there[1] - from[1]];
+            let [bx, by] = [here[0] - to[0], here[1] - to[1]];
+            along += ax * bx + ay * by;
+            across += ax * by - ay * bx;
+        }
+        if along.hypot(across) == 0.0 {
+            return None;
+        }
+        let yaw = across.atan2(along);
+        let turned = rotated(from, yaw);
+        let mut alignment = Self {
+            yaw,
+            shift: [to[0] - turned[0], to[1] - turned[1]],
+            pairs: pairs.len(),
+            rmse_m: 0.0,
+            worst: (0.0, String::new()),
+        };
+        let mut squares = 0.0;
+        for (id, there, here) in &pairs {
+            let [x, y] = alignment.moved(*there);
+            let apart = (x - here[0]).hypot(y - here[1]);
+            squares += apart * apart;
+            if apart >= alignment.worst.0 {
+                alignment.worst = (apart, (*id).clone());
+            }
+        }
+        alignment.rmse_m = (squares / pairs.len() as f64).sqrt();
+        Some(alignment)
+    }
+
+    /// A pose of the map in the frame of the scene.
+    pub(crate) fn pose(&self, measured: Odometry) -> Odometry {
+        let [x, y] = self.moved([measured.x, measured.y]);
+        let yaw = measured.yaw + self.yaw;
+        Odometry {
+            x,
+            y,
+            yaw: yaw.sin().atan2(yaw.cos()),
+            ..measured
+        }
+    }
+
+    /// What a trace says of it.
+    pub(crate) fn settings(&self) -> Value {
+        json!({
+            "yaw_rad": self.yaw, "x_m": self.shift[0], "y_m": self.shift[1], "receptacles": self.pairs,
+            "rmse_m": self.rmse_m, "max_error_m": self.worst.0,
+        })
+    }
+
+    /// What people are told of it.
+    pub(crate) fn note(&self) -> String {
+        let (worst, id) = &self.worst;
+        format!(
+            "the robot's map is laid over the scene by {} receptacles: turned by {:.1} degrees, moved by {:.2} m, {:.2} m; left over: {:.3} m root mean square, {worst:.3} m at {id}",
+            self.pairs,
+            self.yaw.to_degrees(),
+            self.shift[0],
+            self.shift[1],
+            self.rmse_m
+        )
+    }
+
+    fn moved(&self, place: [f64; 2]) -> [f64; 2] {
+        let [x, y] = rotated(place, self.yaw);
+        [x + self.shift[0], y + self.shift[1]]
+    }
+}
+
+fn rotated([x, y]: [f64; 2], yaw: f64) -> [f64; 2] {
+    let (sine, cosine) = yaw.sin_cos();
+    [cosine * x - sine * y, sine * x + cosine * y]
+}
+
+fn mean(points: impl ExactSizeIterator<Item = [f64; 2]>) -> [f64; 2] {
+    let count = points.len() as f64;
+    let sum = points.fold([0.0, 0.0], |sum, point| {
+        [sum[0] + point[0], sum[1] + point[1]]
+    });
+    sum.map(|axis| axis / count)
+}
