@@ -93,7 +93,7 @@ impl CocoDataset {
         let known = instances(&trace.task, &trace.scene);
         // A name of ours: what a trace says of itself is no path.
         let stem = trace.chain().to_string();
-        if !self.known.insert(trace.chain()) {
+        if self.known.contains(&trace.chain()) {
             return Ok(());
         }
         let refused = |verdict: Verdict| CocoError::NotExact {
@@ -124,6 +124,7 @@ impl CocoDataset {
         for (step, name, visible) in seen {
             self.frame(trace, step, &name, visible);
         }
+        self.known.insert(trace.chain());
         Ok(())
     }
 
@@ -181,7 +182,7 @@ impl CocoDataset {
         self.panoptic.push((value, segments));
     }
 
-    /// Writes the annotations.
+    /// Writes `instances.json` and `panoptic.json`, with the categories numbered over all frames.
     ///
     /// # Errors
     /// When a file cannot be written.

@@ -9,14 +9,15 @@ use reel_world::chain;
 use crate::{complaint, expect};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden");
-const NAMES: [&str; 2] = [
+/// Golden traces; the first is the one that is forged.
+pub const NAMES: [&str; 2] = [
     "SUL_workshop_ask--oracle--0--real-repo.mcap",
     "FODP_workshop_fall--oracle--0.mcap",
 ];
 
 /// Two golden traces, the first of them with another recorded outcome of a call;
 /// checksums and chain hold.
-fn forged_corpus(folder: &Path, call: usize) {
+pub fn forged_corpus(folder: &Path, call: usize) {
     fs::create_dir(folder).unwrap();
     for name in NAMES {
         fs::copy(Path::new(GOLDEN).join(name), folder.join(name)).unwrap();

@@ -4,7 +4,10 @@ use std::{fs, path::Path, process::Command};
 
 use reel_trace::Trace;
 
-use crate::complaint;
+use crate::{
+    complaint, expect,
+    gate::{NAMES, forged_corpus},
+};
 
 #[test]
 fn depth_and_masks_are_the_same_recorded_and_drawn_again() {
@@ -72,4 +75,25 @@ fn depth_and_masks_are_the_same_recorded_and_drawn_again() {
         String::from_utf8_lossy(&done.stdout),
         String::from_utf8_lossy(&done.stderr)
     );
+}
+
+#[test]
+fn what_does_not_replay_is_not_annotated_however_often_it_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    forged_corpus(&folder.join("corpus"), 3);
+    let forged = folder.join("corpus").join(NAMES[0]);
+    fs::copy(&forged, folder.join("corpus/again.mcap")).unwrap();
+    let command = "export coco corpus --out coco --json";
+    let told: serde_json::Value = serde_json::from_str(&expect(folder, 3, command)).unwrap();
+    assert_eq!(told["refused"], 2, "{told}");
+    let whole = Trace::read(&folder.join("corpus").join(NAMES[1])).unwrap();
+    assert_eq!(told["images"], whole.steps.len() + 1, "{told}");
+    for kind in ["images", "panoptic"] {
+        let chains: Vec<_> = fs::read_dir(folder.join("coco").join(kind))
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        assert_eq!(chains, [whole.chain().to_string().as_str()], "{kind}");
+    }
 }
