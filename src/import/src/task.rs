@@ -476,6 +476,8 @@ fn named_scene(
         facing_deg: None,
         placeable: true,
         covers: None,
+        part_of: None,
+        geometry: None,
         extra: BTreeMap::new(),
         id,
     };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use reel_world::{Receptacle, ReceptacleId, Rect, Scene};
+use reel_world::{Door, FurnitureJoint, PrimitiveShape, Receptacle, ReceptacleId, Rect, Scene};
 
 use crate::{TaskError, attributes, load::read_file};
 
@@ -135,8 +135,105 @@ fn check(scene: &Scene) -> Result<(), Fault> {
                 format!("covers {covered}, which is not another receptacle of the scene"),
             ));
         }
+        check_part(scene, receptacle)
+            .and_then(|()| check_geometry(receptacle))
+            .map_err(|problem| (field, problem))?;
     }
     Ok(())
+}
+
+/// How far the surface of a part may stand out of that of its furniture, in metres.
+const PART_MARGIN_M: f64 = 0.02;
+
+/// A shelf, a drawer or a compartment lies inside of its furniture.
+fn check_part(scene: &Scene, part: &Receptacle) -> Result<(), String> {
+    let Some(whole) = &part.part_of else {
+        if part.door == Door::Drawer && part.geometry.is_none() {
+            return Err("a drawer needs `part_of`, the furniture that it slides out of".to_owned());
+        }
+        return Ok(());
+    };
+    let furniture = scene.receptacle(whole).filter(|it| it.id != part.id);
+    let furniture = furniture
+        .ok_or_else(|| format!("part of {whole}, which is not another receptacle of the scene"))?;
+    if furniture.part_of.is_some() {
+        return Err(format!("part of {whole}, which is a part itself"));
+    }
+    if furniture.door.exists() && furniture.geometry.is_none() {
+        return Err(format!(
+            "part of {whole}, which has a door: give the door to the parts"
+        ));
+    }
+    if furniture.room != part.room {
+        return Err(format!("part of {whole}, which is in another room"));
+    }
+    let inside = (0..2).all(|axis| {
+        part.surface_min[axis] >= furniture.surface_min[axis] - PART_MARGIN_M
+            && part.surface_max[axis] <= furniture.surface_max[axis] + PART_MARGIN_M
+    });
+    if !inside && furniture.geometry.is_none() {
+        return Err(format!(
+            "part of {whole}, but its surface reaches out of that one's"
+        ));
+    }
+    if part.surface_height() >= furniture.surface_height() && furniture.geometry.is_none() {
+        return Err(format!("part of {whole}, but not below its surface"));
+    }
+    Ok(())
+}
+
+fn check_geometry(receptacle: &Receptacle) -> Result<(), String> {
+    let Some(geometry) = &receptacle.geometry else {
+        return Ok(());
+    };
+    for (index, primitive) in geometry.fixed.iter().chain(&geometry.moving).enumerate() {
+        let sizes: &[f64] = match &primitive.shape {
+            PrimitiveShape::Box { half } => half,
+            PrimitiveShape::Cylinder {
+                radius,
+                half_height,
+            } => &[*radius, *half_height],
+            PrimitiveShape::Sphere { radius } => &[*radius],
+        };
+        if !sizes.iter().all(|size| *size > 0.0) {
+            return Err(format!(
+                "primitive {index} of its geometry: every size must be above 0"
+            ));
+        }
+        if !is_unit(&primitive.rotation) {
+            return Err(format!(
+                "primitive {index} of its geometry: its rotation is no unit quaternion"
+            ));
+        }
+    }
+    if geometry.moving.is_empty() != geometry.joint.is_none() {
+        return Err("its geometry needs both `moving` and `joint`, or neither".to_owned());
+    }
+    match (&geometry.joint, receptacle.door) {
+        (None, Door::None)
+        | (Some(FurnitureJoint::Slide { .. }), Door::Drawer)
+        | (Some(FurnitureJoint::Hinge { .. }), Door::Left | Door::Right) => {}
+        _ => {
+            return Err(
+                "its door is not what its geometry says: a slide is a drawer, a hinge is left or right, and without a joint there is no door"
+                    .to_owned(),
+            );
+        }
+    }
+    match geometry.joint {
+        Some(FurnitureJoint::Hinge { axis, .. }) if !is_unit(&axis) => {
+            Err("the axis of its hinge is no unit vector".to_owned())
+        }
+        Some(FurnitureJoint::Slide { open_by }) if open_by == [0.0; 2] => {
+            Err("its slide does not move".to_owned())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn is_unit(vector: &[f64]) -> bool {
+    let square: f64 = vector.iter().map(|value| value * value).sum();
+    (square - 1.0).abs() < 1e-3
 }
 
 fn check_range(min: &[f64], max: &[f64]) -> Result<(), String> {

@@ -9,7 +9,7 @@ use std::{collections::BTreeMap, sync::Arc};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Attributes, ReceptacleId, Task};
+use crate::{Attributes, FurnitureGeometry, ReceptacleId, Task};
 
 /// A scene: a flat with furniture.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -128,9 +128,13 @@ pub struct Receptacle {
     pub room: String,
     /// Category of the furniture, e.g. `table`.
     pub category: String,
-    /// The door, if it has one.
+    /// The door, if it has one, or that it is a drawer.
     #[serde(default)]
     pub door: Door,
+    /// The furniture whose shelf or drawer it is. Its surface then lies inside of that
+    /// furniture, below the furniture's own, which is the top.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<ReceptacleId>,
     /// How people call it, with how often (weight); any of them may stand in an instruction.
     #[serde(default)]
     pub captions: BTreeMap<String, f64>,
@@ -151,12 +155,16 @@ pub struct Receptacle {
     /// The receptacle it lies on (a lid on its pot). It is taken off while that one holds objects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covers: Option<ReceptacleId>,
+    /// What it consists of. Absent: the simulator builds it by category and attributes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<FurnitureGeometry>,
     /// Fields we do not know, kept.
     #[serde(flatten)]
     pub extra: BTreeMap<String, Value>,
 }
 
-/// Whether a receptacle has a door, and on which side its hinge is. In files also a plain boolean.
+/// How a receptacle opens, if it does: by a door with a hinge, or as a drawer. In files also a
+/// plain boolean.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(from = "DoorField", into = "DoorField")]
 pub enum Door {
@@ -167,10 +175,12 @@ pub enum Door {
     Left,
     /// Vertical hinge on the right, seen from the front.
     Right,
+    /// No hinge: all of it slides out to the front.
+    Drawer,
 }
 
 impl Door {
-    /// Whether there is one.
+    /// Whether the receptacle opens and closes.
     pub fn exists(self) -> bool {
         self != Door::None
     }
@@ -180,22 +190,24 @@ impl Door {
 #[serde(untagged)]
 enum DoorField {
     Has(bool),
-    Hinge(Hinge),
+    Kind(DoorKind),
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Hinge {
+enum DoorKind {
     Left,
     Right,
+    Drawer,
 }
 
 impl From<DoorField> for Door {
     fn from(field: DoorField) -> Self {
         match field {
             DoorField::Has(false) => Door::None,
-            DoorField::Has(true) | DoorField::Hinge(Hinge::Left) => Door::Left,
-            DoorField::Hinge(Hinge::Right) => Door::Right,
+            DoorField::Has(true) | DoorField::Kind(DoorKind::Left) => Door::Left,
+            DoorField::Kind(DoorKind::Right) => Door::Right,
+            DoorField::Kind(DoorKind::Drawer) => Door::Drawer,
         }
     }
 }
@@ -204,8 +216,9 @@ impl From<Door> for DoorField {
     fn from(door: Door) -> Self {
         match door {
             Door::None => DoorField::Has(false),
-            Door::Left => DoorField::Hinge(Hinge::Left),
-            Door::Right => DoorField::Hinge(Hinge::Right),
+            Door::Left => DoorField::Kind(DoorKind::Left),
+            Door::Right => DoorField::Kind(DoorKind::Right),
+            Door::Drawer => DoorField::Kind(DoorKind::Drawer),
         }
     }
 }
@@ -239,6 +252,13 @@ impl Scene {
                 .any(|other| other.covers.as_ref() == Some(&receptacle.id))
         };
         receptacle.placeable && receptacle.covers.is_none() && !covered()
+    }
+
+    /// The shelves and drawers of a receptacle, in the order of the file.
+    pub fn parts_of(&self, id: &ReceptacleId) -> impl Iterator<Item = &Receptacle> {
+        self.receptacles
+            .iter()
+            .filter(move |receptacle| receptacle.part_of.as_ref() == Some(id))
     }
 
     /// The receptacles of each room, in the order of the file; rooms in the order

@@ -30,9 +30,11 @@ fn problem(scene: &Value) -> String {
         .to_string()
 }
 
+/// The small scene with another value, or one more, at a JSON pointer.
 fn changed(pointer: &str, value: Value) -> Value {
     let mut scene = small();
-    *scene.pointer_mut(pointer).unwrap() = value;
+    let (parent, field) = pointer.rsplit_once('/').unwrap();
+    scene.pointer_mut(parent).unwrap()[field] = value;
     scene
 }
 
@@ -252,6 +254,21 @@ fn what_no_schema_can_say_the_loader_says() {
         (
             lid,
             "receptacles[0] (table_1): covers pot_7, which is not another receptacle of the scene",
+        ),
+        (
+            changed("/receptacles/0/part_of", json!("dresser_1")),
+            "receptacles[0] (table_1): part of dresser_1, which is not another receptacle of the scene",
+        ),
+        (
+            changed("/receptacles/0/door", json!("drawer")),
+            "receptacles[0] (table_1): a drawer needs `part_of`, the furniture that it slides out of",
+        ),
+        (
+            changed(
+                "/receptacles/0/geometry",
+                json!({"fixed": [{"shape": {"box": {"half": [0.1, 0, 0.1]}}, "position": [0, 0, 0]}]}),
+            ),
+            "receptacles[0] (table_1): primitive 0 of its geometry: every size must be above 0",
         ),
         (
             changed("/receptacles/0/room", json!("attic")),

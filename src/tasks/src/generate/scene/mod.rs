@@ -160,6 +160,8 @@ fn assemble(scene_id: &str, flat: &Flat, pieces: &[Piece], stream: &mut Stream) 
             facing_deg: Some(90.0 * piece.quarters as f64),
             placeable: true,
             covers: None,
+            part_of: None,
+            geometry: None,
             extra: BTreeMap::new(),
         });
     }
