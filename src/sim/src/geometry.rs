@@ -78,6 +78,43 @@ pub struct Part {
     pub solid: bool,
 }
 
+impl Shape {
+    /// Half extents of the box around it, in its own frame.
+    pub fn half_extents(&self) -> [f32; 3] {
+        match *self {
+            Shape::Cuboid { half } => half,
+            Shape::Ball { radius } => [radius; 3],
+            Shape::Cylinder {
+                radius,
+                half_height,
+            }
+            | Shape::Cone {
+                radius,
+                half_height,
+            } => [radius, radius, half_height],
+            Shape::Capsule {
+                radius,
+                half_height,
+            } => [radius, radius, half_height + radius],
+        }
+    }
+}
+
+impl Part {
+    /// Corners of the oriented box around it, in the frame its pose is in.
+    pub fn box_corners(&self) -> [[f32; 3]; 8] {
+        let [hx, hy, hz] = self.shape.half_extents();
+        std::array::from_fn(|corner| {
+            let signed = |bit: usize, half: f32| if corner >> bit & 1 == 1 { half } else { -half };
+            add(
+                self.pose
+                    .rotate([signed(0, hx), signed(1, hy), signed(2, hz)]),
+                self.pose.position,
+            )
+        })
+    }
+}
+
 /// A rigid transform: a rotation followed by a translation.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Pose {
@@ -126,6 +163,19 @@ impl Pose {
     /// Takes a point of this pose's frame to the outer frame.
     pub fn apply(&self, point: [f32; 3]) -> [f32; 3] {
         add(self.rotate(point), self.position)
+    }
+
+    /// The pose that undoes this one.
+    pub fn inverse(&self) -> Self {
+        let [x, y, z, w] = self.rotation;
+        let back = Self {
+            position: [0.0; 3],
+            rotation: [-x, -y, -z, w],
+        };
+        Self {
+            position: back.rotate(self.position).map(|value| -value),
+            ..back
+        }
     }
 
     /// This pose after an inner one: `outer_from_here * here_from_inner`.

@@ -1,4 +1,4 @@
-//! The rapier world: fixed furniture, hinged doors and free objects, stepped at 1/240 s.
+//! The rapier world: fixed furniture, doors, drawers and free objects, stepped at 1/240 s.
 //!
 //! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because
 //! another order gives other bits. One thread owns a step. Everything that moves is named by an
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     geometry::{self, Part},
-    model::{DoorModel, Hull, ObjectModel, SceneModel},
+    model::{DoorModel, DoorMotion, Hull, ObjectModel, SceneModel},
 };
 
 /// How far above its place an object is spawned (docs/spec.md#task-filters).
@@ -23,6 +23,14 @@ const ANGULAR_DAMPING: f32 = 2.0;
 /// Critically damped door motor: 15 rad/s reaches 90 degrees to within 1.3 in 100 steps.
 const DOOR_STIFFNESS: f32 = 225.0;
 const DOOR_DAMPING: f32 = 30.0;
+/// How fast the motor of a drawer goes, in metres per second: slow enough that friction carries
+/// what lies in it.
+const DRAWER_SPEED: f32 = 0.4;
+/// Fixed bodies are in all groups but this one, and what [`DoorModel::guided`] collides with this
+/// group alone: with objects, which are in all groups.
+const MOVABLE: Group = Group::GROUP_32;
+/// The group of guided doors.
+const GUIDED: Group = Group::GROUP_31;
 /// Turns the y axis, along which rapier's cylinders stand, to our z.
 const Y_TO_Z: Rotation = Rotation::from_xyzw(
     std::f32::consts::FRAC_1_SQRT_2,
@@ -59,8 +67,11 @@ struct DoorBody {
     body: RigidBodyHandle,
     joint: ImpulseJointHandle,
     closed: geometry::Pose,
-    open_angle: f32,
+    motion: DoorMotion,
+    /// Where it is driven to: radians of a hinge, metres of a slide.
     target: f32,
+    /// Where its motor wants it now. A hinge's motor wants it at the target at once.
+    command: f32,
 }
 
 impl Physics {
@@ -70,12 +81,12 @@ impl Physics {
         world.gravity = Vector::new(0.0, 0.0, -9.81);
         world.integration_parameters.dt = DT_S;
         let shell = world.insert_body(RigidBodyBuilder::fixed());
-        insert_colliders(&mut world, shell, &model.shell, None);
+        insert_colliders(&mut world, shell, &model.shell, None, fixed());
         let mut doors = Vec::new();
         let mut frames = Vec::new();
         for furniture in &model.furniture {
             let body = world.insert_body(RigidBodyBuilder::fixed());
-            insert_colliders(&mut world, body, &furniture.parts, None);
+            insert_colliders(&mut world, body, &furniture.parts, None, fixed());
             frames.push(body);
         }
         for (furniture, frame) in model.furniture.iter().zip(frames) {
@@ -103,7 +114,14 @@ impl Physics {
             .angular_damping(ANGULAR_DAMPING)
             .user_data(index as u128);
         let body = self.world.insert_body(builder);
-        insert_colliders(&mut self.world, body, &model.parts, Some(model.density));
+        let density = Some(model.density);
+        insert_colliders(
+            &mut self.world,
+            body,
+            &model.parts,
+            density,
+            InteractionGroups::all(),
+        );
         if let Some(mesh) = &model.mesh {
             insert_hull(&mut self.world, body, &mesh.hull, model.density);
         }
@@ -120,33 +138,78 @@ impl Physics {
 
     /// Drives a door (in the order of the furniture that has one) towards open or closed.
     pub fn drive_door(&mut self, door: usize, open: bool) {
-        let door = &mut self.doors[door];
-        door.target = if open { door.open_angle } else { 0.0 };
+        let state = &mut self.doors[door];
+        state.target = if open {
+            state.motion.open_position()
+        } else {
+            0.0
+        };
+        if let DoorMotion::Hinge(_) = state.motion {
+            let target = state.target;
+            self.command(door, target);
+        }
+    }
+
+    /// Tells the motor of a door where it is wanted now.
+    fn command(&mut self, door: usize, position: f32) {
+        let state = &mut self.doors[door];
+        state.command = position;
         let joint = self
             .world
             .impulse_joints
-            .get_mut(door.joint, true)
+            .get_mut(state.joint, true)
             .expect("doors are never removed");
-        joint
-            .data
-            .set_motor_position(JointAxis::AngX, door.target, DOOR_STIFFNESS, DOOR_DAMPING);
-        self.world.wake_up(door.body, true);
+        joint.data.set_motor_position(
+            axis_of(state.motion),
+            position,
+            DOOR_STIFFNESS,
+            DOOR_DAMPING,
+        );
+        let body = state.body;
+        self.world.wake_up(body, true);
     }
 
-    /// Angle of a door around its hinge, in radians, as it stands now; closed is 0.
-    pub fn door_angle(&self, door: usize) -> f32 {
-        let [_, _, z, w] = self.door_motion(door).pose.rotation;
-        let [_, _, closed_z, closed_w] = self.doors[door].closed.rotation;
-        2.0 * libm::atan2f(z * closed_w - w * closed_z, w * closed_w + z * closed_z)
+    /// Moves on the motors of drawers that are not where they are driven to.
+    fn command_drawers(&mut self) {
+        for door in 0..self.doors.len() {
+            let DoorBody {
+                target, command, ..
+            } = self.doors[door];
+            if target != command {
+                let step = DRAWER_SPEED * DT_S;
+                self.command(door, command + (target - command).clamp(-step, step));
+            }
+        }
+    }
+
+    /// How far a door is open as it stands now, in radians of a hinge or metres of a slide;
+    /// closed is 0.
+    pub fn door_position(&self, door: usize) -> f32 {
+        let DoorBody { closed, motion, .. } = &self.doors[door];
+        let pose = self.door_motion(door).pose;
+        match motion {
+            DoorMotion::Hinge(_) => {
+                let [x, y, z, w] = pose.rotation;
+                let [closed_x, closed_y, closed_z, closed_w] = closed.rotation;
+                let sine = (z * closed_w - w * closed_z) + (x * closed_y - y * closed_x);
+                let cosine = (w * closed_w + z * closed_z) + (x * closed_x + y * closed_y);
+                2.0 * libm::atan2f(sine, cosine)
+            }
+            DoorMotion::Slide(_) => {
+                let way = geometry::sub(pose.position, closed.position);
+                geometry::dot(closed.rotate([1.0, 0.0, 0.0]), way)
+            }
+        }
     }
 
     /// Whether a door is nearer to open than to closed.
     pub fn door_is_open(&self, door: usize) -> bool {
-        self.door_angle(door) / self.doors[door].open_angle > 0.5
+        self.door_position(door) / self.doors[door].motion.open_position() > 0.5
     }
 
     /// One step of 1/240 s.
     pub fn step(&mut self) {
+        self.command_drawers();
         self.world.step();
         self.fault |= !self.world.quarantine().is_empty();
     }
@@ -176,7 +239,7 @@ impl Physics {
         motion(&self.world.bodies[self.doors[door].body])
     }
 
-    /// Where the motor of a door wants it, in radians.
+    /// Where a door is driven to, in radians of a hinge or metres of a slide.
     pub fn door_target(&self, door: usize) -> f32 {
         self.doors[door].target
     }
@@ -222,6 +285,9 @@ impl Physics {
         for (index, door) in self.doors.iter().enumerate() {
             hasher.update(&(index as u32).to_le_bytes());
             hasher.update(&door.target.to_bits().to_le_bytes());
+            if let DoorMotion::Slide(_) = door.motion {
+                hasher.update(&door.command.to_bits().to_le_bytes());
+            }
             hash_motion(hasher, &motion(&self.world.bodies[door.body]));
         }
         hasher.update(&[u8::from(self.fault)]);
@@ -258,31 +324,59 @@ fn insert_door(world: &mut PhysicsWorld, frame: RigidBodyHandle, door: &DoorMode
         .angular_damping(0.5)
         .gravity_scale(0.0);
     let body = world.insert_body(builder);
-    insert_colliders(world, body, &door.parts, Some(300.0));
-    // The hinge: the closed door's frame, seen from the fixed body (whose frame is the scene's) and
-    // from the door. A revolute joint turns around the x axis of its frames, so both carry the
-    // rotation of x to z.
+    let groups = if door.guided {
+        InteractionGroups::new(GUIDED, MOVABLE, InteractionTestMode::And)
+    } else {
+        InteractionGroups::all()
+    };
+    insert_colliders(world, body, &door.parts, Some(300.0), groups);
+    // The closed door's frame, seen from the fixed body (whose frame is the scene's) and from the
+    // door. A joint turns around and slides along the x axis of its frames; a hinge is the z axis
+    // of the door's frame, so there both carry the rotation of x to z.
     let x_to_z = Rotation::from_xyzw(
         0.0,
         -std::f32::consts::FRAC_1_SQRT_2,
         0.0,
         std::f32::consts::FRAC_1_SQRT_2,
     );
-    let hinge = Pose::from_parts(Vector::ZERO, x_to_z);
-    let joint = GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
-        .local_frame1(to_rapier(&door.closed) * hinge)
-        .local_frame2(hinge)
-        .motor_model(JointAxis::AngX, MotorModel::AccelerationBased)
-        .motor_position(JointAxis::AngX, 0.0, DOOR_STIFFNESS, DOOR_DAMPING)
+    let (axes, frame_of_axis) = match door.motion {
+        DoorMotion::Hinge(_) => (JointAxesMask::LOCKED_REVOLUTE_AXES, x_to_z),
+        DoorMotion::Slide(_) => (JointAxesMask::LOCKED_PRISMATIC_AXES, Rotation::IDENTITY),
+    };
+    let frame_of_axis = Pose::from_parts(Vector::ZERO, frame_of_axis);
+    let axis = axis_of(door.motion);
+    let joint = GenericJointBuilder::new(axes)
+        .local_frame1(to_rapier(&door.closed) * frame_of_axis)
+        .local_frame2(frame_of_axis)
+        .motor_model(axis, MotorModel::AccelerationBased)
+        .motor_position(axis, 0.0, DOOR_STIFFNESS, DOOR_DAMPING)
         .contacts_enabled(false);
     let joint = world.insert_impulse_joint(frame, body, joint);
     DoorBody {
         body,
         joint,
         closed: door.closed,
-        open_angle: door.open_angle,
+        motion: door.motion,
         target: 0.0,
+        command: 0.0,
     }
+}
+
+/// The axis of a joint that a door moves along or around.
+fn axis_of(motion: DoorMotion) -> JointAxis {
+    match motion {
+        DoorMotion::Hinge(_) => JointAxis::AngX,
+        DoorMotion::Slide(_) => JointAxis::LinX,
+    }
+}
+
+/// The groups of what never moves.
+fn fixed() -> InteractionGroups {
+    InteractionGroups::new(
+        Group::ALL.difference(MOVABLE),
+        Group::ALL,
+        InteractionTestMode::And,
+    )
 }
 
 fn insert_colliders(
@@ -290,6 +384,7 @@ fn insert_colliders(
     body: RigidBodyHandle,
     parts: &[Part],
     density: Option<f32>,
+    groups: InteractionGroups,
 ) {
     for part in parts.iter().filter(|part| part.solid) {
         let pose = to_rapier(&part.pose);
@@ -307,7 +402,11 @@ fn insert_colliders(
             } => (ColliderBuilder::capsule_y(half_height, radius), upright),
             geometry::Shape::Cone { .. } => unreachable!("a cone is never solid"),
         };
-        let builder = builder.position(pose).friction(FRICTION).restitution(0.0);
+        let builder = builder
+            .position(pose)
+            .friction(FRICTION)
+            .restitution(0.0)
+            .collision_groups(groups);
         let builder = match density {
             Some(density) => builder.density(density),
             None => builder,

@@ -10,6 +10,7 @@ use crate::{
     model::{ObjectModel, SceneModel, meshed_model, object_model, scene_model},
     nav::NavMap,
     perception::{Perception, SimulatorPerception},
+    physics::SPAWN_OFFSET_M,
 };
 
 /// A task in its scene, before anything happens.
@@ -106,6 +107,20 @@ impl PreparedTask {
     /// What objects look like that are no primitives, by asset.
     pub fn meshes(&self) -> &Meshes {
         &self.meshes
+    }
+
+    /// How far above its place an object is spawned, in metres: in a shelf or a drawer no farther
+    /// than the board above allows.
+    pub(crate) fn spawn_offset(&self, object: usize) -> f32 {
+        let receptacle = &self.task.objects[object].receptacle;
+        let furniture = self.model.furniture.iter();
+        let part = furniture
+            .filter(|furniture| furniture.part_of.is_some())
+            .find(|furniture| furniture.id == *receptacle);
+        part.map_or(SPAWN_OFFSET_M, |part| {
+            let free = part.surface.clearance - 2.0 * self.object_models[object].half[2];
+            (free * 0.5).clamp(0.002, SPAWN_OFFSET_M)
+        })
     }
 
     /// How many doors there are.

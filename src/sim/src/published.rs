@@ -409,11 +409,7 @@ impl Simulator {
         let instance = self.stage.task.objects[held].instance.clone();
         let [x, y, _] = self.robot.camera;
         let model = &self.stage.object_models[held];
-        let point = drop_point(
-            &self.stage.model.furniture[index].surface,
-            model.half,
-            [x, y],
-        );
+        let point = drop_point(&self.surface(index), model.half, [x, y]);
         self.physics
             .insert_object(held, model, Pose::yawed(point, 0.0));
         self.registry.add(&id, &instance);

@@ -12,9 +12,9 @@ use reel_world::{
 use crate::{
     PreparedTask,
     geometry::{Camera, Pose},
-    model::{ObjectModel, SceneModel},
+    model::{DoorMotion, ObjectModel, SceneModel, Surface},
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
-    physics::{Motion, Physics, SPAWN_OFFSET_M},
+    physics::{Motion, Physics},
     published,
     render::{
         Detail, Drawable, OverlayMark, Region, TriangleSurface, overlay, render, surfaces_of,
@@ -80,7 +80,8 @@ impl Simulator {
         simulator.watch = watch;
         for (index, object) in stage.task.objects.iter().enumerate() {
             let [x, y, z] = object.position.map(|value| value as f32);
-            let pose = Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32);
+            let lift = stage.spawn_offset(index);
+            let pose = Pose::yawed([x, y, z + lift], object.yaw as f32);
             simulator
                 .physics
                 .insert_object(index, &stage.object_models[index], pose);
@@ -214,6 +215,32 @@ impl Simulator {
         })
     }
 
+    /// How far a drawer is out now, as a vector on the floor; zero for all other furniture.
+    fn shift(&self, furniture: usize) -> [f32; 2] {
+        let door = &self.stage.model.furniture[furniture].door;
+        match (door, self.stage.door_of[furniture]) {
+            (Some(door), Some(body)) if matches!(door.motion, DoorMotion::Slide(_)) => {
+                door.shift(self.physics.door_position(body))
+            }
+            _ => [0.0; 2],
+        }
+    }
+
+    /// The surface of a piece of furniture where it is now: that of a drawer comes out with it.
+    pub(crate) fn surface(&self, furniture: usize) -> Surface {
+        self.stage.model.furniture[furniture]
+            .surface
+            .moved(self.shift(furniture))
+    }
+
+    /// The bounding box of a piece of furniture where it is now, any hinged door closed.
+    fn furniture_bounds(&self, furniture: usize) -> [[f32; 3]; 2] {
+        let [x, y] = self.shift(furniture);
+        self.stage.model.furniture[furniture]
+            .bounds
+            .map(|corner| [corner[0] + x, corner[1] + y, corner[2]])
+    }
+
     /// The furniture an object rests on: `Some(None)` is the floor, `None` is the gripper.
     pub fn support_of(&self, object: usize) -> Option<Option<usize>> {
         let bounds = self.physics.object_bounds(object)?;
@@ -223,15 +250,9 @@ impl Simulator {
         ];
         let bottom = bounds[0][2];
         let mut best: Option<(f32, usize)> = None;
-        for (index, furniture) in self
-            .stage
-            .model
-            .furniture
-            .iter()
-            .enumerate()
-            .filter(|(_, furniture)| furniture.present)
-        {
-            let surface = &furniture.surface;
+        let furniture = self.stage.model.furniture.iter().enumerate();
+        for (index, _) in furniture.filter(|(_, furniture)| furniture.present) {
+            let surface = self.surface(index);
             let inside = (0..2).all(|axis| {
                 center[axis] >= surface.min[axis] - REST_ASIDE_M
                     && center[axis] <= surface.max[axis] + REST_ASIDE_M
@@ -552,7 +573,7 @@ impl Simulator {
                     MarkerTarget::Object(_) => Region::Entity(entity),
                     MarkerTarget::Receptacle(id) => {
                         let index = self.furniture_index(id)?;
-                        let bounds = self.stage.model.furniture[index].bounds;
+                        let bounds = self.furniture_bounds(index);
                         let covered = self.camera().projected(bounds);
                         covered.map_or(Region::Entity(entity), Region::Rectangle)
                     }

@@ -7,7 +7,7 @@ use std::f32::consts::FRAC_PI_2;
 use reel_world::Door;
 
 use super::{
-    DoorModel,
+    DoorModel, DoorMotion,
     furniture::{base_cabinet, corners, woods},
     layout::{BACK, LEFT, RIGHT, Spot},
     looks::{Feature, Paint, Traits},
@@ -210,7 +210,7 @@ pub(super) fn enclosure(
 
 /// A door whose back lies at `x`, between `-y` and `y`, from height `z` on; `size`
 /// is width and height.
-fn hinged(
+pub(super) fn hinged(
     kind: Enclosure,
     side: Door,
     frame: Frame,
@@ -274,8 +274,9 @@ fn hinged(
     DoorModel {
         closed: frame.pose(&Pose::at([outer, hinge, z])),
         parts: parts.finish(),
-        open_angle: -FRAC_PI_2 * sign,
+        motion: DoorMotion::Hinge(-FRAC_PI_2 * sign),
         center: frame.point([outer, 0.0, z + height * 0.5]),
+        guided: false,
     }
 }
 

@@ -686,36 +686,44 @@ impl Piece<'_> {
             ),
             body.shaded(0.98),
         );
-        let paint = self.traits.paint_or(
-            Feature::Handles,
-            &[METAL, DARK, Paint::plain([176, 132, 84])],
+        handle(
+            parts,
+            self.traits,
+            [x + 0.008, y, z],
+            (half_width * 0.5).min(0.09),
         );
-        let face = x + 0.008;
-        let style = if self.traits.has(&["knob", "knobs"]) {
-            0
-        } else if self.traits.has(&["rectangular", "flat", "pulls", "bar"]) {
-            1
-        } else {
-            self.traits.choose("handle shape", 3)
-        };
-        let length = (half_width * 0.5).min(0.09);
-        match style {
-            0 => {
-                parts.look(
-                    rod(Axis::X, [face + 0.01, y, z], 0.01, 0.009),
-                    paint.shaded(0.8),
-                );
-                parts.look(ball([face + 0.022, y, z], 0.017), paint);
-            }
-            1 => parts.look(
-                block(
-                    [face, y - length, z - 0.014],
-                    [face + 0.018, y + length, z + 0.014],
-                ),
-                paint,
-            ),
-            _ => parts.look(rod(Axis::Y, [face + 0.014, y, z], length, 0.007), paint),
+    }
+}
+
+/// The handle of a drawer, on its front, whose half length is `length` where it is a bar.
+pub(super) fn handle(parts: &mut Parts, traits: &Traits, [face, y, z]: [f32; 3], length: f32) {
+    let paint = traits.paint_or(
+        Feature::Handles,
+        &[METAL, DARK, Paint::plain([176, 132, 84])],
+    );
+    let style = if traits.has(&["knob", "knobs"]) {
+        0
+    } else if traits.has(&["rectangular", "flat", "pulls", "bar"]) {
+        1
+    } else {
+        traits.choose("handle shape", 3)
+    };
+    match style {
+        0 => {
+            parts.look(
+                rod(Axis::X, [face + 0.01, y, z], 0.01, 0.009),
+                paint.shaded(0.8),
+            );
+            parts.look(ball([face + 0.022, y, z], 0.017), paint);
         }
+        1 => parts.look(
+            block(
+                [face, y - length, z - 0.014],
+                [face + 0.018, y + length, z + 0.014],
+            ),
+            paint,
+        ),
+        _ => parts.look(rod(Axis::Y, [face + 0.014, y, z], length, 0.007), paint),
     }
 }
 

@@ -102,7 +102,9 @@ pub(super) fn covered(scene: &Scene) -> Vec<Option<usize>> {
     let lies_on = |upper: &Receptacle, lower: &Receptacle| {
         let rise = upper.surface_max[2] - lower.surface_max[2];
         let [a, b] = [rectangle(upper), rectangle(lower)];
-        rise > 0.0
+        upper.part_of.is_none()
+            && lower.part_of.is_none()
+            && rise > 0.0
             && rise <= 0.06
             && (0..2).all(|axis| a[0][axis] < b[1][axis] && b[0][axis] < a[1][axis])
     };
@@ -174,7 +176,8 @@ fn free_room(scene: &Scene, index: usize, [low, high]: Rectangle, side: usize) -
         } else {
             other_low[along]
         }) > 0.0;
-        if other_index != index && abreast && passes && near > -0.02 {
+        let apart = other_index != index && other.part_of.is_none();
+        if apart && abreast && passes && near > -0.02 {
             free = free.min(near - ROOM_MARGIN_M);
         }
     }

@@ -2,8 +2,11 @@
 //! objects as coloured parts.
 
 mod appliances;
+mod compartments;
 mod details;
+mod door;
 mod furniture;
+mod given;
 mod hull;
 mod layout;
 mod looks;
@@ -20,8 +23,9 @@ use reel_world::{Mesh, ObjectInstance, ReceptacleId, Scene, Wall};
 
 use self::{
     appliances::Enclosure,
+    compartments::Cabinet,
     furniture::Kind,
-    layout::Spot,
+    layout::{Rectangle, Spot},
     looks::Traits,
     parts::{Parts, bounds},
 };
@@ -30,7 +34,11 @@ use crate::{
     render::Drawable,
 };
 
-pub use self::{hull::Hull, meshed::MeshModel};
+pub use self::{
+    door::{DoorModel, DoorMotion},
+    hull::Hull,
+    meshed::MeshModel,
+};
 
 /// A scene as parts, in the scene frame.
 #[derive(Clone, PartialEq, Debug)]
@@ -53,14 +61,17 @@ pub struct Furniture {
     /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose
     /// pot is in use).
     pub parts: Vec<Part>,
-    /// The rectangle that objects are placed on, in the scene frame.
+    /// The rectangle that objects are placed on, in the scene frame; that of a drawer
+    /// while it is closed.
     pub surface: Surface,
     /// Bounding box of the parts (door closed, lid on): lower and upper corner.
     pub bounds: [[f32; 3]; 2],
     /// Unit vector its front looks to, on the floor.
     pub facing: [f32; 2],
-    /// Its door, if it has one.
+    /// Its door, if it has one, or itself, if it is a drawer.
     pub door: Option<DoorModel>,
+    /// The furniture whose shelf, drawer or compartment it is, as an index.
+    pub part_of: Option<usize>,
     /// Whether it is there (see `parts`).
     pub present: bool,
 }
@@ -76,19 +87,6 @@ pub struct Surface {
     pub z: f32,
     /// Free height above it, in metres (up to the next shelf or the ceiling of a box).
     pub clearance: f32,
-}
-
-/// A hinged door: a body of its own that turns around a vertical axis.
-#[derive(Clone, PartialEq, Debug)]
-pub struct DoorModel {
-    /// Pose of the door's frame when closed; its origin lies on the hinge axis, its z is the axis.
-    pub closed: Pose,
-    /// Parts in the door's frame.
-    pub parts: Vec<Part>,
-    /// Angle around z when open, in radians (its sign is the direction).
-    pub open_angle: f32,
-    /// Centre of the closed door, in the scene frame: where one looks at.
-    pub center: [f32; 3],
 }
 
 /// A movable object as parts, or as a mesh, around the centre of its box.
@@ -181,6 +179,14 @@ enum Build {
     Lid,
 }
 
+impl Furniture {
+    /// Where its surface is when it is open: that of a drawer comes out with it.
+    pub fn open_surface(&self) -> Surface {
+        let moved = |door: &DoorModel| self.surface.moved(door.shift(door.motion.open_position()));
+        self.door.as_ref().map_or(self.surface, moved)
+    }
+}
+
 impl Build {
     fn of(category: &str, has_door: bool, is_cover: bool) -> Self {
         let letters: String = category
@@ -212,6 +218,15 @@ impl Build {
     }
 }
 
+/// A piece before it knows its name: what was built of a receptacle.
+struct Built {
+    spot: Spot,
+    surface: Rectangle,
+    clearance: f32,
+    door: Option<DoorModel>,
+    parts: Vec<Part>,
+}
+
 fn piece(
     scene: &Scene,
     index: usize,
@@ -219,24 +234,51 @@ fn piece(
     in_use: &BTreeSet<ReceptacleId>,
 ) -> Furniture {
     let receptacle = &scene.receptacles[index];
-    let build = Build::of(
-        &receptacle.category,
-        receptacle.door.exists(),
-        below.is_some(),
-    );
-    let spot = Spot::of(
-        scene,
-        index,
-        build.least_size(),
-        matches!(build, Build::Open(Kind::Bed)),
-    );
+    let part_of = receptacle.part_of.as_ref();
+    let part_of = part_of.and_then(|id| scene.receptacles.iter().position(|it| it.id == *id));
+    let built = match (&receptacle.geometry, part_of) {
+        (Some(geometry), _) => given::build(scene, index, geometry),
+        (None, Some(whole)) => part(scene, index, whole),
+        (None, None) => whole(scene, index, below),
+    };
+    let door_parts: Vec<Part> = built
+        .door
+        .iter()
+        .flat_map(|door| door.parts_at(0.0))
+        .collect();
+    let taken_off = below.is_some_and(|below| in_use.contains(&scene.receptacles[below].id))
+        && !in_use.contains(&receptacle.id);
+    Furniture {
+        id: receptacle.id.clone(),
+        bounds: bounds(built.parts.iter().chain(&door_parts)),
+        surface: Surface {
+            min: built.surface[0],
+            max: built.surface[1],
+            z: receptacle.surface_max[2] as f32,
+            clearance: built.clearance,
+        },
+        facing: built.spot.frame.turn([1.0, 0.0]),
+        door: built.door,
+        part_of,
+        present: !taken_off,
+        parts: if taken_off { Vec::new() } else { built.parts },
+    }
+}
+
+/// A piece of furniture that its scene describes in words.
+fn whole(scene: &Scene, index: usize, below: Option<usize>) -> Built {
+    let receptacle = &scene.receptacles[index];
+    let (build, spot) = standing(scene, index, below.is_some());
     let z = receptacle.surface_max[2] as f32;
     let traits = Traits::of(receptacle);
     let mut parts = Parts::new(spot.frame);
     let mut clearance = (ROOM_HEIGHT_M - z).max(0.1);
     let mut door = None;
     match build {
-        Build::Open(kind) => furniture::build(kind, &spot, z, &traits, &mut parts),
+        Build::Open(kind) => match Cabinet::of(scene, index, spot) {
+            Some(cabinet) => cabinet.build(&traits, &mut parts),
+            None => furniture::build(kind, &spot, z, &traits, &mut parts),
+        },
         Build::Enclosed(enclosure) => {
             clearance = enclosure.clearance();
             door = appliances::enclosure(enclosure, receptacle.door, &spot, z, &traits, &mut parts);
@@ -248,33 +290,37 @@ fn piece(
             appliances::lid(&spot, z, on, &traits, &mut parts);
         }
     }
-    let parts = parts.finish();
-    let door_parts: Vec<Part> = door.iter().flat_map(closed_parts).collect();
-    let taken_off = below.is_some_and(|below| in_use.contains(&scene.receptacles[below].id))
-        && !in_use.contains(&receptacle.id);
-    Furniture {
-        id: receptacle.id.clone(),
-        bounds: bounds(parts.iter().chain(&door_parts)),
-        surface: Surface {
-            min: spot.surface[0],
-            max: spot.surface[1],
-            z,
-            clearance,
-        },
-        facing: spot.frame.turn([1.0, 0.0]),
+    Built {
+        spot,
+        surface: spot.surface,
+        clearance,
         door,
-        present: !taken_off,
-        parts: if taken_off { Vec::new() } else { parts },
+        parts: parts.finish(),
     }
 }
 
-/// The parts of a closed door in the scene frame.
-fn closed_parts(door: &DoorModel) -> Vec<Part> {
-    door.parts
-        .iter()
-        .map(|part| Part {
-            pose: door.closed.then(&part.pose),
-            ..*part
-        })
-        .collect()
+/// A shelf, a drawer or a compartment of a piece that its scene describes in words.
+fn part(scene: &Scene, index: usize, whole: usize) -> Built {
+    let (_, spot) = standing(scene, whole, false);
+    let receptacle = &scene.receptacles[index];
+    let traits = [index, whole].map(|index| Traits::of(&scene.receptacles[index]));
+    let mut parts = Parts::new(spot.frame);
+    let cabinet = Cabinet::of(scene, whole, spot).expect("its part is one");
+    let built = cabinet.part(index, receptacle.door, traits.each_ref(), &mut parts);
+    Built {
+        spot,
+        surface: layout::rectangle(receptacle),
+        clearance: built.clearance,
+        door: built.door,
+        parts: parts.finish(),
+    }
+}
+
+/// What a piece is built as, and where it stands.
+fn standing(scene: &Scene, index: usize, is_cover: bool) -> (Build, Spot) {
+    let receptacle = &scene.receptacles[index];
+    let build = Build::of(&receptacle.category, receptacle.door.exists(), is_cover);
+    let front_is_short = matches!(build, Build::Open(Kind::Bed));
+    let spot = Spot::of(scene, index, build.least_size(), front_is_short);
+    (build, spot)
 }

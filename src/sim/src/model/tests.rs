@@ -115,7 +115,7 @@ fn check_surfaces(model: &SceneModel, skip: &[&str]) {
         let door = piece
             .door
             .iter()
-            .flat_map(closed_parts)
+            .flat_map(|door| door.parts_at(0.0))
             .filter(|part| part.solid)
             .collect::<Vec<Part>>();
         let top = piece.surface.z;
@@ -322,9 +322,12 @@ fn doors_open_outwards_and_clear_the_front() {
     let mut sides = BTreeSet::new();
     for (receptacle, piece) in scene.receptacles.iter().zip(&model.furniture) {
         let Some(door) = &piece.door else { continue };
-        sides.insert(door.open_angle > 0.0);
-        assert_eq!(receptacle.door == Door::Right, door.open_angle > 0.0);
-        let open = door.closed.then(&Pose::yawed([0.0; 3], door.open_angle));
+        sides.insert(door.motion.open_position() > 0.0);
+        assert_eq!(
+            receptacle.door == Door::Right,
+            door.motion.open_position() > 0.0
+        );
+        let open = door.opened(1.0);
         let middle = [0, 1].map(|axis| (piece.surface.min[axis] + piece.surface.max[axis]) * 0.5);
         let ahead = |point: [f32; 3]| {
             (point[0] - middle[0]) * piece.facing[0] + (point[1] - middle[1]) * piece.facing[1]

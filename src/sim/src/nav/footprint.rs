@@ -3,7 +3,7 @@
 //! Knows nothing of grids but the square of a cell; never looks at colours or at whether
 //! a part is solid.
 
-use crate::geometry::{Part, Shape, add, distance_2d};
+use crate::geometry::{Part, Shape, distance_2d};
 
 /// Resolution of polygon corners, in metres. Corners are whole numbers of it, so that
 /// the hull is exact.
@@ -38,7 +38,7 @@ impl Footprint {
     /// The footprint of a part; `None` if a number in it is not finite. Cuboids are exact, upright
     /// round parts are discs, and tilted round parts count as the box around them.
     pub(super) fn of(part: &Part) -> Option<Self> {
-        let corners = box_corners(part);
+        let corners = part.box_corners();
         if !corners.as_flattened().iter().all(|value| value.abs() < 1e4) {
             return None;
         }
@@ -127,39 +127,6 @@ impl Footprint {
             }),
         }
     }
-}
-
-/// Half extents of the box around a shape, in its own frame.
-pub(super) fn half_extents(shape: &Shape) -> [f32; 3] {
-    match *shape {
-        Shape::Cuboid { half } => half,
-        Shape::Ball { radius } => [radius; 3],
-        Shape::Cylinder {
-            radius,
-            half_height,
-        }
-        | Shape::Cone {
-            radius,
-            half_height,
-        } => [radius, radius, half_height],
-        Shape::Capsule {
-            radius,
-            half_height,
-        } => [radius, radius, half_height + radius],
-    }
-}
-
-/// Corners of the oriented box around a part, in the scene frame.
-pub(super) fn box_corners(part: &Part) -> [[f32; 3]; 8] {
-    let [hx, hy, hz] = half_extents(&part.shape);
-    std::array::from_fn(|corner| {
-        let signed = |bit: usize, half: f32| if corner >> bit & 1 == 1 { half } else { -half };
-        add(
-            part.pose
-                .rotate([signed(0, hx), signed(1, hy), signed(2, hz)]),
-            part.pose.position,
-        )
-    })
 }
 
 /// A point on each edge and its outward unit normal. A single corner has no edges.

@@ -35,8 +35,10 @@ const SNAP_M: f32 = 0.5;
 pub struct NavMap {
     grid: grid::Grid,
     solids: Vec<sight::Solid>,
-    /// By furniture: its front, if it has a door.
+    /// By furniture: its front, if one looks into it.
     fronts: Vec<Option<vantage::Front>>,
+    /// By furniture: what it is a part of.
+    wholes: Vec<Option<usize>>,
 }
 
 /// A place to stand and look from.
@@ -90,7 +92,18 @@ impl NavMap {
             grid: grid::Grid::new(model),
             solids: sight::solids(model),
             fronts,
+            wholes: model
+                .furniture
+                .iter()
+                .map(|furniture| furniture.part_of)
+                .collect(),
         }
+    }
+
+    /// Whether a solid's owner is a piece of furniture, or what that is a part of.
+    fn is_of_piece(&self, owner: Option<usize>, furniture: usize) -> bool {
+        let whole = self.wholes.get(furniture).copied().flatten();
+        owner.is_some() && (owner == Some(furniture) || owner == whole)
     }
 
     /// Length of the shortest collision-free path of the base, in metres: that of [`NavMap::path`].
@@ -117,7 +130,7 @@ impl NavMap {
         let solids = self
             .solids
             .iter()
-            .filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+            .filter(|solid| ignoring.is_none_or(|index| !self.is_of_piece(solid.owner, index)));
         sight::is_clear(solids, from, to)
     }
 

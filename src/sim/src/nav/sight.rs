@@ -3,7 +3,6 @@
 //! Boxes, cylinders and balls are exact; capsules and cones count as the cylinder around them.
 //! Objects are not part of it, and doors only as they stand when open.
 
-use super::footprint::box_corners;
 use crate::{
     geometry::{Part, Pose, Shape, dot, sub},
     model::{Furniture, SceneModel},
@@ -77,21 +76,13 @@ pub(super) fn solids(model: &SceneModel) -> Vec<Solid> {
         .collect()
 }
 
-/// The panel of a piece of furniture's door as it stands when open.
+/// The door of a piece of furniture, or the drawer that it is, as it stands when open.
 pub(super) fn open_panel(owner: usize, furniture: &Furniture) -> Vec<Solid> {
     let Some(door) = &furniture.door else {
         return Vec::new();
     };
-    let open = door.closed.then(&Pose::yawed([0.0; 3], door.open_angle));
-    let placed = door
-        .parts
-        .iter()
+    door.parts_at(1.0)
         .filter(|part| part.solid)
-        .map(|part| Part {
-            pose: open.then(&part.pose),
-            ..*part
-        });
-    placed
         .filter_map(|part| solid(Some(owner), &part))
         .collect()
 }
@@ -108,7 +99,7 @@ pub(super) fn is_clear<'a>(
 }
 
 fn solid(owner: Option<usize>, part: &Part) -> Option<Solid> {
-    let corners = box_corners(part);
+    let corners = part.box_corners();
     if !corners.as_flattened().iter().all(|value| value.is_finite()) {
         return None;
     }

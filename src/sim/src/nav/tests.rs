@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     geometry::{Part, Pattern, Pose, Shape, distance_2d},
-    model::{DoorModel, Furniture, Surface},
+    model::{DoorModel, DoorMotion, Furniture, Surface},
 };
 
 fn part(shape: Shape, pose: Pose) -> Part {
@@ -75,6 +75,7 @@ fn furniture(parts: Vec<Part>, surface: Surface, bounds: [[f32; 3]; 2]) -> Furni
         bounds,
         facing: [1.0, 0.0],
         door: None,
+        part_of: None,
         present: true,
     }
 }
@@ -120,7 +121,8 @@ fn fridge([x, y]: [f32; 2]) -> Furniture {
         door: Some(DoorModel {
             closed: Pose::at([x + 0.58, y + 0.6, 0.0]),
             parts: vec![leaf],
-            open_angle: FRAC_PI_2,
+            motion: DoorMotion::Hinge(FRAC_PI_2),
+            guided: false,
             center: [x + 0.6, y + 0.3, 0.4],
         }),
         ..furniture(parts, surface, [[x, y, 0.0], [x + 0.6, y + 0.6, 0.8]])

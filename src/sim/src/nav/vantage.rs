@@ -24,11 +24,11 @@ const BUCKET_M: f32 = 0.1;
 /// Height over the surface at which it is looked at, in metres.
 const OVER_SURFACE_M: f32 = 0.02;
 
-/// The front of furniture with a door: one looks into it only from there.
+/// The front of what one looks into: of furniture with a door, and of shelves and drawers.
 #[derive(Clone, PartialEq, Debug)]
 pub(super) struct Front {
-    /// Centre of the closed door: x, y.
-    door: [f32; 2],
+    /// Centre of the closed door or of the opening, in the scene frame.
+    center: [f32; 3],
     facing: [f32; 2],
     /// The open door, which must not stand in the way when one looks in.
     panel: Vec<Solid>,
@@ -36,19 +36,35 @@ pub(super) struct Front {
 
 impl Front {
     pub(super) fn of(index: usize, furniture: &Furniture) -> Option<Self> {
-        let [x, y, _] = furniture.door.as_ref()?.center;
+        let center = match (&furniture.door, furniture.part_of) {
+            (Some(door), _) => door.center,
+            (None, Some(_)) => opening(furniture),
+            (None, None) => return None,
+        };
         Some(Self {
-            door: [x, y],
+            center,
             facing: furniture.facing,
             panel: open_panel(index, furniture),
         })
     }
 
-    /// Whether a point lies less than 60 degrees off the direction the door faces.
+    /// Whether a point lies less than 60 degrees off the direction the front faces.
     fn sees(&self, [x, y]: [f32; 2]) -> bool {
-        let [dx, dy] = [x - self.door[0], y - self.door[1]];
+        let [dx, dy] = [x - self.center[0], y - self.center[1]];
         dx * self.facing[0] + dy * self.facing[1] > 0.5 * libm::sqrtf(dx * dx + dy * dy)
     }
+}
+
+/// Centre of the front of a shelf, in the scene frame.
+fn opening(furniture: &Furniture) -> [f32; 3] {
+    let [low, high] = furniture.bounds;
+    std::array::from_fn(|axis| {
+        let middle = (low[axis] + high[axis]) * 0.5;
+        match furniture.facing.get(axis) {
+            Some(facing) => middle + facing * (high[axis] - low[axis]) * 0.5,
+            None => middle,
+        }
+    })
 }
 
 /// The viewpoint for furniture `index`; see [`NavMap::viewpoint`].
@@ -64,18 +80,19 @@ pub(super) fn viewpoint(
         .filter(|furniture| furniture.present)?;
     let costs = costs_from(&map.grid, map.snapped(robot)?);
     let front = map.fronts.get(index).and_then(Option::as_ref);
-    let [center, samples @ ..] = surface_points(&furniture.surface);
-    let (target, look_at) = match &furniture.door {
-        Some(door) => (
-            door.center,
-            std::array::from_fn(|axis| (door.center[axis] + center[axis]) * 0.5),
+    let surface = furniture.open_surface();
+    let [center, samples @ ..] = surface_points(&surface);
+    let (target, look_at) = match front {
+        Some(front) => (
+            front.center,
+            std::array::from_fn(|axis| (front.center[axis] + center[axis]) * 0.5),
         ),
         None => (center, center),
     };
     let (mut own, others): (Vec<&Solid>, Vec<&Solid>) = map
         .solids
         .iter()
-        .partition(|solid| solid.owner == Some(index));
+        .partition(|solid| map.is_of_piece(solid.owner, index));
     own.extend(front.iter().flat_map(|front| &front.panel));
     let [low, high] = furniture.bounds.map(|[x, y, _]| [x, y]);
 
@@ -111,7 +128,7 @@ pub(super) fn viewpoint(
             let unseen =
                 |point: &&[f32; 3]| !is_clear(own.iter().copied(), camera.position, **point);
             let hidden = samples.iter().chain([&center]).filter(unseen).count();
-            let rank = (hidden, !in_image(&camera, &furniture.surface));
+            let rank = (hidden, !in_image(&camera, &surface));
             if best.as_ref().is_none_or(|(least, _)| rank < *least)
                 && is_clear(others.iter().copied(), camera.position, target)
             {
@@ -158,7 +175,7 @@ pub(super) fn approach(
         let fixed = map
             .solids
             .iter()
-            .filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+            .filter(|solid| ignoring.is_none_or(|index| !map.is_of_piece(solid.owner, index)));
         let solids = fixed.chain(front.iter().flat_map(|front| &front.panel));
         let solids: Vec<&Solid> = solids.filter(|solid| meets(solid, area, target)).collect();
         let mut places: Vec<(u32, usize)> = Vec::new();

@@ -5,8 +5,8 @@
 use std::collections::BTreeSet;
 
 use reel_sim::{
-    geometry::{Pose, Shape},
-    model::{DoorModel, SceneModel, scene_model},
+    geometry::Shape,
+    model::{DoorModel, DoorMotion, SceneModel, scene_model},
     nav::{CELL_M, NavMap},
 };
 use reel_world::{Receptacle, Scene};
@@ -137,6 +137,9 @@ impl<'a> Check<'a> {
                 .iter()
                 .zip(&self.scene.receptacles);
             let overlaps: Vec<_> = others
+                .enumerate()
+                .filter(|(other, _)| !self.same_piece(*other, index))
+                .map(|(_, other)| other)
                 .filter(|(_, other)| {
                     receptacle.covers != Some(other.id.clone()) && other.covers != Some(id.clone())
                 })
@@ -174,6 +177,12 @@ impl<'a> Check<'a> {
         }
     }
 
+    /// Whether two receptacles belong to one piece of furniture.
+    fn same_piece(&self, a: usize, b: usize) -> bool {
+        let whole = |index: usize| self.model.furniture[index].part_of.unwrap_or(index);
+        whole(a) == whole(b)
+    }
+
     fn doors(&mut self) {
         for index in 0..self.model.furniture.len() {
             let Some(door) = &self.model.furniture[index].door else {
@@ -184,24 +193,34 @@ impl<'a> Check<'a> {
                 .furniture
                 .iter()
                 .enumerate()
-                .filter(|(other, _)| *other != index);
+                .filter(|(other, _)| !self.same_piece(*other, index));
             let obstacles: Vec<(String, Block)> = others
                 .map(|(_, other)| (other.id.to_string(), other.bounds))
                 .chain(self.walls.iter().map(|wall| ("a wall".to_owned(), *wall)))
                 .collect();
-            let hit = swing(door).into_iter().find_map(|(point, angle)| {
-                let (name, _) = obstacles.iter().find(|(_, block)| holds(block, point))?;
-                Some((name.clone(), point, angle))
-            });
-            if let Some((name, [x, y, _], angle)) = hit {
-                let degrees = angle.to_degrees().abs();
+            let hit = points_while_opening(door)
+                .into_iter()
+                .find_map(|(point, open)| {
+                    let (name, _) = obstacles.iter().find(|(_, block)| holds(block, point))?;
+                    Some((
+                        name.clone(),
+                        point,
+                        open * door.motion.open_position().abs(),
+                    ))
+                });
+            if let Some((name, [x, y, _], position)) = hit {
+                let message = match door.motion {
+                    DoorMotion::Hinge(_) => {
+                        let degrees = position.to_degrees();
+                        format!("its door hits {name} when {degrees:.0} degrees open")
+                    }
+                    DoorMotion::Slide(_) => {
+                        let centimetres = position * 100.0;
+                        format!("hits {name} when {centimetres:.0} cm out")
+                    }
+                };
                 let id = self.model.furniture[index].id.clone();
-                self.find(
-                    SceneFault::Door,
-                    id,
-                    [x, y],
-                    format!("its door hits {name} when {degrees:.0} degrees open"),
-                );
+                self.find(SceneFault::Door, id, [x, y], message);
             }
         }
     }
@@ -280,7 +299,7 @@ impl<'a> Check<'a> {
     /// those of a box less far out.
     fn seen(&self, index: usize, eye: [f32; 3]) -> usize {
         let piece = &self.model.furniture[index];
-        let surface = &piece.surface;
+        let surface = &piece.open_surface();
         let (near, far) = if piece.door.is_some() {
             (0.25, 0.75)
         } else {
@@ -380,8 +399,19 @@ fn holds([low, high]: &Block, point: [f32; 3]) -> bool {
     (0..3).all(|axis| low[axis] + TOUCH_M < point[axis] && point[axis] < high[axis] - TOUCH_M)
 }
 
-/// Points of a door's panel while it opens, with the angle.
-fn swing(door: &DoorModel) -> Vec<([f32; 3], f32)> {
+/// Points of a door while it opens, with the share of the way: of a drawer the corners of its
+/// parts.
+fn points_while_opening(door: &DoorModel) -> Vec<([f32; 3], f32)> {
+    let DoorMotion::Hinge(_) = door.motion else {
+        let steps = 1..=SWING_STEPS;
+        return steps
+            .map(|step| step as f32 / SWING_STEPS as f32)
+            .flat_map(|open| {
+                let parts = door.parts_at(open).filter(|part| part.solid);
+                parts.flat_map(move |part| part.box_corners().map(|corner| (corner, open)))
+            })
+            .collect();
+    };
     // The panel reaches from the hinge to twice its middle.
     let Some(panel) = door.parts.iter().find(|part| part.solid) else {
         return Vec::new();
@@ -395,8 +425,8 @@ fn swing(door: &DoorModel) -> Vec<([f32; 3], f32)> {
     };
     let mut points = Vec::new();
     for step in 0..=SWING_STEPS {
-        let angle = door.open_angle * step as f32 / SWING_STEPS as f32;
-        let pose = door.closed.then(&Pose::yawed([0.0; 3], angle));
+        let open = step as f32 / SWING_STEPS as f32;
+        let pose = door.opened(open);
         for share in 1..=8 {
             for up in [-0.95, 0.0, 0.95] {
                 let point = [
@@ -404,7 +434,7 @@ fn swing(door: &DoorModel) -> Vec<([f32; 3], f32)> {
                     2.0 * middle * share as f32 / 8.0,
                     height + half_height * up,
                 ];
-                points.push((pose.apply(point), angle));
+                points.push((pose.apply(point), open));
             }
         }
     }

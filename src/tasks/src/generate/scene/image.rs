@@ -37,8 +37,7 @@ pub fn receptacle_views(scene: &Scene) -> Vec<View> {
                 entity: 1,
             });
             if let Some(door) = &piece.door {
-                let angle = if other == index { door.open_angle } else { 0.0 };
-                let pose = door.closed.then(&Pose::yawed([0.0; 3], angle));
+                let pose = door.opened(if other == index { 1.0 } else { 0.0 });
                 drawables.push(Drawable {
                     parts: &door.parts,
                     pose,

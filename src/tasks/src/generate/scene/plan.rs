@@ -3,10 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_sim::{
-    geometry::Pose,
-    model::{Furniture, SceneModel, scene_model},
-};
+use reel_sim::model::{DoorModel, DoorMotion, Furniture, SceneModel, scene_model};
 use reel_world::{Room, Scene, Wall};
 
 use super::{SceneError, kinds::room_kind, plan_png};
@@ -273,16 +270,16 @@ impl<'a> Draft<'a> {
     }
 
     fn swing(&mut self, piece: &Furniture) {
-        let Some(door) = &piece.door else { return };
+        let hinged = |door: &&DoorModel| matches!(door.motion, DoorMotion::Hinge(_));
+        let Some(door) = piece.door.as_ref().filter(hinged) else {
+            return;
+        };
         let Some(panel) = door.parts.iter().find(|part| part.solid) else {
             return;
         };
         let end = 2.0 * panel.pose.position[1];
         let at = |share: f32, reach: f32| {
-            let pose = door
-                .closed
-                .then(&Pose::yawed([0.0; 3], door.open_angle * share));
-            let [x, y, _] = pose.apply([0.0, end * reach, 0.0]);
+            let [x, y, _] = door.opened(share).apply([0.0, end * reach, 0.0]);
             [f64::from(x), f64::from(y)]
         };
         let arc: Vec<[f64; 2]> = (0..=16)
