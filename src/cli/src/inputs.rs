@@ -12,8 +12,11 @@ use anyhow::{Context, bail};
 use reel_replay::SnapshotCache;
 #[cfg(feature = "analytics")]
 use reel_tables::{Store, buckets::Buckets};
-use reel_tasks::assets::AssetFolder;
 use reel_tasks::{ObjectOrder, SceneSource};
+use reel_tasks::{
+    assets::AssetFolder,
+    generate::scene::{built_in, names, names_with_parts},
+};
 use reel_trace::{FrameLayers, Trace, TraceFiles, is_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
@@ -32,18 +35,18 @@ pub fn layers(text: &str) -> Result<FrameLayers, String> {
     FrameLayers::parse(text)
 }
 
-/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`);
+/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `S1-parts`, `home`);
 /// without either, the home.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     let Some(path) = path else {
         return Ok(Arc::new(reel_tasks::home_scene()));
     };
     let name = path.to_str().unwrap_or_default();
-    if let Some(scene) = reel_tasks::generate::scene::built_in(name) {
+    if let Some(scene) = built_in(name) {
         return Ok(Arc::new(scene));
     }
     if !path.exists() {
-        let names: Vec<&str> = reel_tasks::generate::scene::names().collect();
+        let names: Vec<&str> = names().chain(names_with_parts()).collect();
         bail!(
             "no scene file {}, and no scene of that name comes along; there are home, {}",
             path.display(),

@@ -37,6 +37,7 @@ mod making;
 mod moments;
 #[cfg(feature = "analytics")]
 mod pages;
+mod parts;
 mod real_bench;
 #[cfg(feature = "analytics")]
 mod real_contract;

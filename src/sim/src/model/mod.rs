@@ -180,10 +180,15 @@ enum Build {
 }
 
 impl Furniture {
-    /// Where its surface is when it is open: that of a drawer comes out with it.
+    /// How far its surface has moved when it is open: that of a drawer comes out with it.
+    pub fn open_shift(&self) -> [f32; 2] {
+        let door = self.door.as_ref();
+        door.map_or([0.0; 2], |door| door.shift(door.motion.open_position()))
+    }
+
+    /// Its surface when it is open.
     pub fn open_surface(&self) -> Surface {
-        let moved = |door: &DoorModel| self.surface.moved(door.shift(door.motion.open_position()));
-        self.door.as_ref().map_or(self.surface, moved)
+        self.surface.moved(self.open_shift())
     }
 }
 

@@ -77,8 +77,10 @@ impl Grid {
             .filter_map(Footprint::of)
             .collect();
         let furniture = model.furniture.iter().enumerate();
-        let furniture =
-            furniture.filter(|(index, furniture)| furniture.present && leaving_out != Some(*index));
+        let piece = |index: usize| model.furniture[index].part_of.unwrap_or(index);
+        let left_out = leaving_out.map(piece);
+        let furniture = furniture
+            .filter(|(index, furniture)| furniture.present && left_out != Some(piece(*index)));
         let furniture: Vec<Footprint> = furniture
             .flat_map(|(_, furniture)| {
                 furniture

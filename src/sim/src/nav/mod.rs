@@ -60,8 +60,8 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// What of the scene stands between two heights above the floor, but for the parts of furniture
-    /// `leaving_out`; outside the rooms all is taken.
+    /// What of the scene stands between two heights above the floor, but for the piece of furniture
+    /// that `leaving_out` is or is a part of; outside the rooms all is taken.
     pub fn between(model: &SceneModel, heights_m: [f32; 2], leaving_out: Option<usize>) -> Self {
         Self {
             grid: grid::Grid::painted(model, heights_m, leaving_out),

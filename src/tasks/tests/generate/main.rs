@@ -5,6 +5,7 @@
 mod built_in;
 mod faults;
 mod generated;
+mod parts;
 mod placing;
 mod real_contract;
 mod real_proc;

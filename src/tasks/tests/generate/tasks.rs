@@ -12,7 +12,7 @@ use reel_tasks::generate::{
 use reel_tasks::{home_scene, library::objects};
 use reel_world::{Family, ReceptacleId, Scene, Task};
 
-fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> GenerateReport {
+pub(crate) fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> GenerateReport {
     let (families, types) = (&Family::ALL, &TaskType::ALL);
     let (library, table) = (objects(), Compatibility::committed());
     let placing = Placing::NearEdge;

@@ -10,7 +10,10 @@ use std::{
 use anyhow::Context;
 use reel_tasks::generate::{
     object_thumbnail,
-    scene::{Brief, Finding, Plan, built_in, check, generate, names, receptacle_views},
+    scene::{
+        Brief, Finding, Plan, built_in, check, generate, names, names_with_parts, receptacle_views,
+        with_parts,
+    },
 };
 use reel_tasks::{
     library::{LibraryObject, objects},
@@ -50,7 +53,7 @@ enum Command {
     ///   reel scene show S3
     ///   reel scene show S7 --image s7.png    # each receptacle as the robot sees it, on one sheet
     Show {
-        /// Name (S1 to S7, home) or file
+        /// Name (S1 to S7, with shelves and drawers S1-parts to S7-parts, home) or file
         #[arg(value_name = "SCENE")]
         scene: PathBuf,
         /// Write a contact sheet: each receptacle from where the robot looks at it, doors open
@@ -68,6 +71,7 @@ enum Command {
     ///   reel scene generate --seed 7 --out flat.json
     ///   reel scene generate --seed 7 --rooms 12 --receptacles 40 --out house.json
     ///   reel scene generate --seed 7 --like S3 --out s3_again.json    # the rooms and furniture of S3, arranged anew
+    ///   reel scene generate --seed 7 --parts --out with_drawers.json
     Generate {
         /// Seed of every random draw
         #[arg(long, value_name = "N", default_value_t = 0)]
@@ -81,6 +85,9 @@ enum Command {
         /// With the rooms and furniture of this scene, by name or file
         #[arg(long, value_name = "SCENE", conflicts_with_all = ["rooms", "receptacles"])]
         like: Option<PathBuf>,
+        /// Put shelves, drawers and compartments into some of the furniture
+        #[arg(long)]
+        parts: bool,
         /// Name of the scene; without it one of its size and seed
         #[arg(long, value_name = "NAME")]
         name: Option<String>,
@@ -167,6 +174,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             rooms,
             receptacles,
             like,
+            parts,
             name,
             out,
         } => {
@@ -183,7 +191,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     )
                 }
             };
-            let scene = generate(&brief, name.as_ref().unwrap_or(&default_name), *seed)?;
+            let mut scene = generate(&brief, name.as_ref().unwrap_or(&default_name), *seed)?;
+            if *parts {
+                scene = with_parts(&scene);
+            }
             let text = scene_file(&scene)?;
             match out {
                 Some(out) => {
@@ -218,18 +229,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 fn list(as_json: bool) -> anyhow::Result<ExitStatus> {
     let scenes: Vec<Scene> = names()
+        .chain(names_with_parts())
         .filter_map(built_in)
         .chain([reel_tasks::home_scene()])
         .collect();
     if as_json {
         let rows = scenes.iter().map(|scene| {
-            let Scene { scene_id, rooms, receptacles, .. } = scene;
-            json!({ "scene": scene_id, "rooms": rooms.len(), "receptacles": receptacles.len(), "captions": captions(scene) })
+            json!({
+                "scene": scene.scene_id,
+                "rooms": scene.rooms.len(),
+                "receptacles": scene.receptacles.len(),
+                "parts": parts(scene),
+                "captions": captions(scene),
+            })
         });
         println!("{}", json!(rows.collect::<Vec<_>>()));
     } else {
         for scene in &scenes {
-            println!("{:5} {}", scene.scene_id, summary(scene));
+            println!("{:8} {}", scene.scene_id, summary(scene));
         }
     }
     Ok(ExitStatus::Success)
@@ -255,7 +272,9 @@ fn show(path: &Path, images: Option<&Path>, as_json: bool) -> anyhow::Result<Exi
                     .into_iter()
                     .map(|(caption, _)| caption.as_str())
                     .collect();
-                println!("  {:18} {}", piece.id.as_str(), called.join("; "));
+                let indent = if piece.part_of.is_some() { "  " } else { "" };
+                let name = format!("{indent}{}", piece.id);
+                println!("  {name:18} {}", called.join("; "));
             }
         }
     }
@@ -375,12 +394,22 @@ fn captions(scene: &Scene) -> usize {
 }
 
 fn summary(scene: &Scene) -> String {
+    let parts = match parts(scene) {
+        0 => String::new(),
+        parts => format!(" ({parts} of them parts of others)"),
+    };
     format!(
-        "{} rooms, {} receptacles, {} captions",
+        "{} rooms, {} receptacles{parts}, {} captions",
         scene.rooms.len(),
         scene.receptacles.len(),
         captions(scene)
     )
+}
+
+/// How many receptacles are shelves, drawers or compartments of others.
+fn parts(scene: &Scene) -> usize {
+    let receptacles = scene.receptacles.iter();
+    receptacles.filter(|it| it.part_of.is_some()).count()
 }
 
 /// A scene as it stands in files.

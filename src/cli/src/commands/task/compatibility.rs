@@ -29,7 +29,7 @@ use crate::model::Model;
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Scenes: S1 to S7, home, or files; without it the home
+    /// Scenes: S1 to S7, S1-parts to S7-parts, home, or files; without it the home
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     scene: Vec<PathBuf>,
     /// Compatibility table (JSON) to write

@@ -25,7 +25,7 @@ use crate::{ExitStatus, inputs, progress};
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Scenes: S1 to S7, home, or files; without it the home
+    /// Scenes: S1 to S7, S1-parts to S7-parts, home, or files; without it the home
     #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     scene: Vec<PathBuf>,
     /// Task families to cycle through; without it all four

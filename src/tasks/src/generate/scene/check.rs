@@ -20,6 +20,8 @@ const TOUCH_M: f32 = 0.01;
 const NEAR_M: f32 = 2.0;
 /// Of five points of a surface so many are to be seen.
 const SEEN_LEAST: usize = 4;
+/// The same for a shelf, a drawer or a compartment, the back of which nobody sees from above.
+const SEEN_LEAST_IN_PART: usize = 3;
 /// Steps of a door from closed to open.
 const SWING_STEPS: usize = 18;
 /// Half the thickness of a wall, in metres.
@@ -265,7 +267,11 @@ impl<'a> Check<'a> {
             };
             let seen = self.seen(index, viewpoint.camera.position);
             let [x, y] = viewpoint.base;
-            if seen < SEEN_LEAST {
+            let least = match piece.part_of {
+                Some(_) => SEEN_LEAST_IN_PART,
+                None => SEEN_LEAST,
+            };
+            if seen < least {
                 let what = format!(
                     "from its viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen"
                 );
@@ -300,7 +306,7 @@ impl<'a> Check<'a> {
     fn seen(&self, index: usize, eye: [f32; 3]) -> usize {
         let piece = &self.model.furniture[index];
         let surface = &piece.open_surface();
-        let (near, far) = if piece.door.is_some() {
+        let (near, far) = if piece.door.is_some() || piece.part_of.is_some() {
             (0.25, 0.75)
         } else {
             (0.1, 0.9)

@@ -8,6 +8,7 @@ mod furnish;
 mod image;
 mod kinds;
 mod looks;
+mod parts;
 mod plan;
 mod plan_png;
 
@@ -19,6 +20,7 @@ use reel_world::{Door, Receptacle, Rect, Room, Scene};
 pub use brief::{Brief, ROOMS_MAX};
 pub use check::{Finding, PASSAGE_M, SceneFault, check};
 pub use image::{View, receptacle_views};
+pub use parts::with_parts;
 pub use plan::Plan;
 
 use self::{
@@ -40,6 +42,39 @@ const BUILT_IN: [(&str, &str); 7] = [
     ("S5", include_str!("../../../data/scenes/S5.json")),
     ("S6", include_str!("../../../data/scenes/S6.json")),
     ("S7", include_str!("../../../data/scenes/S7.json")),
+];
+
+/// The same scenes with shelves, drawers and compartments in some of the furniture
+/// ([`with_parts`]).
+const WITH_PARTS: [(&str, &str); 7] = [
+    (
+        "S1-parts",
+        include_str!("../../../data/scenes/S1-parts.json"),
+    ),
+    (
+        "S2-parts",
+        include_str!("../../../data/scenes/S2-parts.json"),
+    ),
+    (
+        "S3-parts",
+        include_str!("../../../data/scenes/S3-parts.json"),
+    ),
+    (
+        "S4-parts",
+        include_str!("../../../data/scenes/S4-parts.json"),
+    ),
+    (
+        "S5-parts",
+        include_str!("../../../data/scenes/S5-parts.json"),
+    ),
+    (
+        "S6-parts",
+        include_str!("../../../data/scenes/S6-parts.json"),
+    ),
+    (
+        "S7-parts",
+        include_str!("../../../data/scenes/S7-parts.json"),
+    ),
 ];
 
 /// Why a scene cannot be made or drawn.
@@ -71,12 +106,18 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// A scene that comes along, by name: one of [`names`], or the home of old.
+/// The names of the same scenes with shelves and drawers.
+pub fn names_with_parts() -> impl Iterator<Item = &'static str> {
+    WITH_PARTS.iter().map(|(name, _)| *name)
+}
+
+/// A scene that comes along, by name: one of [`names`] or [`names_with_parts`], or the home of old.
 pub fn built_in(name: &str) -> Option<Scene> {
     if name == "home" {
         return Some(crate::home_scene());
     }
-    let (name, text) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
+    let mut known = BUILT_IN.iter().chain(&WITH_PARTS);
+    let (name, text) = known.find(|(known, _)| *known == name)?;
     Some(
         crate::scene::parse(text, name)
             .expect("the committed scenes are well formed")

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_sim::model::{DoorModel, DoorMotion, Furniture, SceneModel, scene_model};
+use reel_sim::model::{DoorMotion, Furniture, SceneModel, scene_model};
 use reel_world::{Room, Scene, Wall};
 
 use super::{SceneError, kinds::room_kind, plan_png};
@@ -154,14 +154,20 @@ impl<'a> Draft<'a> {
         });
         self.rooms();
         self.walls();
-        for piece in &self.model.furniture {
+        let is_piece = |piece: &&Furniture| piece.part_of.is_none();
+        for piece in self.model.furniture.iter().filter(is_piece) {
             self.piece(piece);
         }
         for piece in &self.model.furniture {
             self.swing(piece);
         }
         self.robot();
-        for index in 0..self.model.furniture.len() {
+        let pieces = self.model.furniture.iter().enumerate();
+        let pieces: Vec<usize> = pieces
+            .filter(|(_, piece)| is_piece(piece))
+            .map(|(index, _)| index)
+            .collect();
+        for index in pieces {
             self.name(index);
         }
         self.room_names();
@@ -270,10 +276,11 @@ impl<'a> Draft<'a> {
     }
 
     fn swing(&mut self, piece: &Furniture) {
-        let hinged = |door: &&DoorModel| matches!(door.motion, DoorMotion::Hinge(_));
-        let Some(door) = piece.door.as_ref().filter(hinged) else {
+        let Some(door) = &piece.door else { return };
+        if let DoorMotion::Slide(_) = door.motion {
+            self.slide(piece);
             return;
-        };
+        }
         let Some(panel) = door.parts.iter().find(|part| part.solid) else {
             return;
         };
@@ -297,6 +304,24 @@ impl<'a> Draft<'a> {
             points: leaf,
             colour: DOOR,
             width: 2.5,
+        });
+    }
+
+    /// The outline of an open drawer.
+    fn slide(&mut self, piece: &Furniture) {
+        let surface = piece.open_surface();
+        let ([x0, y0], [x1, y1]) = (surface.min, surface.max);
+        let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]];
+        let points: Vec<[f64; 2]> = corners
+            .into_iter()
+            .map(|corner| self.point(corner.map(f64::from)))
+            .collect();
+        let [low, high] = bounds(points.iter());
+        self.taken.push([low, high]);
+        self.items.push(Item::Line {
+            points,
+            colour: DOOR,
+            width: 1.0,
         });
     }
 

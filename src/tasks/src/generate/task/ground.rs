@@ -18,6 +18,12 @@ const ABOVE_SURFACE_M: f32 = 0.01;
 /// What stands higher above a surface is in nothing's way, in metres.
 const TALLEST_M: f32 = 0.4;
 
+/// Room above an object when it is spawned over its place, in metres: the gap of the task files
+/// and the spawn offset.
+const HEADROOM_M: f64 = 0.13;
+/// The same on a shelf and in a drawer, where it is spawned as low as need be.
+const HEADROOM_IN_PART_M: f64 = 0.04;
+
 /// Lattice on which free floor is counted, in metres.
 const FLOOR_STEP_M: f64 = 0.05;
 
@@ -41,8 +47,12 @@ pub struct Site {
     pub alike: Vec<usize>,
     /// Free height above the surface, in metres.
     pub clearance_m: f64,
-    /// The side a hand comes from, where a door leaves only one.
+    /// The side a hand comes from, where a door or the furniture around it leaves only one.
     pub front: Option<Side>,
+    /// Free height that an object needs when it is spawned here, besides its own, in metres.
+    pub headroom_m: f64,
+    /// What the furniture takes of the floor.
+    body: Rect,
     /// What stands above the surface, its own parts included.
     above: Occupancy,
     /// What stands on the floor, but for itself.
@@ -170,15 +180,21 @@ impl Site {
         let furniture = &model.furniture[index];
         let surface = receptacle.surface_height() as f32;
         let clearance = furniture.surface.clearance;
+        let part_of = receptacle.part_of.as_ref();
+        let part_of = part_of.and_then(|whole| scene.receptacle(whole));
         Self {
             captions: describe::receptacle(receptacle, scene),
             receptacle: receptacle.clone(),
             alike: Vec::new(),
             clearance_m: f64::from(clearance),
-            front: receptacle
-                .door
-                .exists()
+            front: (receptacle.door.exists() || part_of.is_some())
                 .then(|| Side::facing(furniture.facing)),
+            headroom_m: if part_of.is_some() {
+                HEADROOM_IN_PART_M
+            } else {
+                HEADROOM_M
+            },
+            body: part_of.unwrap_or(receptacle).surface_rect(),
             above: Occupancy::between(
                 model,
                 [
@@ -217,7 +233,7 @@ impl Site {
             ]
         };
         near.map(point)
-            .filter(|point| !self.surface().contains(*point) && self.is_free_around(*point, 0.0))
+            .filter(|point| !self.body.contains(*point) && self.is_free_around(*point, 0.0))
             .count()
     }
 

@@ -18,9 +18,6 @@ pub const BAND_M: f64 = 0.5;
 pub const STAND_RADIUS_M: f64 = 0.05;
 /// Grid of candidates within the band, in metres.
 const STEP_M: f64 = 0.05;
-/// Room above an object when it is spawned over its place, in metres: the gap of the task files
-/// and the spawn offset.
-const HEADROOM_M: f64 = 0.13;
 
 /// Why an object cannot be placed.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
@@ -154,7 +151,7 @@ pub fn nearest_side(site: &Site, centre: [f64; 2]) -> (Side, f64) {
 
 /// Where the centre of an object can be.
 fn centres(site: &Site, [width, depth, height]: [f64; 3]) -> Result<Rect, PlacementError> {
-    if height + HEADROOM_M > site.clearance_m {
+    if height + site.headroom_m > site.clearance_m {
         return Err(PlacementError::TooTall);
     }
     let Rect { min, max } = site.surface();

@@ -95,12 +95,18 @@ pub fn can_be_approached(spawned: &Simulator) -> bool {
         .enumerate()
         .filter(|(_, object)| task.moves(object))
         .all(|(index, _)| {
-            let position = bodies[index].position;
-            nav.approach(
-                spawned.robot().base,
-                position,
-                spawned.support_of(index).flatten(),
-            )
-            .is_some()
+            let [x, y, z] = bodies[index].position;
+            let place = spawned.support_of(index).flatten();
+            let [out_x, out_y] = place.map_or([0.0; 2], |furniture| {
+                spawned.model().furniture[furniture].open_shift()
+            });
+            let target = [x + out_x, y + out_y, z];
+            let in_part = place
+                .is_some_and(|furniture| spawned.model().furniture[furniture].part_of.is_some());
+            let approach = nav.approach(spawned.robot().base, target, place);
+            // What lies deep in a low shelf is within reach of places that do not see it.
+            approach.is_some_and(|viewpoint| {
+                !in_part || nav.line_of_sight(viewpoint.camera.position, target, None)
+            })
         })
 }
