@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FurnitureGeometry {
-    /// What stands still.
+    /// The primitives that never move.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fixed: Vec<Primitive>,
     /// The door or the drawer, as it stands when closed.
@@ -19,18 +19,18 @@ pub struct FurnitureGeometry {
     pub joint: Option<FurnitureJoint>,
 }
 
-/// A coloured solid.
+/// A coloured solid that others consist of.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Primitive {
     /// Its form and size.
     pub shape: PrimitiveShape,
-    /// Its centre.
+    /// Where its centre is.
     pub position: [f64; 3],
     /// How it is turned, as a unit quaternion x, y, z, w.
     #[serde(default = "unturned", skip_serializing_if = "is_unturned")]
     pub rotation: [f64; 4],
-    /// Red, green, blue.
+    /// Its colour as sRGB bytes: red, green, blue.
     #[serde(default = "grey")]
     pub color: [u8; 3],
 }

@@ -13,7 +13,7 @@ pub struct DoorModel {
     pub closed: Pose,
     /// Parts in the frame of the door.
     pub parts: Vec<Part>,
-    /// How it opens.
+    /// How it opens: the one way in which it moves.
     pub motion: DoorMotion,
     /// Centre of the closed door, in the scene frame: where one looks at.
     pub center: [f32; 3],
