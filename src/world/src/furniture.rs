@@ -39,7 +39,7 @@ pub struct Primitive {
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum PrimitiveShape {
-    /// A cuboid.
+    /// A cuboid around its centre.
     Box {
         /// Half extents along x, y, z.
         half: [f64; 3],
@@ -51,9 +51,9 @@ pub enum PrimitiveShape {
         /// Half of its height.
         half_height: f64,
     },
-    /// A ball.
+    /// A ball around its centre.
     Sphere {
-        /// Its radius.
+        /// Radius of the ball.
         radius: f64,
     },
 }
