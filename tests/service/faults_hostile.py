@@ -252,6 +252,8 @@ def strange_words(trace):
         for tool in ["show_episode", "blame", "explain_failure"]:
             yield tool, {"trace": word}
         yield "query", {"sql": word}
+        yield "show_frame", {"trace": trace, "step": word, "camera": word, "layer": word}
+        yield "show_frame", {"trace": word, "step": 0, "eye": word, "look_at": word}
         yield "list_episodes", {"where": word, "limit": -1}
         yield str(word), {}
     yield "list_episodes", {"where": "true) UNION SELECT 1", "limit": 2**64 - 1}

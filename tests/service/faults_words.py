@@ -1,6 +1,7 @@
 """Faults: what clients are told when something does not work: by the codes of their protocol, without paths of the server, and
 without advice for somebody else."""
 
+import base64
 import http.client
 import json
 import re
@@ -152,6 +153,13 @@ def fault_advice_for_somebody_else():
         ask("SELECT 1", at=10**6)
         for sql in ["SELECT $a", "SELECT * FROM generate_series(1, 101)"]:
             said.append(str(assistant.call("query", sql=sql)))
+        trace = server.traces()[0].stem
+        for layer in ["rgb", "depth", "masks"]:
+            shown = assistant.call("show_frame", trace=trace, step="start", layer=layer)
+            assert not shown["isError"], shown
+            assert {"name", "pixels", "depth_mm"} <= set(shown["structuredContent"]["visible"][0]), shown["structuredContent"]
+            assert base64.b64decode(shown["content"][1]["data"]).startswith(b"\x89PNG"), shown["content"][1]["mimeType"]
+        said.append(str(assistant.call("show_frame", trace=trace, step="999")))
         whole = server.traces()[0].read_bytes()
         (server.data / "traces" / "torn.mcap").write_bytes(whole[: len(whole) // 2])
         for tool in ["show_episode", "blame", "explain_failure"]:

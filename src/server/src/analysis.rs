@@ -4,6 +4,7 @@
 use std::{borrow::Cow, sync::Arc, time::Duration};
 
 use axum::Router;
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use reel_counterfactual::blame::BlameOptions;
 use reel_mcp::Caller;
 use reel_query::Parameters;
@@ -20,7 +21,7 @@ use rmcp::{
 use serde_json::{Value, json};
 
 use crate::{
-    rest::{asked_rows, rows},
+    rest::{Camera, FrameRequest, asked_rows, rows},
     service::App,
 };
 
@@ -55,7 +56,7 @@ type Described = (
     &'static str,
 );
 
-const TOOLS: [Described; 5] = [
+const TOOLS: [Described; 6] = [
     (
         "list_episodes",
         &[
@@ -80,6 +81,44 @@ const TOOLS: [Described; 5] = [
         "Show an episode call by call: what was called, what it said, rewards, how it ended.",
     ),
     (
+        "show_frame",
+        &[
+            ("trace", "string", true, "Name of the trace."),
+            (
+                "step",
+                "string",
+                true,
+                "The number of a step, from 0, or 'start'.",
+            ),
+            (
+                "camera",
+                "string",
+                false,
+                "head (what the agent saw; the default), top-down, follow:target, follow:OBJECT, or free.",
+            ),
+            (
+                "eye",
+                "string",
+                false,
+                "With camera free: where it is, x,y,z in metres.",
+            ),
+            (
+                "look_at",
+                "string",
+                false,
+                "With camera free: what it looks at, x,y,z in metres.",
+            ),
+            (
+                "layer",
+                "string",
+                false,
+                "rgb (the default), depth (16-bit gray, millimetres), or masks (16-bit gray, instance ids).",
+            ),
+        ],
+        "Show what was seen after a step, from any camera: the image, and every instance in it with its pixels and its depth \
+         in millimetres (least, median, greatest).",
+    ),
+    (
         "query",
         &[(
             "sql",
@@ -101,6 +140,18 @@ const TOOLS: [Described; 5] = [
     ),
 ];
 
+/// What a tool answers: a value, and an image where there is one.
+struct Answer {
+    value: Value,
+    png: Option<Vec<u8>>,
+}
+
+impl From<Value> for Answer {
+    fn from(value: Value) -> Self {
+        Self { value, png: None }
+    }
+}
+
 impl Analysis {
     /// What a tool answers; where `gone` says that nobody waits for it, a question in SQL ends.
     fn answer(
@@ -108,7 +159,10 @@ impl Analysis {
         name: &str,
         arguments: &JsonObject,
         gone: impl Fn() -> bool + Clone + Send + 'static,
-    ) -> Result<Value, String> {
+    ) -> Result<Answer, String> {
+        if name == "show_frame" {
+            return self.frame(arguments);
+        }
         let app = &self.app;
         let text = |key: &str| {
             let value = arguments.get(key).and_then(Value::as_str);
@@ -151,6 +205,25 @@ impl Analysis {
             "explain_failure" => self.explain(&text("trace")?),
             other => Err(format!("no tool is called '{other}'")),
         }
+        .map(Answer::from)
+    }
+
+    fn frame(&self, arguments: &JsonObject) -> Result<Answer, String> {
+        // A number is as good as its digits.
+        let text = |key: &str| match arguments.get(key) {
+            Some(Value::String(text)) => Ok(text.clone()),
+            Some(number @ Value::Number(_)) => Ok(number.to_string()),
+            _ => Err(format!("show_frame: argument '{key}' (a text) is missing")),
+        };
+        let (trace, step) = (text("trace")?, text("step")?);
+        let camera: Camera = serde_json::from_value(json!(arguments))
+            .map_err(|error| format!("show_frame: {error}"))?;
+        let told = |error: crate::rest::ApiError| error.to_string();
+        let frame = FrameRequest::new(&self.app, &trace, &step, &camera).map_err(told)?;
+        Ok(Answer {
+            value: json!({"trace": trace, "step": step, "visible": frame.visible().map_err(told)?}),
+            png: Some(frame.png().map_err(told)?),
+        })
     }
 
     fn blame(&self, name: &str) -> Result<Value, String> {
@@ -307,9 +380,13 @@ impl ServerHandler for Analysis {
             ErrorData::internal_error("the analysis panicked; the log has the details", None)
         })?;
         Ok(match answered {
-            Ok(value) => {
+            Ok(Answer { value, png }) => {
                 let text = serde_json::to_string_pretty(&value).expect("a value is JSON");
-                let mut result = CallToolResult::success(vec![ContentBlock::text(text)]);
+                let mut content = vec![ContentBlock::text(text)];
+                content.extend(
+                    png.map(|png| ContentBlock::image(BASE64_STANDARD.encode(png), "image/png")),
+                );
+                let mut result = CallToolResult::success(content);
                 // Structured content is an object; a list goes as text alone.
                 result.structured_content = value.is_object().then_some(value);
                 result

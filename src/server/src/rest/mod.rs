@@ -7,6 +7,7 @@ mod error;
 #[cfg(feature = "tables")]
 mod exports;
 mod extract;
+mod frames;
 mod health;
 #[cfg(feature = "tables")]
 mod jobs;
@@ -42,6 +43,8 @@ use utoipa_axum::routes;
 pub(crate) use error::ApiError;
 #[cfg(feature = "tables")]
 pub(crate) use error::{OVER_LIMIT, SentError};
+#[cfg(feature = "tables")]
+pub(crate) use frames::{Camera, FrameRequest};
 #[cfg(feature = "tables")]
 pub(crate) use {sql::asked_rows, tables::rows};
 
@@ -154,8 +157,8 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(traces::episode))
         .for_role(Read, routes!(traces::scene))
         .for_role(Read, routes!(traces::steps))
-        .for_role(Read, routes!(traces::frame))
-        .for_role(Read, routes!(traces::instances))
+        .for_role(Read, routes!(frames::frame))
+        .for_role(Read, routes!(frames::instances))
         // Computes and keeps nothing.
         .for_role(Read, routes!(traces::replay))
         .for_role(Admin, routes!(traces::branch))

@@ -12,12 +12,12 @@ use axum::{
 use reel_agents::{AgentError, RecordTo};
 use reel_counterfactual::blame::BlameOptions;
 use reel_counterfactual::branch::{Branch, BranchError, Continuation};
-use reel_replay::{Verdict, Viewpoint, view_at};
+use reel_replay::Verdict;
 use reel_reward::Preset;
 #[cfg(feature = "rerun")]
 use reel_trace::FrameLayers;
-use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles, encode_png, encode_png16};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, ToolCall};
+use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles};
+use reel_world::ToolCall;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
@@ -331,126 +331,7 @@ pub(super) async fn steps(
     answer.await.map(Json)
 }
 
-#[derive(Deserialize, IntoParams)]
-#[into_params(parameter_in = Query)]
-pub(super) struct Camera {
-    /// head (what the agent saw), top-down, follow:OBJECT (an instance, asset or category of the
-    /// task, or target), or free.
-    #[serde(default = "head")]
-    #[param(default = "head")]
-    camera: String,
-    /// With the free camera: where it is, x,y,z in metres in the scene's frame.
-    eye: Option<String>,
-    /// With the free camera: what it looks at.
-    look_at: Option<String>,
-    /// Layer of the frame: rgb (the image); depth (16-bit gray, millimetres along the optical axis, 0 where nothing
-    /// is); masks (16-bit gray, the ids of `/api/traces/{trace}/instances`).
-    #[serde(default)]
-    #[param(inline)]
-    layer: Layer,
-}
-
-/// What of a frame is shown.
-#[derive(Clone, Copy, PartialEq, Eq, Default, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Layer {
-    /// The image that the agent saw, or that the camera sees.
-    #[default]
-    Rgb,
-    /// 16-bit depth in millimetres.
-    Depth,
-    /// Instance ids, 16 bits a pixel.
-    Masks,
-}
-
-fn head() -> String {
-    "head".to_owned()
-}
-
-/// An image of the episode as PNG, drawn by going there: `start`, or the number of a step.
-#[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}", tag = "traces",
-    params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step"), Camera),
-    responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
-        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn frame(
-    State(app): State<Arc<App>>,
-    PathParams((name, moment)): PathParams<(String, String)>,
-    QueryParams(camera): QueryParams<Camera>,
-) -> Result<Response, ApiError> {
-    let step = match moment.strip_suffix(".png").unwrap_or(&moment) {
-        "start" => None,
-        number => Some(number.parse::<u32>().map_err(|_| {
-            ApiError::bad_request("bad_path", "the step of a frame is 'start' or a number")
-        })?),
-    };
-    let png = analyse(&app, move |app| {
-        let trace = app.archive.read(&name)?;
-        if step.is_some_and(|step| step as usize >= trace.steps.len()) {
-            return Err(ApiError::not_found(format!(
-                "{name} has {} steps",
-                trace.steps.len()
-            )));
-        }
-        let viewpoint = Viewpoint::named(
-            &camera.camera,
-            camera.eye.as_deref(),
-            camera.look_at.as_deref(),
-            &trace.task,
-        );
-        let viewpoint =
-            viewpoint.map_err(|error| ApiError::bad_request("bad_camera", error.to_string()))?;
-        let is_head = viewpoint == Viewpoint::Head;
-        let drawn = || {
-            view_at(&trace, step, &viewpoint, Some(app.snapshots.cache()))
-                .map_err(|verdict| not_executed(&verdict))
-        };
-        // What was recorded need not be drawn again.
-        let (width, height) = (FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-        Ok(match camera.layer {
-            Layer::Rgb => {
-                let recorded = is_head.then(|| trace.frame_rgb(step).ok().flatten());
-                let rgb = recorded
-                    .flatten()
-                    .map_or_else(|| drawn().map(|it| it.rgb), Ok)?;
-                encode_png(&rgb, width, height)
-            }
-            Layer::Depth => {
-                let recorded = is_head.then(|| trace.depth_mm(step).ok().flatten());
-                let depth = recorded
-                    .flatten()
-                    .map_or_else(|| drawn().map(|it| it.depth_mm), Ok)?;
-                encode_png16(&depth, width, height)
-            }
-            Layer::Masks => {
-                let recorded = is_head.then(|| trace.instance_ids(step).ok().flatten());
-                let ids = recorded
-                    .flatten()
-                    .map_or_else(|| drawn().map(|it| it.ids), Ok)?;
-                encode_png16(&ids, width, height)
-            }
-        })
-    })
-    .await?;
-    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
-}
-
-/// What the instance ids in masks of an episode stand for.
-#[utoipa::path(get, path = "/api/traces/{trace}/instances", operation_id = "trace_instances", tag = "traces",
-    params(("trace" = String, Path)),
-    responses((status = 200, body = ref("#/components/schemas/Instances")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
-        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn instances(
-    State(app): State<Arc<App>>,
-    PathParams(name): PathParams<String>,
-) -> Result<Json<Value>, ApiError> {
-    let answer = analyse(&app, move |app| {
-        let trace = app.archive.read(&name)?;
-        Ok(json!(reel_world::instances(&trace.task, &trace.scene)))
-    });
-    answer.await.map(Json)
-}
-
-fn not_executed(verdict: &Verdict) -> ApiError {
+pub(super) fn not_executed(verdict: &Verdict) -> ApiError {
     ApiError::unprocessable(
         "not_executed",
         format!("the episode cannot be executed again: {verdict}"),
