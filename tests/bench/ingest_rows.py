@@ -326,7 +326,6 @@ def task_row(task):
     )  # fmt: skip
 
 
-@functools.lru_cache(1024)
 def primitive_of(tool, receptacle, argument, markers, doors):
     """The skill of the arm; of a `place` that failed, where its marker aimed."""
     if tool != "place":
@@ -336,10 +335,12 @@ def primitive_of(tool, receptacle, argument, markers, doors):
     return None if door is None else "place_inside" if door else "place_open"
 
 
+@functools.lru_cache(1024)
 def categories_of(text):
     return {receptacle["id"]: receptacle["category"] for receptacle in orjson.loads(text)["receptacles"]}
 
 
+@functools.lru_cache(1024)
 def doors_of(text):
     return {receptacle["id"]: bool(receptacle.get("door")) for receptacle in orjson.loads(text)["receptacles"]}
 

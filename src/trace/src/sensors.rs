@@ -66,7 +66,7 @@ pub struct SensorSchema {
     pub name: String,
     /// Encoding of the schema, e.g. `ros2msg`.
     pub encoding: String,
-    /// The schema itself.
+    /// Text or descriptors of the schema, in its encoding.
     pub data: Vec<u8>,
 }
 

@@ -112,7 +112,7 @@ pub(super) fn check_joints(said: &EntryMessage<'_>) -> Result<(), String> {
                 return Err(format!("joint {index} has no name"));
             }
             let is_told = |key: &&str| joint.get(*key).is_some_and(Value::is_number);
-            if !QUANTITIES.iter().any(|key| is_told(&key)) {
+            if !QUANTITIES.iter().any(is_told) {
                 return Err(format!("joint {index} has no position, velocity or effort"));
             }
         }
