@@ -43,7 +43,7 @@ EPISODE_COLUMNS = (
 STEP_COLUMNS = (
     "step", "tool", "call_name", "arguments", "argument",
     "text", "error_code", "error_class", "object", "receptacle", "held",
-    "goal_object", "goal_receptacle", "object_match", "receptacle_match", "put_back", "fell", "repeated", "goals_met", "goals_missing", "marker_count", "visible_count", "candidate_count", "reward",
+    "goal_object", "goal_receptacle", "object_match", "receptacle_match", "put_back", "primitive", "fell", "repeated", "goals_met", "goals_missing", "marker_count", "visible_count", "candidate_count", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
     "reasoning", "history", "plan", "raw", "question", "reply", "reply_source",
     "prompt_tokens", "completion_tokens", "tokens",
@@ -130,7 +130,7 @@ class Rows:
 
     def add_steps(self, trace):
         task, policies, logprobs, answers = trace.task, trace.policies, trace.logprobs, trace.answers
-        categories = categories_of(trace.scene)
+        categories, doors = categories_of(trace.scene), doors_of(trace.scene)
         goal_objects, goal_places, is_candidate = task.goal_objects, task.goal_places, task.candidates.__contains__
         seen = {visible.object for visible in trace.settled.visible}
         see, candidates = seen.add, len(seen & task.candidates)
@@ -201,6 +201,7 @@ class Rows:
                     object_ in task.initial.get(receptacle, ("", {}))[1]
                     if tool == "place" and not error and object_ and receptacle
                     else None,
+                    primitive_of(tool, receptacle, argument, markers, doors),
                     ("target" if task.fields["target"] in fallen else "other") if fallen else None,
                     repeated, *revisits.goals(),
                     len(markers), len(visible), candidates, total,
@@ -325,9 +326,23 @@ def task_row(task):
     )  # fmt: skip
 
 
+def primitive_of(tool, receptacle, argument, markers, doors):
+    """The skill of the arm; of a `place` that failed, where its marker aimed."""
+    if tool != "place":
+        return tool if tool in ("open", "close", "pick") else None
+    aimed = next((place for marker, _, place in markers if place and str(marker) == argument), None)
+    door = doors.get(receptacle or aimed)
+    return None if door is None else "place_inside" if door else "place_open"
+
+
 @functools.lru_cache(1024)
 def categories_of(text):
     return {receptacle["id"]: receptacle["category"] for receptacle in orjson.loads(text)["receptacles"]}
+
+
+@functools.lru_cache(1024)
+def doors_of(text):
+    return {receptacle["id"]: bool(receptacle.get("door")) for receptacle in orjson.loads(text)["receptacles"]}
 
 
 def scene_row(text, digest):

@@ -24,7 +24,7 @@ mod tools;
 pub use perception::{Perception, Segment};
 pub use prepared_task::PreparedTask;
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
-pub use skills::{ActuationNoise, Primitive};
+pub use skills::ActuationNoise;
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tools::{CallContext, ToolResult};
 

@@ -6,7 +6,7 @@
 //! (no reach, no view), and a call that is refused takes time, too.
 
 use reel_world::{
-    DoorState, ErrorCode, InstanceId, Outcome, ReceptacleId, ToolCall, ToolText,
+    DoorState, ErrorCode, InstanceId, Outcome, Primitive, ReceptacleId, ToolCall, ToolText,
     record::{Marker, MarkerTarget},
 };
 use serde_json::Value;
@@ -18,7 +18,6 @@ use crate::{
     nav::Viewpoint,
     render::{Detail, OverlayMark, Region},
     simulator::Simulator,
-    skills::Primitive,
     tools::skill_failed,
 };
 
@@ -402,7 +401,7 @@ impl Simulator {
         }
         succeeds(
             given,
-            Primitive::place(self.door_state(index)),
+            Primitive::place(self.door_state(index).is_some()),
             "place",
             "did not let go of the object",
         )?;

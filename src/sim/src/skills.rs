@@ -2,7 +2,7 @@
 //! ("Quantitative real-world evaluation"), and the actuation noise of a call, which is a pure
 //! function of seed, task and call number: a draw depends on no other draw.
 
-use reel_world::{Digest, DoorState, Skills};
+use reel_world::{Digest, Primitive, Skills};
 
 use crate::nav::Viewpoint;
 
@@ -14,51 +14,6 @@ const DRIFT_YAW: [f64; 2] = [
     0.74 * std::f64::consts::PI / 180.0,
     0.57 * std::f64::consts::PI / 180.0,
 ];
-
-/// A skill of the arm, as the paper's table counts them.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Primitive {
-    /// Pull a door open.
-    Open,
-    /// Push an open door closed again.
-    Close,
-    /// Take an object with the gripper.
-    Pick,
-    /// Put it on an open surface.
-    PlaceOpen,
-    /// Put it into something with a door, as into the paper's microwave.
-    PlaceInside,
-}
-
-impl Primitive {
-    /// All of them, in the order of the paper's table.
-    pub const ALL: [Primitive; 5] = [
-        Primitive::Open,
-        Primitive::Close,
-        Primitive::Pick,
-        Primitive::PlaceOpen,
-        Primitive::PlaceInside,
-    ];
-
-    /// How often it succeeds: of 120 executions each in the paper.
-    pub fn success(self, skills: Skills) -> f64 {
-        match (skills, self) {
-            (Skills::Perfect, _) | (_, Primitive::Close | Primitive::PlaceOpen) => 1.0,
-            (Skills::RealV1, Primitive::Open) => 0.633,
-            (Skills::RealV1, Primitive::Pick) => 0.892,
-            (Skills::RealV1, Primitive::PlaceInside) => 0.742,
-        }
-    }
-
-    /// Which of the two places a receptacle is.
-    pub(crate) fn place(door: Option<DoorState>) -> Self {
-        if door.is_some() {
-            Primitive::PlaceInside
-        } else {
-            Primitive::PlaceOpen
-        }
-    }
-}
 
 /// The actuation noise of one call.
 #[derive(Clone, Copy, PartialEq, Debug)]

@@ -7,8 +7,8 @@
 use std::{collections::BTreeSet, fmt::Display};
 
 use reel_world::{
-    DoorState, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool, ToolSpec,
-    ToolText, language,
+    DoorState, Frame, InstanceId, Lifecycle, Outcome, Primitive, ReceptacleId, Skills, Tool,
+    ToolSpec, ToolText, language,
     record::{Lookup, Marker, MarkerTarget},
     tool_text::{numbered, use_first},
 };
@@ -19,7 +19,7 @@ use crate::{
     nav::REACH_M,
     placement,
     simulator::{Simulator, VISIBLE_PIXELS, furniture_entity},
-    skills::{ActuationNoise, Primitive},
+    skills::ActuationNoise,
 };
 
 /// Physics steps after each kind of call.
@@ -346,7 +346,7 @@ impl Simulator {
         let full = || ToolText::NoFreeSpot.outcome(&[&id]);
         let pose =
             placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
-        if !luck.succeeds(Primitive::place(self.door_state(index))) {
+        if !luck.succeeds(Primitive::place(self.door_state(index).is_some())) {
             return Err(skill_failed("place", "did not let go of the object"));
         }
         let instance = self.stage.task.objects[held].instance.clone();

@@ -13,8 +13,8 @@ use arrow::array::RecordBatch;
 
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
-    Digest, ErrorClass, ErrorCode, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task,
-    TokenLogprobs, WorldGraph, canonical_json, language,
+    Digest, ErrorClass, ErrorCode, FLOOR, GraphEvent, InstanceId, Primitive, ReceptacleId, Scene,
+    Task, TokenLogprobs, WorldGraph, canonical_json, language,
     record::{
         Backend, GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject,
     },
@@ -280,6 +280,7 @@ pub(crate) struct Step<'a> {
     pub(crate) object_match: Option<&'static str>,
     pub(crate) receptacle_match: Option<&'static str>,
     pub(crate) put_back: Option<bool>,
+    pub(crate) primitive: Option<&'static str>,
     pub(crate) fell: Option<&'static str>,
     pub(crate) repeated: bool,
     pub(crate) goals_met: usize,
@@ -379,6 +380,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
                 .as_ref()
                 .map(|id| receptacle_match(&trace.task, &trace.scene, id)),
             put_back: put_back(&trace.task, record),
+            primitive: primitive(trace, record).map(Primitive::as_str),
             fell: fell(&trace.task, record),
             repeated,
             goals_met,
@@ -537,6 +539,48 @@ fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
     } else {
         "other"
     })
+}
+
+/// The skill of the arm that a call runs. A failed `place` acted on nothing: its marker tells where
+/// it aimed, else the robot's word for it does. What the robot itself calls `place_inside` is that.
+fn primitive(trace: &Trace, record: &StepRecord) -> Option<Primitive> {
+    let tool = record.tool_name();
+    if tool != "place" {
+        return Primitive::parse(tool);
+    }
+    let number: Option<u32> = record
+        .input
+        .call
+        .argument()
+        .and_then(|argument| argument.parse().ok());
+    let aimed = record
+        .markers
+        .iter()
+        .find_map(|marker| match &marker.target {
+            MarkerTarget::Receptacle(id) if Some(marker.id) == number => Some(id),
+            _ => None,
+        });
+    let known = record
+        .receptacle
+        .as_ref()
+        .or(aimed)
+        .and_then(|id| trace.scene.receptacle(id))
+        .map(|place| place.door.exists());
+    let outcomes = trace.robot.primitives.iter();
+    let mut executed = outcomes.filter(|outcome| outcome.step == Some(record.step));
+    if let Some(class) = executed.clone().find_map(|it| Primitive::parse(&it.skill)) {
+        return Some(class);
+    }
+    let has_door = known.or_else(|| {
+        let word = executed.find_map(|outcome| said(&outcome.target))?;
+        let meant =
+            trace.scene.receptacles.iter().filter(|place| {
+                place.id.as_str() == word || place.category.eq_ignore_ascii_case(word)
+            });
+        let doors: BTreeSet<bool> = meant.map(|place| place.door.exists()).collect();
+        doors.first().copied().filter(|_| doors.len() == 1)
+    });
+    has_door.map(Primitive::place)
 }
 
 /// Of an answered question: whether the answer fits the target and none of the other candidates

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
 use reel_world::{
-    Digest, ErrorClass, Outcome, Scene, Skills, Task, ToolSpec, ToolText, canonical_json,
-    record::Backend, tool_text::numbered, value_text,
+    Digest, ErrorClass, Outcome, Primitive, Scene, Skills, Task, ToolSpec, ToolText,
+    canonical_json, record::Backend, tool_text::numbered, value_text,
 };
 use serde_json::{Value, json};
 
@@ -520,6 +520,7 @@ impl<'a> Play<'a, '_> {
             repeated,
             goals_met: before.map_or(0, |step| step.goals_met),
             goals_missing: before.map_or(1, |step| step.goals_missing),
+            primitive: Primitive::parse(tool).map(Primitive::as_str),
             fell: None,
             held: self.held,
             marker_count: 0,

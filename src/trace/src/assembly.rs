@@ -32,6 +32,7 @@ use crate::{
         foxglove::CompressedImage,
         reel::{self, episode_event::Event},
     },
+    sensors::SensorReader,
 };
 
 /// A refusal of one message: what is wrong with it, or an error that says so itself.
@@ -78,6 +79,7 @@ pub(crate) struct Assembly<'a> {
     offsets: Vec<u64>,
     timings: BTreeMap<u32, Timing>,
     robot: RobotLog,
+    sensors: SensorReader,
     original: Option<CameraImage>,
     originals: BTreeMap<Option<u32>, CameraImage>,
 }
@@ -122,6 +124,7 @@ impl<'a> Assembly<'a> {
             offsets: Vec::new(),
             timings: BTreeMap::new(),
             robot: RobotLog::default(),
+            sensors: SensorReader::default(),
             original: None,
             originals: BTreeMap::new(),
         }
@@ -162,6 +165,8 @@ impl<'a> Assembly<'a> {
                 };
                 return if twice { Err(damaged) } else { Ok(()) };
             }
+            Item::Schema { header, data } => self.sensors.schema(header, data),
+            Item::Channel(channel) => self.sensors.channel(channel),
             Item::Message {
                 header,
                 topic,
@@ -288,6 +293,7 @@ impl<'a> Assembly<'a> {
             offsets: self.offsets,
             timings: self.timings,
             robot: self.robot,
+            sensors: self.sensors.into_channels(),
             originals: self.originals,
         })
     }
@@ -300,6 +306,10 @@ impl<'a> Assembly<'a> {
         data: &[u8],
     ) -> Result<(), Refusal> {
         let Some(channel) = schema::channel(topic) else {
+            // Images of cameras are among them.
+            if self.records_only.is_none() {
+                self.sensors.message(header, data);
+            }
             return Ok(());
         };
         if self.end.is_some() {

@@ -14,7 +14,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, image, limits::Limits, schema, unpack::Unpacked};
+use crate::{TraceError, image, limits::Limits, schema, sensors, unpack::Unpacked};
 
 /// Opcode and length in front of every record.
 pub(crate) const RECORD_PREFIX: usize = 9;
@@ -200,6 +200,7 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
         .create(io::Cursor::new(Vec::new()))
         .map_err(failed)?;
     let mut announced = BTreeSet::new();
+    let mut schemas = BTreeSet::new();
     let mut write = |_: At, item: Item| match item {
         Item::Metadata(metadata) => writer.write_metadata(metadata).map_err(failed),
         Item::Attachment { header, data } => writer
@@ -223,8 +224,28 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
             }
             writer.write_to_known_channel(header, &data).map_err(failed)
         }
+        // Those of sensors are written as they came, the others before their first message.
+        Item::Schema { header, data } => {
+            if sensors::is_recorded_id(header.id) && schemas.insert(header.id) {
+                return writer
+                    .add_schema_with_id(header.id, &header.name, &header.encoding, data)
+                    .map(drop)
+                    .map_err(failed);
+            }
+            Ok(())
+        }
+        Item::Channel(channel) if sensors::is_recorded(&channel.topic) => writer
+            .add_channel_with_id(
+                channel.id,
+                channel.schema_id,
+                &channel.topic,
+                &channel.message_encoding,
+                &channel.metadata,
+            )
+            .map(drop)
+            .map_err(failed),
         // The writer makes them itself.
-        Item::Schema { .. } | Item::Channel(_) | Item::Chunk(_) | Item::MessageIndex(_) => Ok(()),
+        Item::Channel(_) | Item::Chunk(_) | Item::MessageIndex(_) => Ok(()),
     };
     walk(part, path, limits, &mut write)?;
     writer.finish().map_err(failed)?;

@@ -18,6 +18,7 @@ use crate::{
     limits::Limits,
     reader::Reading,
     schema::{self, SchemaMatch},
+    sensors,
 };
 
 /// The result of examining a trace: its size, contents and every finding.
@@ -218,6 +219,7 @@ impl Visitor for Examiner<'_> {
                 content.schemas.insert(header.id, data.to_vec());
             }
             Item::Channel(channel) => match schema::channel(&channel.topic) {
+                None if sensors::is_recorded(&channel.topic) => {}
                 None => content
                     .notes
                     .push(format!("the channel {} is not ours", channel.topic)),

@@ -25,11 +25,12 @@ use crate::{
     FrameLayers, Images, Timing, TraceError, codec, container, encode_webp, image,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{self, Channel, foxglove::log::Level, reel},
+    sensors::{SensorChannel, SensorKind},
     viewer,
 };
 
 /// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
-const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
+pub(crate) const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
 /// Most time of policies that moves log times, ten years in nanoseconds: a
 /// clock that cannot overflow.
 const POLICY_NS_MAX: u64 = 315_360_000_000_000_000;
@@ -342,6 +343,22 @@ impl<W: Write + Seek> Journal<W> {
             schema::CAMERA_ORIGINAL,
             &viewer::image_message(self.time_ns(), &image.format, image.data.clone()),
         )
+    }
+
+    /// Records what else the robot's recording holds, between the last step and the end; without
+    /// images, no cameras.
+    pub(crate) fn sensors(&mut self, channels: &[SensorChannel]) -> Result<(), TraceError> {
+        if !matches!(self.turn, Expected::InputOrEnd { .. }) {
+            return Err(self.out_of_turn("the robot's recording"));
+        }
+        let without_images = self.images == Images::None;
+        let kept = channels
+            .iter()
+            .filter(|channel| !(without_images && channel.kind == SensorKind::Camera));
+        for (index, channel) in kept.enumerate() {
+            self.with_writer(|writer| channel.write(index, writer))?;
+        }
+        Ok(())
     }
 
     /// What a robot measured belongs to the step under way, or stands before the start.

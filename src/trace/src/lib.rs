@@ -7,7 +7,8 @@
 //! returns. The finished file is compressed, indexed, and covered by checksums and the hash chain.
 //! Equal records give equal bytes: log times are simulation time after a fixed epoch; of episodes
 //! that were not simulated here, the time their policy took. What a robot measured (`/robot/...`,
-//! `/camera/original`) stands beside the records, with the clock of the robot in it.
+//! `/camera/original`) stands beside the records, with the clock of the robot in it; so does what else
+//! its recording holds (`/recorded/...`), in the robot's own messages.
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 
@@ -30,6 +31,7 @@ mod recover;
 mod rewrite;
 pub mod robot;
 mod schema;
+pub mod sensors;
 mod trace_files;
 mod unpack;
 mod viewer;

@@ -20,6 +20,7 @@ use crate::{
     limits::Limits,
     robot::{CameraImage, RobotLog},
     schema,
+    sensors::SensorChannel,
 };
 
 /// A trace in memory: records decoded, images still encoded.
@@ -51,6 +52,9 @@ pub struct Trace {
     pub timings: BTreeMap<u32, Timing>,
     /// What a robot measured; empty for episodes without one.
     pub robot: RobotLog,
+    /// What else the robot's recording holds; empty for episodes without a robot, and where records
+    /// alone were read.
+    pub sensors: Vec<SensorChannel>,
     /// Images as the camera gave them; none: of the start.
     pub(crate) originals: BTreeMap<Option<u32>, CameraImage>,
     /// WebP images; none: of the start.

@@ -19,6 +19,7 @@ use crate::{
     journal::{FrameSource, Journal, Layers},
     limits::Limits,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
+    sensors::SensorChannel,
 };
 
 /// Whether images are stored.
@@ -306,6 +307,17 @@ impl Recorder {
     pub fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
         self.journal
             .robot(step, log)
+            .map_err(|error| self.unwritten(error))
+    }
+
+    /// Records what else the robot's recording holds, after the last step and before the end; with
+    /// [`Images::None`] without its cameras.
+    ///
+    /// # Errors
+    /// When it is called out of turn or the file cannot be written.
+    pub fn sensors(&mut self, channels: &[SensorChannel]) -> Result<(), TraceError> {
+        self.journal
+            .sensors(channels)
             .map_err(|error| self.unwritten(error))
     }
 

@@ -26,6 +26,7 @@ use crate::{
     limits::Limits,
     reader::{Loaded, load},
     rewrite::Encoding,
+    sensors::{SensorChannel, SensorKind},
 };
 
 /// What became of a recording.
@@ -273,11 +274,13 @@ fn restored(
         kept.masks.remove(step);
     }
     let trace = &kept;
-    let images = if trace.image_count() + trace.originals.len() > 0 {
-        Images::Full
-    } else {
-        Images::None
-    };
+    let is_camera = |channel: &SensorChannel| channel.kind == SensorKind::Camera;
+    let images =
+        if trace.image_count() + trace.originals.len() > 0 || trace.sensors.iter().any(is_camera) {
+            Images::Full
+        } else {
+            Images::None
+        };
     trace.rendered(path, (images, trace.layers()), &recoveries, &end, |step| {
         Ok(trace
             .image(step)
@@ -465,9 +468,17 @@ fn holds(files: &TraceFiles, path: &Path, recording: Option<&Trace>) -> bool {
     };
     let logprobs =
         (0..recording.steps.len()).all(|step| logprobs(recording, step) == logprobs(&whole, step));
+    // Nor is what else the robot's recording holds.
+    let sensors = recording.sensors.iter().all(|channel| {
+        let there = |other: &SensorChannel| {
+            other.topic == channel.topic && other.messages.len() >= channel.messages.len()
+        };
+        whole.sensors.iter().any(there)
+    });
     link == Some(recording.chain())
         && end
         && robot
+        && sensors
         && logprobs
         && recording
             .images

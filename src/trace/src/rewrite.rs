@@ -95,6 +95,7 @@ impl Trace {
             let taken = taken.as_ref().map(Encoding::image);
             journal.step(step, taken, self.stored_layers(Some(step.step)))?;
         }
+        journal.sensors(&self.sensors)?;
         journal.end(end)?;
         container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
     }

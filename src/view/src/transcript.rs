@@ -61,6 +61,9 @@ fn header(trace: &Trace, text: &mut String) {
         ),
         Some(origin) => line("recorded by", &format!("reel {}, {origin}", header.build)),
     }
+    for channel in &trace.sensors {
+        line("sensors", &channel.summary().to_string());
+    }
 }
 
 /// One step, for people; with its clock, where one was kept.

@@ -11,10 +11,9 @@ use std::{collections::BTreeMap, env, sync::Arc, thread};
 
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
-use reel_sim::Primitive;
 use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_world::{
-    Door, ErrorCode, Family, Profile, ReceptacleId, Scene, Skills, Task, Tool,
+    Door, ErrorCode, Family, Primitive, Profile, ReceptacleId, Scene, Skills, Task, Tool,
     record::{MarkerTarget, PolicyInfo, StepInput, StepRecord},
 };
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use reel_replay::seek;
 use reel_reward::{OpenReward, Preset};
-use reel_trace::Trace;
+use reel_trace::{Trace, sensors::SensorChannel};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs};
@@ -48,9 +48,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let open = open_reward(&trace).map(|open| open.to_string());
     if arguments.json {
+        let sensors: Vec<_> = trace.sensors.iter().map(SensorChannel::summary).collect();
         let whole = json!({
             "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end,
-            "open_reward": open,
+            "open_reward": open, "sensors": sensors,
         });
         println!("{whole}");
     } else {

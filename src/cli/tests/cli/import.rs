@@ -155,7 +155,17 @@ const MAPPING: &str = r#"
 "/result" = { is = "result" }
 "/primitive" = { is = "primitive" }
 "/odom" = { is = "odometry" }
+"/joint_states" = { is = "joints" }
+"/wrist/image" = { is = "camera", name = "wrist" }
+"/truth" = { is = "reference" }
 "#;
+
+/// A small image of a camera, as JSON holds it.
+fn image() -> Value {
+    use base64::Engine as _;
+    let png = reel_trace::encode_png(&[90; 8 * 6 * 3], 8, 6);
+    json!({"data": base64::engine::general_purpose::STANDARD.encode(png)})
+}
 
 #[test]
 fn a_robots_recording_is_shown_and_checked_but_never_executed() {
@@ -175,13 +185,37 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
             2,
             json!({"tool": "navigate_to", "args": {"receptacle_name": "table_1"}}),
         ),
+        ("/truth", 1, json!({"x": 0.0, "y": 0.0})),
+        (
+            "/joint_states",
+            2,
+            json!({"name": ["elbow"], "position": [0.5]}),
+        ),
+        (
+            "/joint_states",
+            3,
+            json!({"name": ["elbow"], "position": [0.6]}),
+        ),
+        ("/wrist/image", 3, image()),
         ("/odom", 3, json!({"x": 3.0, "y": 4.0, "yaw": 1.0})),
+        ("/truth", 3, json!({"x": 3.0, "y": 4.1, "yaw": 1.0})),
         (
             "/primitive",
             4,
             json!({"skill": "nav_to", "target": "table", "success": true, "duration_s": 1.5}),
         ),
         ("/result", 5, json!({"text": "arrived"})),
+        (
+            "/call",
+            5,
+            json!({"tool": "place", "args": {"marker_id": 1}}),
+        ),
+        (
+            "/primitive",
+            6,
+            json!({"skill": "place_inside", "target": "fridge", "success": false, "duration_s": 1.5}),
+        ),
+        ("/result", 6, json!({"text": "dropped", "success": false})),
         ("/call", 6, json!({"tool": "finish"})),
         ("/episode", 7, json!({"event": "end", "success": true})),
     ];
@@ -199,7 +233,7 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(
         (&report["steps"], &report["end"], &report["success"]),
-        (&json!(2), &json!("finished"), &json!(true))
+        (&json!(3), &json!("finished"), &json!(true))
     );
     let trace = report["trace"].as_str().unwrap();
     let said = "recorded on a robot: nothing to re-execute";
@@ -209,8 +243,23 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
     assert!(
         shown.contains("on a robot")
             && shown.contains("arrived")
-            && shown.contains("Put the apple on the desk."),
+            && shown.contains("Put the apple on the desk.")
+            && shown.contains("/joint_states: joints, no schema in json, 2 messages in 1.0 s"),
         "{shown}"
+    );
+    let parsed: Value = serde_json::from_str(&reel!(folder, "show {trace} --json")).unwrap();
+    assert_eq!(parsed["sensors"][2]["camera"], "wrist", "{parsed}");
+    let error = &parsed["header"]["policy"]["parameters"]["trajectory_error"];
+    assert_eq!(error["rpe_pairs"], 1, "{error}");
+    let frames = "trace frames {trace} --out wrist --robot-camera".replace("{trace}", trace);
+    let listed = expect(folder, 0, &format!("{frames} wrist --json"));
+    let listed: Value = serde_json::from_str(&listed).unwrap();
+    assert_eq!(listed["images"][0]["call"], 0, "{listed}");
+    assert!(folder.join("wrist/wrist_0000.png").is_file());
+    let unknown = complaint(folder, 2, &format!("{frames} /chest"));
+    assert!(
+        unknown.contains("there are: wrist (/wrist/image)"),
+        "{unknown}"
     );
 
     #[cfg(feature = "analytics")]
@@ -222,7 +271,14 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
             0,
             &format!("query --store store --format csv | {sql}"),
         );
-        assert!(rows.contains("robot,qwen,true,2"), "{rows}");
+        assert!(rows.contains("robot,qwen,true,3"), "{rows}");
+        let sql = "SELECT primitive, count(*) AS failed FROM steps WHERE error_code = 'skill_failed' GROUP BY primitive";
+        let rows = expect(
+            folder,
+            0,
+            &format!("query --store store --format csv | {sql}"),
+        );
+        assert!(rows.contains("place_inside,1"), "{rows}");
     }
 
     // A torn recording and a bag in SQLite beside it: named, and the rest goes on.

@@ -10,13 +10,53 @@ use serde_json::{Value, json};
 /// Where receptacles stand in a robot's map, in metres.
 pub(crate) type RobotMap = BTreeMap<String, [f64; 2]>;
 
-/// The motion from a robot's map to the scene, with what it leaves over.
-#[derive(Clone, PartialEq, Debug)]
-pub(crate) struct MapAlignment {
+/// A rotation of the plane and a shift after it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct PlanarMotion {
     /// Rotation around z in radians, counter-clockwise.
     yaw: f64,
     /// Shift after the rotation, in metres.
     shift: [f64; 2],
+}
+
+impl PlanarMotion {
+    /// The motion that takes the first of each two points nearest to the second: with the least
+    /// squared distances (Umeyama 1991, without scale; in the plane its solution is the angle below).
+    /// `None` if the points leave the angle open.
+    pub(crate) fn fit(points: &[([f64; 2], [f64; 2])]) -> Option<Self> {
+        let (from, to) = (
+            mean(points.iter().map(|(there, _)| *there)),
+            mean(points.iter().map(|(_, here)| *here)),
+        );
+        let (mut along, mut across) = (0.0, 0.0);
+        for (there, here) in points {
+            let [ax, ay] = [there[0] - from[0], there[1] - from[1]];
+            let [bx, by] = [here[0] - to[0], here[1] - to[1]];
+            along += ax * bx + ay * by;
+            across += ax * by - ay * bx;
+        }
+        if along.hypot(across) == 0.0 {
+            return None;
+        }
+        let yaw = across.atan2(along);
+        let turned = rotated(from, yaw);
+        Some(Self {
+            yaw,
+            shift: [to[0] - turned[0], to[1] - turned[1]],
+        })
+    }
+
+    /// Where the motion takes a point.
+    pub(crate) fn moved(&self, place: [f64; 2]) -> [f64; 2] {
+        let [x, y] = rotated(place, self.yaw);
+        [x + self.shift[0], y + self.shift[1]]
+    }
+}
+
+/// The motion from a robot's map to the scene, with what it leaves over.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct MapAlignment {
+    motion: PlanarMotion,
     /// Receptacles that map and scene have in common.
     pairs: usize,
     /// Root mean square of the distances between the two after the motion, in metres.
@@ -26,8 +66,8 @@ pub(crate) struct MapAlignment {
 }
 
 impl MapAlignment {
-    /// The motion with the least squared distances (Umeyama 1991, without scale; in the plane its solution
-    /// is the angle below). `None` where map and scene have no two receptacles in common.
+    /// The motion that takes the map's receptacles nearest to the scene's. `None` where map and scene
+    /// have no two receptacles in common.
     pub(crate) fn of(map: &RobotMap, scene: &Scene) -> Option<Self> {
         let centre = |id: &String| {
             let known = scene.receptacles.iter().find(|it| it.id.as_str() == id)?;
@@ -43,32 +83,19 @@ impl MapAlignment {
         if pairs.len() < 2 {
             return None;
         }
-        let (from, to) = (
-            mean(pairs.iter().map(|(_, there, _)| *there)),
-            mean(pairs.iter().map(|(_, _, here)| *here)),
-        );
-        let (mut along, mut across) = (0.0, 0.0);
-        for (_, there, here) in &pairs {
-            let [ax, ay] = [there[0] - from[0], there[1] - from[1]];
-            let [bx, by] = [here[0] - to[0], here[1] - to[1]];
-            along += ax * bx + ay * by;
-            across += ax * by - ay * bx;
-        }
-        if along.hypot(across) == 0.0 {
-            return None;
-        }
-        let yaw = across.atan2(along);
-        let turned = rotated(from, yaw);
+        let points: Vec<_> = pairs
+            .iter()
+            .map(|(_, there, here)| (*there, *here))
+            .collect();
         let mut alignment = Self {
-            yaw,
-            shift: [to[0] - turned[0], to[1] - turned[1]],
+            motion: PlanarMotion::fit(&points)?,
             pairs: pairs.len(),
             rmse_m: 0.0,
             worst: (0.0, String::new()),
         };
         let mut squares = 0.0;
         for (id, there, here) in &pairs {
-            let [x, y] = alignment.moved(*there);
+            let [x, y] = alignment.motion.moved(*there);
             let apart = (x - here[0]).hypot(y - here[1]);
             squares += apart * apart;
             if apart >= alignment.worst.0 {
@@ -81,8 +108,8 @@ impl MapAlignment {
 
     /// A pose of the map in the frame of the scene.
     pub(crate) fn pose(&self, measured: Odometry) -> Odometry {
-        let [x, y] = self.moved([measured.x, measured.y]);
-        let yaw = measured.yaw + self.yaw;
+        let [x, y] = self.motion.moved([measured.x, measured.y]);
+        let yaw = measured.yaw + self.motion.yaw;
         Odometry {
             x,
             y,
@@ -93,8 +120,9 @@ impl MapAlignment {
 
     /// What a trace says of it.
     pub(crate) fn settings(&self) -> Value {
+        let PlanarMotion { yaw, shift } = self.motion;
         json!({
-            "yaw_rad": self.yaw, "x_m": self.shift[0], "y_m": self.shift[1], "receptacles": self.pairs,
+            "yaw_rad": yaw, "x_m": shift[0], "y_m": shift[1], "receptacles": self.pairs,
             "rmse_m": self.rmse_m, "max_error_m": self.worst.0,
         })
     }
@@ -105,16 +133,11 @@ impl MapAlignment {
         format!(
             "the robot's map is laid over the scene by {} receptacles: turned by {:.1} degrees, moved by {:.2} m, {:.2} m; left over: {:.3} m root mean square, {worst:.3} m at {id}",
             self.pairs,
-            self.yaw.to_degrees(),
-            self.shift[0],
-            self.shift[1],
+            self.motion.yaw.to_degrees(),
+            self.motion.shift[0],
+            self.motion.shift[1],
             self.rmse_m
         )
-    }
-
-    fn moved(&self, place: [f64; 2]) -> [f64; 2] {
-        let [x, y] = rotated(place, self.yaw);
-        [x + self.shift[0], y + self.shift[1]]
     }
 }
 

@@ -20,8 +20,10 @@ use serde_json::json;
 
 use super::{
     align::{MapAlignment, RobotMap},
-    event::{CallEvent, EpisodeEvent, Event, EventPayload, ResultEvent},
+    event::{CallEvent, EpisodeEvent, Event, EventPayload, ResultEvent, SensorEvent},
     mapping::{Kind, Mapping},
+    sensors::SensorSource,
+    trajectory::{INTERVAL_M, TrajectoryError},
 };
 use crate::{
     ImportOptions, ObservedState, episode, observe,
@@ -37,13 +39,18 @@ pub(crate) type ImageLocation = [u64; 2];
 const NO_RESULT: &str = "no result of this call was recorded";
 
 /// Puts what was said, which is in the order of time, together to episodes.
-pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<EpisodeBuilder> {
+pub(crate) fn episodes(
+    events: Vec<Event>,
+    mapping: &Mapping,
+    sources: &[SensorSource],
+) -> Vec<EpisodeBuilder> {
     let bare = !mapping.has(Kind::Call);
     let mut played: Vec<EpisodeBuilder> = Vec::new();
     let mut open: Option<EpisodeBuilder> = None;
     let mut between: Vec<Event> = Vec::new();
     // A map is often told once for all that follows.
     let mut map: Option<RobotMap> = None;
+    let mut latched: Vec<(u64, SensorEvent)> = Vec::new();
     for event in events {
         if let EventPayload::Map(told) = &event.payload {
             map = Some(told.clone());
@@ -58,7 +65,17 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<EpisodeBuil
             played.extend(open.take());
             let mut playing = EpisodeBuilder::after(std::mem::take(&mut between), bare);
             playing.map.clone_from(&map);
+            playing.sensors.splice(0..0, latched.iter().copied());
             open = Some(playing);
+        }
+        if let EventPayload::Sensor(kept) = event.payload
+            && sources[kept.source].is_latched
+        {
+            latched.push((event.ns, kept));
+            if let Some(playing) = &mut open {
+                playing.sensors.push((event.ns, kept));
+            }
+            continue;
         }
         match (&mut open, event) {
             (
@@ -134,6 +151,8 @@ pub(crate) struct EpisodeBuilder {
     image: Option<(u64, ImageLocation)>,
     steps: Vec<Step>,
     log: RobotLog,
+    /// What the trace keeps as it came, and when it was recorded.
+    sensors: Vec<(u64, SensorEvent)>,
     /// Where the robot has receptacles in its map, as it was told last.
     map: Option<RobotMap>,
     /// When the last result came.
@@ -172,6 +191,10 @@ pub(crate) struct AssembledEpisode {
     pub start_image: Option<ImageLocation>,
     pub steps: Vec<(StepRecord, Option<Timing>, Option<ImageLocation>)>,
     pub log: RobotLog,
+    /// What the trace keeps as it came, and when it was recorded, in the order of time.
+    pub sensors: Vec<(u64, SensorEvent)>,
+    /// When the episode began, in nanoseconds since 1970.
+    pub began_ns: u64,
     pub end: EndRecord,
     /// What the recording leaves open, and how it was decided.
     pub notes: Vec<String>,
@@ -179,7 +202,7 @@ pub(crate) struct AssembledEpisode {
 
 impl EpisodeBuilder {
     /// Opens an episode before which something was said: of where the robot was
-    /// only the last counts.
+    /// only the last counts. Of trials the first begins before it is told.
     fn after(between: Vec<Event>, bare: bool) -> Self {
         let mut playing = Self {
             bare,
@@ -189,7 +212,12 @@ impl EpisodeBuilder {
             .iter()
             .rposition(|event| matches!(event.payload, EventPayload::Odometry(_)));
         for (index, event) in between.into_iter().enumerate() {
-            if !matches!(event.payload, EventPayload::Odometry(_)) || Some(index) == last {
+            let counts = match event.payload {
+                EventPayload::Odometry(_) => Some(index) == last,
+                EventPayload::Sensor(_) => bare,
+                _ => true,
+            };
+            if counts {
                 playing.take(event);
             }
         }
@@ -203,6 +231,41 @@ impl EpisodeBuilder {
             .map(|step| &step.moment)
             .chain([&self.start])
             .filter_map(|moment| moment.image)
+    }
+
+    /// The messages that its trace keeps as they came.
+    pub(crate) fn sensors(&self) -> impl Iterator<Item = SensorEvent> {
+        self.sensors.iter().map(|(_, kept)| *kept)
+    }
+
+    /// When its first call was made; where there is none, when the first of its sensors spoke.
+    fn began_ns(&self) -> u64 {
+        let called = self.steps.first().and_then(|step| step.called_ns);
+        let sensed = || self.sensors.first().map(|(ns, _)| *ns);
+        called.or_else(sensed).unwrap_or_default()
+    }
+
+    /// Compares odometry and reference, where the recording has both.
+    fn trajectory_error(
+        &self,
+        mapping: &Mapping,
+        notes: &mut Vec<String>,
+    ) -> Option<TrajectoryError> {
+        let reference: Vec<Odometry> = self
+            .sensors
+            .iter()
+            .filter_map(|(_, kept)| kept.reference)
+            .collect();
+        if reference.is_empty() || self.log.odometry.is_empty() {
+            return None;
+        }
+        let interval_m = mapping.rpe_interval_m.unwrap_or(INTERVAL_M);
+        let error = TrajectoryError::of(&self.log.odometry, &reference, interval_m);
+        notes.push(error.as_ref().map_or_else(
+            || "odometry and reference have no two poses at the same time".to_owned(),
+            TrajectoryError::note,
+        ));
+        error
     }
 
     /// What was said and belongs to nothing: when, and what.
@@ -235,6 +298,7 @@ impl EpisodeBuilder {
             }
             EventPayload::Map(map) => self.map = Some(map),
             EventPayload::Image(place) => self.see(ns, place),
+            EventPayload::Sensor(kept) => self.sensors.push((ns, kept)),
             EventPayload::Shows(shown) => {
                 self.state = self.state.after(&shown);
                 if self.steps.is_empty() || self.first.is_none() {
@@ -439,6 +503,10 @@ impl EpisodeBuilder {
             },
             known,
         ) = self.setting(options, path, &mut notes);
+        if let Some(error) = self.trajectory_error(mapping, &mut notes) {
+            settings.insert("trajectory_error".to_owned(), error.settings());
+        }
+        let began_ns = self.began_ns();
         if let Some(map) = self.map.take() {
             match MapAlignment::of(&map, &scene) {
                 Some(alignment) => {
@@ -580,6 +648,8 @@ impl EpisodeBuilder {
             start_image: start_place,
             steps,
             log: self.log,
+            sensors: self.sensors,
+            began_ns,
             end,
             notes,
         }

@@ -14,6 +14,7 @@ use super::{
     align::RobotMap,
     decode::parse_text,
     mapping::{Entry, Kind, Mapping},
+    sensors,
 };
 use crate::response::{self, Raw};
 
@@ -45,10 +46,23 @@ pub(crate) enum EventPayload {
     Map(RobotMap),
     /// The head camera's image: file and number of its message.
     Image([u64; 2]),
+    /// A message that the trace keeps as it came.
+    Sensor(SensorEvent),
     /// Something of the world, under a key of the published server's debug information.
     Shows(Map<String, Value>),
     Reply(UserReply),
     Policy(PolicyOutput),
+}
+
+/// A message that the trace keeps as it came.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct SensorEvent {
+    /// File and number of the message.
+    pub place: [u64; 2],
+    /// Which of the sources of the mapping it is of.
+    pub source: usize,
+    /// Where a reference says that the robot is.
+    pub reference: Option<Odometry>,
 }
 
 /// What a message about the whole episode tells.
@@ -149,8 +163,25 @@ pub(crate) fn read(
             })
         }
         Kind::Episode => episode(&said)?,
+        Kind::Joints | Kind::Transforms | Kind::Reference => {
+            return Err("sensors are not read here".to_owned());
+        }
         Kind::Camera => return Err("images are not read here".to_owned()),
     })
+}
+
+/// Checks a message of a sensor; of a reference it tells the pose.
+///
+/// # Errors
+/// What is missing.
+pub(crate) fn check(entry: &Entry, ns: u64, message: &Value) -> Result<Option<Odometry>, String> {
+    let said = EntryMessage { entry, message };
+    match entry.kind {
+        Kind::Joints => sensors::check_joints(&said).map(|()| None),
+        Kind::Transforms => sensors::check_transforms(&said).map(|()| None),
+        Kind::Reference => odometry(&said, ns).map(Some),
+        _ => Ok(None),
+    }
 }
 
 fn shows(key: &str, value: Value) -> Map<String, Value> {
@@ -215,7 +246,7 @@ fn primitive(
 }
 
 /// A component of a vector, by its name or its place.
-fn axis(value: &Value, name: &str, index: usize) -> Option<f64> {
+pub(super) fn axis(value: &Value, name: &str, index: usize) -> Option<f64> {
     let value = value.get(name).or_else(|| value.get(index));
     value.and_then(number)
 }
@@ -318,7 +349,7 @@ fn episode(said: &EntryMessage<'_>) -> Result<EventPayload, String> {
 }
 
 /// A message under an entry.
-struct EntryMessage<'a> {
+pub(super) struct EntryMessage<'a> {
     entry: &'a Entry,
     message: &'a Value,
 }
@@ -334,7 +365,7 @@ impl<'a> EntryMessage<'a> {
             .filter_map(move |place| message.pointer(&place))
     }
 
-    fn get(&self, key: &str) -> Option<&'a Value> {
+    pub(super) fn get(&self, key: &str) -> Option<&'a Value> {
         self.all(key).find(|value| !value.is_null())
     }
 
@@ -389,7 +420,7 @@ impl<'a> EntryMessage<'a> {
         }
     }
 
-    fn missing(&self, key: &str) -> String {
+    pub(super) fn missing(&self, key: &str) -> String {
         let places: Vec<String> = self
             .entry
             .places(key)

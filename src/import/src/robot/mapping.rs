@@ -7,7 +7,7 @@ use toml::{Spanned, de::DeValue};
 
 use crate::mapping::{MappingError, MappingFile, Tools};
 
-/// The camera whose images a trace holds.
+/// The camera whose images the steps of a trace hold.
 pub(crate) const HEAD: &str = "head";
 
 /// What a topic says. The order is that of one message that says several things.
@@ -18,9 +18,12 @@ pub(crate) enum Kind {
     Landmark,
     Markers,
     Map,
+    Joints,
+    Transforms,
     Policy,
     Call,
     Odometry,
+    Reference,
     Vla,
     Alignment,
     Camera,
@@ -107,6 +110,37 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
             ("image_rmse_px", &["/image_rmse_px"]),
         ],
     ),
+    (
+        "reference",
+        Kind::Reference,
+        &[
+            (
+                "position",
+                &["/pose/pose/position", "/pose/position", "/position", ""],
+            ),
+            (
+                "orientation",
+                &[
+                    "/pose/pose/orientation",
+                    "/pose/orientation",
+                    "/orientation",
+                ],
+            ),
+            ("yaw", &["/yaw", "/theta"]),
+        ],
+    ),
+    (
+        "joints",
+        Kind::Joints,
+        &[
+            ("name", &["/name", "/names"]),
+            ("position", &["/position", "/positions"]),
+            ("velocity", &["/velocity", "/velocities"]),
+            ("effort", &["/effort", "/efforts"]),
+            ("joints", &["/joints"]),
+        ],
+    ),
+    ("transforms", Kind::Transforms, &[("transforms", &["/transforms", ""])]),
     ("camera", Kind::Camera, &[("data", &["/data"])]),
     ("graph", Kind::Graph, &[("graph", &["/world_graph", "/graph", ""])]),
     ("held", Kind::Held, &[("held", &["/held", "/data", ""])]),
@@ -158,23 +192,27 @@ pub(crate) enum Clock {
 }
 
 /// What the topics of a recording are.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default)]
 pub struct Mapping {
     pub(crate) clock: Clock,
     /// Who decided, where no message says it.
     pub(crate) policy: Option<String>,
+    /// Metres between the poses of a relative pose error, if the file says it.
+    pub(crate) rpe_interval_m: Option<f64>,
     pub(crate) tools: Tools,
     pub(crate) topics: BTreeMap<String, Vec<Entry>>,
 }
 
 /// One thing that a topic says.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Entry {
     pub kind: Kind,
     /// As it stands in the file.
     pub word: &'static str,
     /// Name of the camera; `None` if the entry is no camera or gives none.
     pub name: Option<String>,
+    /// Images a second that are kept of a further camera, 0 for all; `None` if the file does not say it.
+    pub max_hz: Option<f64>,
     /// What the file says, by key.
     pub pointers: BTreeMap<&'static str, String>,
     /// Whether the topic is nothing else: only then a message as a whole may be the value.
@@ -216,6 +254,16 @@ impl Mapping {
                 "policy" => {
                     mapping.policy = Some(file.text_of(value, "the name of the policy, in quotes")?)
                 }
+                "rpe_interval_m" => {
+                    let metres = number_of(&file, value, "metres above 0, e.g. 1.0")?;
+                    if metres <= 0.0 {
+                        return Err(file.error(
+                            Some(value.span()),
+                            "rpe_interval_m must be above 0".to_owned(),
+                        ));
+                    }
+                    mapping.rpe_interval_m = Some(metres);
+                }
                 "tools" => mapping.tools = Tools::parse(&file, value)?,
                 "topics" => {
                     for (topic, value) in file.table(value, "topics")? {
@@ -226,8 +274,9 @@ impl Mapping {
                     }
                 }
                 other => {
-                    let what =
-                        format!("unknown key '{other}'; there are: clock, policy, tools, topics");
+                    let what = format!(
+                        "unknown key '{other}'; there are: clock, policy, rpe_interval_m, tools, topics"
+                    );
                     return Err(file.error(Some(key.span()), what));
                 }
             }
@@ -248,6 +297,21 @@ impl Mapping {
             .flatten()
             .any(|entry| entry.kind == kind)
     }
+}
+
+/// A number that is not negative.
+fn number_of(
+    file: &MappingFile<'_>,
+    value: &Spanned<DeValue<'_>>,
+    expected: &str,
+) -> Result<f64, MappingError> {
+    let told = match value.get_ref() {
+        DeValue::Integer(number) => number.to_string().parse().ok(),
+        DeValue::Float(number) => number.to_string().parse().ok(),
+        _ => None,
+    };
+    told.filter(|number: &f64| number.is_finite() && *number >= 0.0)
+        .ok_or_else(|| file.error(Some(value.span()), format!("expected {expected}")))
 }
 
 fn keys(kind: Kind) -> &'static [Key] {
@@ -325,6 +389,7 @@ fn entry(
         kind: *kind,
         word,
         name: None,
+        max_hz: None,
         pointers: BTreeMap::new(),
         alone: true,
     };
@@ -336,12 +401,19 @@ fn entry(
             None if name == "name" && *kind == Kind::Camera => {
                 entry.name = Some(file.text_of(
                     value,
-                    "the name of the camera, in quotes; head is the one that is kept",
+                    "the name of the camera, in quotes; head is the one whose images steps have",
+                )?);
+            }
+            None if name == "max_hz" && *kind == Kind::Camera => {
+                entry.max_hz = Some(number_of(
+                    file,
+                    value,
+                    "images a second, from 0 (all) on, e.g. 5",
                 )?);
             }
             None => {
                 let more = if *kind == Kind::Camera {
-                    &["is", "name"][..]
+                    &["is", "name", "max_hz"][..]
                 } else {
                     &["is"]
                 };

@@ -12,26 +12,30 @@ mod decode;
 mod event;
 mod image;
 mod mapping;
+mod sensors;
 mod source;
+mod trajectory;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-use reel_trace::{Images, Recorder, robot::CameraImage};
+use reel_trace::{Images, Recorder, robot::CameraImage, sensors::SensorChannel};
 use reel_world::{Frame, FrameDigests};
 use serde::Serialize;
 use serde_json::Value;
 
 pub use image::camera_image;
 pub use mapping::Mapping;
+pub use sensors::camera_frames;
 
 use self::{
     assemble::{AssembledEpisode, ImageLocation},
     decode::Decoders,
-    event::{Event, EventPayload},
-    mapping::{Clock, HEAD, Kind},
+    event::{Event, EventPayload, SensorEvent},
+    mapping::{Clock, Entry, HEAD, Kind},
+    sensors::{SensorMessages, SensorSource},
 };
 use crate::{ImportError, ImportLoss, ImportOptions, ImportedEpisode, episode};
 
@@ -70,6 +74,7 @@ pub fn import(
     let files = source::files(recording)?;
     let mut reading = Reading {
         mapping,
+        sources: sensors::sources(mapping),
         paths: files.paths,
         garbled: BTreeMap::new(),
         topics: BTreeSet::new(),
@@ -78,7 +83,7 @@ pub fn import(
     losses.splice(0..0, files.losses);
     let mut notes = files.notes;
     reading.note_topics(&mut notes);
-    let mut played = assemble::episodes(events, mapping);
+    let mut played = assemble::episodes(events, mapping, &reading.sources);
     if played.is_empty() {
         let read: Vec<String> = losses
             .into_iter()
@@ -107,17 +112,28 @@ pub fn import(
             message: format!("{what}, at {}", seconds(ns)),
         });
     }
-    let wanted: BTreeSet<ImageLocation> =
-        played.iter().flat_map(|playing| playing.images()).collect();
-    let images = reading.images(&wanted);
+    let wanted = WantedMessages {
+        images: played.iter().flat_map(|playing| playing.images()).collect(),
+        sensors: played
+            .iter()
+            .flat_map(|playing| playing.sensors())
+            .map(|kept| (kept.place, kept.source))
+            .collect(),
+    };
+    let (images, kept) = reading.messages(&wanted);
     losses.extend(reading.garbled());
+    losses.extend(kept.excess().map(|message| ImportLoss {
+        file: recording.to_owned(),
+        message,
+    }));
 
     let mut episodes = Vec::new();
     for playing in played {
         let recorded = playing.finish(mapping, options, recording, &|place| {
             Some(images.get(&place)?.digests)
         });
-        episodes.push(write(recorded, recording, out, &images)?);
+        let sensors = kept.channels(&recorded.sensors, &reading.sources, recorded.began_ns);
+        episodes.push(write(recorded, recording, out, &images, &sensors)?);
     }
     Ok(Recording {
         source: recording.to_owned(),
@@ -133,6 +149,7 @@ fn write(
     source: &Path,
     out: &Path,
     images: &DecodedImages,
+    sensors: &[SensorChannel],
 ) -> Result<ImportedEpisode, ImportError> {
     let trace = out.join(format!("{}.mcap", episode::file_stem(&recorded.header)));
     let mut recorder = Recorder::create(
@@ -169,6 +186,7 @@ fn write(
         let frame = show(&mut recorder, Some(record.step), *place)?;
         recorder.step(record, frame.as_ref())?;
     }
+    recorder.sensors(sensors)?;
     let summary = recorder.end(&recorded.end)?;
     Ok(ImportedEpisode {
         source: source.to_owned(),
@@ -204,9 +222,18 @@ impl DecodedImage {
     }
 }
 
+/// What is read again for the traces, by where it stands.
+struct WantedMessages {
+    images: BTreeSet<ImageLocation>,
+    /// With the source of each.
+    sensors: BTreeMap<ImageLocation, usize>,
+}
+
 /// A recording while it is read.
 struct Reading<'a> {
     mapping: &'a Mapping,
+    /// The topics whose messages are kept as they came.
+    sources: Vec<SensorSource>,
     paths: Vec<PathBuf>,
     /// Messages that could not be read, by file and topic: how many, when the first, and why.
     garbled: BTreeMap<(PathBuf, String), (u64, u64, String)>,
@@ -229,6 +256,7 @@ impl Reading<'_> {
                     return;
                 };
                 let ns = self.ns(&message);
+                let place = [file, message.number];
                 let (cameras, others): (Vec<_>, Vec<_>) =
                     entries.iter().partition(|entry| entry.kind == Kind::Camera);
                 if cameras
@@ -237,30 +265,30 @@ impl Reading<'_> {
                 {
                     events.push(Event {
                         ns,
-                        payload: EventPayload::Image([file, message.number]),
+                        payload: EventPayload::Image(place),
                     });
                 }
+                let source = self.sources.iter().position(|source| source.is_of(topic));
+                let source = source.map(|source| SensorEvent {
+                    place,
+                    source,
+                    reference: None,
+                });
+                // Images are decoded when it is known which are wanted.
+                events.extend(
+                    source
+                        .filter(|kept| self.sources[kept.source].is_camera())
+                        .map(|kept| Event {
+                            ns,
+                            payload: EventPayload::Sensor(kept),
+                        }),
+                );
                 if others.is_empty() {
                     return;
                 }
                 let read = decoders
                     .decode(message.channel, message.data)
-                    .and_then(|value| {
-                        // What one of several things finds nothing of is not said in this message.
-                        let all = others
-                            .iter()
-                            .map(|entry| event::read(entry, self.mapping, ns, &value));
-                        let (said, unsaid): (Vec<_>, Vec<_>) = all.partition(Result::is_ok);
-                        let said: Vec<EventPayload> = said.into_iter().flatten().collect();
-                        match unsaid
-                            .into_iter()
-                            .find_map(Result::err)
-                            .filter(|_| said.is_empty())
-                        {
-                            Some(why) => Err(why),
-                            None => Ok(said),
-                        }
-                    });
+                    .and_then(|value| said(&others, self.mapping, source, ns, &value));
                 match read {
                     Ok(said) => {
                         events.extend(said.into_iter().map(|what| Event { ns, payload: what }))
@@ -274,13 +302,14 @@ impl Reading<'_> {
             }));
         }
         events.sort_by_key(|event| event.ns);
-        (events, losses)
+        (sensors::thinned(events, &self.sources), losses)
     }
 
-    /// The images at these places.
-    fn images(&mut self, wanted: &BTreeSet<ImageLocation>) -> DecodedImages {
-        let mut images = BTreeMap::new();
-        let files: BTreeSet<u64> = wanted.iter().map(|[file, _]| *file).collect();
+    /// The images and messages at these places.
+    fn messages(&mut self, wanted: &WantedMessages) -> (DecodedImages, SensorMessages) {
+        let (mut images, mut kept) = (BTreeMap::new(), SensorMessages::default());
+        let places = wanted.images.iter().chain(wanted.sensors.keys());
+        let files: BTreeSet<u64> = places.map(|[file, _]| *file).collect();
         for file in files {
             let path = self.paths[file as usize].clone();
             let mut decoders = Decoders::default();
@@ -288,11 +317,17 @@ impl Reading<'_> {
             bag::walk(&path, &mut |message| {
                 let place = [file, message.number];
                 let topic = &message.channel.topic;
+                if let Some(source) = wanted.sensors.get(&place) {
+                    let source = &self.sources[*source];
+                    if let Err(why) = kept.take(place, source, &message, &mut decoders) {
+                        self.garble(&path, topic, self.ns(&message), why);
+                    }
+                }
                 let entry =
                     self.mapping.topics.get(topic).and_then(|entries| {
                         entries.iter().find(|entry| entry.kind == Kind::Camera)
                     });
-                let Some(entry) = entry.filter(|_| wanted.contains(&place)) else {
+                let Some(entry) = entry.filter(|_| wanted.images.contains(&place)) else {
                     return;
                 };
                 let pointer = entry.places("data")[0];
@@ -305,7 +340,7 @@ impl Reading<'_> {
                 }
             });
         }
-        images
+        (images, kept)
     }
 
     fn ns(&self, message: &bag::Message<'_>) -> u64 {
@@ -337,21 +372,36 @@ impl Reading<'_> {
         self.garbled.iter().map(loss).collect()
     }
 
-    /// What the mapping names in vain, and what it names and is not kept.
+    /// What the mapping names in vain.
     fn note_topics(&self, notes: &mut Vec<String>) {
-        for (topic, entries) in &self.mapping.topics {
-            if !self.topics.contains(topic) {
-                notes.push(format!("no message on {topic}"));
-            } else if let Some(camera) = entries
-                .iter()
-                .find_map(|entry| entry.name.as_deref())
-                .filter(|name| *name != HEAD)
-            {
-                notes.push(format!(
-                    "images of the camera {camera} on {topic} are dropped; those of {HEAD} are kept"
-                ));
-            }
-        }
+        let topics = self.mapping.topics.keys();
+        let silent = topics.filter(|topic| !self.topics.contains(*topic));
+        notes.extend(silent.map(|topic| format!("no message on {topic}")));
+    }
+}
+
+/// What a message says under the entries of its topic but cameras. What one of several things finds
+/// nothing of is not said in this message.
+fn said(
+    entries: &[&Entry],
+    mapping: &Mapping,
+    source: Option<SensorEvent>,
+    ns: u64,
+    message: &Value,
+) -> Result<Vec<EventPayload>, String> {
+    let all = entries.iter().map(
+        |entry| match source.filter(|_| sensors::kind(entry).is_some()) {
+            Some(kept) => event::check(entry, ns, message)
+                .map(|reference| EventPayload::Sensor(SensorEvent { reference, ..kept })),
+            None => event::read(entry, mapping, ns, message),
+        },
+    );
+    let (said, unsaid): (Vec<_>, Vec<_>) = all.partition(Result::is_ok);
+    let said: Vec<EventPayload> = said.into_iter().flatten().collect();
+    let why = unsaid.into_iter().find_map(Result::err);
+    match why.filter(|_| said.is_empty()) {
+        Some(why) => Err(why),
+        None => Ok(said),
     }
 }
 

@@ -33,9 +33,31 @@ pub enum Field {
     Number,
     Bytes,
     Message(&'static str, &'static [(&'static str, Field)]),
+    List(&'static Field),
 }
 
-use Field::{Bytes, Count, Flag, Message, Number, Text};
+use Field::{Bytes, Count, Flag, List, Message, Number, Text};
+
+#[rustfmt::skip]
+const VECTOR: Field = Message("geometry_msgs/Vector3", &[("x", Number), ("y", Number), ("z", Number)]);
+#[rustfmt::skip]
+const QUATERNION: Field =
+    Message("geometry_msgs/Quaternion", &[("x", Number), ("y", Number), ("z", Number), ("w", Number)]);
+const TRANSFORM: Field = Message(
+    "geometry_msgs/TransformStamped",
+    &[
+        ("header", Message("std_msgs/Header", &[("frame_id", Text)])),
+        ("child_frame_id", Text),
+        (
+            "transform",
+            Message(
+                "geometry_msgs/Transform",
+                &[("translation", VECTOR), ("rotation", QUATERNION)],
+            ),
+        ),
+    ],
+);
+const TRANSFORMS: Field = Message("tf2_msgs/TFMessage", &[("transforms", List(&TRANSFORM))]);
 
 /// The topics, and what their messages consist of.
 #[rustfmt::skip]
@@ -151,6 +173,21 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
+    ("/wrist", Message("sensor_msgs/CompressedImage", &[("format", Text), ("data", Bytes)])),
+    ("/mocap", Message("geometry_msgs/Pose2D", &[("x", Number), ("y", Number), ("theta", Number)])),
+    (
+        "/joint_states",
+        Message(
+            "sensor_msgs/JointState",
+            &[
+                ("name", List(&Text)),
+                ("position", List(&Number)),
+                ("velocity", List(&Number)),
+            ],
+        ),
+    ),
+    ("/tf", TRANSFORMS),
+    ("/tf_static", TRANSFORMS),
     ("/graph", Message("std_msgs/String", &[("data", Text)])),
     ("/held", Message("std_msgs/String", &[("data", Text)])),
     ("/map", Message("std_msgs/String", &[("data", Text)])),
@@ -262,7 +299,7 @@ pub fn write_with(
         let of = TYPES
             .iter()
             .find(|(topic, _)| *topic == message.topic)
-            .unwrap()
+            .unwrap_or_else(|| panic!("{} has no type", message.topic))
             .1;
         let id = *channels
             .entry(message.topic)
@@ -346,8 +383,10 @@ fn encode(value: &Value, of: Field, encoding: Encoding) -> Vec<u8> {
 
 /// The messages in a message, deepest last.
 fn inner(of: Field) -> Vec<Field> {
-    let Message(_, fields) = of else {
-        return Vec::new();
+    let fields = match of {
+        Message(_, fields) => fields,
+        List(of) => return inner(*of),
+        _ => return Vec::new(),
     };
     [
         vec![of],
@@ -362,6 +401,10 @@ fn definition(of: Field) -> String {
             panic!("only messages are defined")
         };
         let line = |(name, field): &(&str, Field)| {
+            let (field, list) = match field {
+                List(of) => (*of, "[]"),
+                field => (field, ""),
+            };
             let word = match field {
                 Text => "string",
                 Flag => "bool",
@@ -369,8 +412,9 @@ fn definition(of: Field) -> String {
                 Number => "float64",
                 Bytes => "uint8[]",
                 Message(name, _) => name,
+                List(_) => panic!("no list of lists"),
             };
-            format!("{word} {name}\n")
+            format!("{word}{list} {name}\n")
         };
         fields.iter().map(line).collect()
     };
@@ -389,7 +433,12 @@ fn descriptors(of: Field) -> Vec<u8> {
         };
         let (package, name) = name.split_once('/').unwrap();
         let field = |(number, (name, field)): (i32, &(&str, Field))| {
+            let (field, label) = match field {
+                List(of) => (*of, Label::Repeated),
+                field => (field, Label::Optional),
+            };
             let (kind, type_name) = match field {
+                List(_) => panic!("no list of lists"),
                 Text => (ProtoType::String, None),
                 Flag => (ProtoType::Bool, None),
                 Count => (ProtoType::Uint32, None),
@@ -403,7 +452,7 @@ fn descriptors(of: Field) -> Vec<u8> {
             FieldDescriptorProto {
                 name: Some((*name).to_owned()),
                 number: Some(number),
-                label: Some(Label::Optional.into()),
+                label: Some(label.into()),
                 r#type: Some(kind.into()),
                 type_name,
                 ..FieldDescriptorProto::default()
@@ -415,7 +464,7 @@ fn descriptors(of: Field) -> Vec<u8> {
             ..DescriptorProto::default()
         };
         let imports = fields.iter().filter_map(|(_, field)| match field {
-            Message(name, _) => Some(format!("{name}.proto")),
+            Message(name, _) | List(Message(name, _)) => Some(format!("{name}.proto")),
             _ => None,
         });
         FileDescriptorProto {
@@ -451,6 +500,21 @@ fn protobuf(value: &Value, of: Field) -> Vec<u8> {
             Text => delimited(value.as_str().unwrap().as_bytes()),
             Bytes => delimited(&STANDARD.decode(value.as_str().unwrap()).unwrap()),
             Message(..) => delimited(&protobuf(value, *field)),
+            List(Number) => {
+                let values = value.as_array().into_iter().flatten();
+                let packed: Vec<u8> = values
+                    .flat_map(|value| value.as_f64().unwrap().to_le_bytes())
+                    .collect();
+                delimited(&packed);
+            }
+            List(of) => {
+                for value in value.as_array().into_iter().flatten() {
+                    match of {
+                        Text => delimited(value.as_str().unwrap().as_bytes()),
+                        of => delimited(&protobuf(value, **of)),
+                    }
+                }
+            }
             Flag | Count => {
                 let value = value
                     .as_u64()
@@ -482,5 +546,10 @@ fn cdr(writer: &mut CdrWriter<'_, LittleEndian>, value: &Value, of: Field) {
         Message(_, fields) => fields
             .iter()
             .for_each(|(name, field)| cdr(writer, &value[name], *field)),
+        List(of) => {
+            let values = value.as_array().cloned().unwrap_or_default();
+            writer.write_u32(values.len() as u32);
+            values.iter().for_each(|value| cdr(writer, value, *of));
+        }
     }
 }

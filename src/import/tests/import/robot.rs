@@ -2,6 +2,7 @@
 //! recording makes the importer panic.
 
 mod faults;
+mod sensors;
 
 use std::{
     fs,

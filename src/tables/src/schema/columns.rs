@@ -79,6 +79,10 @@ pub const STEP: &[Column] = columns! {
          named as its distractor), `other`";
     may put_back: Flag,
         "of a successful `place`: whether the object is back where it stood at the start";
+    may primitive: Text,
+        "skill of the arm that a call runs, also one that failed, as the paper's table has them: `open`, `close`, \
+         `pick`, `place_open`, `place_inside` (of what has a door); null for other calls, and for a `place` \
+         at nobody knows what";
     may fell: Text, "what the call dropped on the floor: `target`, else `other`";
     must repeated: Flag,
         "whether the same call was made before in the same state of the world, from the same \

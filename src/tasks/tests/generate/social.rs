@@ -200,7 +200,11 @@ fn indices_are_those_of_the_plan_as_it_was() {
 #[test]
 fn questions_at_one_index_keep_their_order() {
     let ask = |about: QuestionTopic, insert_before| Annotation {
-        strategy: about.strategy(),
+        strategy: if about == QuestionTopic::Object {
+            Strategy::A
+        } else {
+            Strategy::B
+        },
         about,
         insert_before,
         question: (about != QuestionTopic::Object).then(|| "Which one?".to_owned()),
@@ -307,27 +311,93 @@ fn a_fuzzy_task_asks_about_its_object_and_is_left_out_where_nothing_may() {
 }
 
 #[test]
-fn strategy_a_alone_asks_about_objects_alone() {
+fn strategy_a_is_a_dialogue_before_the_first_step() {
     let all = annotated(&AnnotateOptions {
         strategies: &[Strategy::A],
         seed: 1,
     });
     let families: BTreeSet<Family> = all.iter().map(|(_, task, _)| task.family).collect();
-    assert_eq!(families, [Family::FODP, Family::SUL].into());
-    for (_, task, annotated) in &all {
+    assert!(families.len() > 2, "{families:?}");
+    let mut with_follow_up = 0;
+    for (scene, task, annotated) in &all {
+        let next = &annotated.task;
+        let turns: Vec<&PlanStep> = next
+            .plan
+            .iter()
+            .take_while(|step| step.action == "ask")
+            .collect();
+        // Of what is vague already the robot may ask in view of the candidates alone.
         assert!(
-            annotated
-                .annotations
-                .iter()
-                .all(|annotation| annotation.about == QuestionTopic::Object),
-            "{}",
+            turns.len() == 2 || turns.is_empty() && task.family == Family::SUL,
+            "{}: {turns:?}",
             task.task_id
         );
-        assert!(
-            annotated.annotations[0].question.is_none(),
-            "its words depend on what is seen"
-        );
+        assert!(asks(next).iter().all(|step| step.args["strategy"] == "A"));
+        with_follow_up += usize::from(turns.len() == 2 && asks(next).len() == 3);
+        // Each turn tells something: fewer receptacles than before are left.
+        let user = RuleUser::new(next, scene);
+        for turn in turns {
+            let reply = user.answer(turn.args["question"].as_str().unwrap()).text;
+            let room = |id| scene.receptacle(id).unwrap().room_name();
+            let told = match turn.args["about"].as_str().unwrap() {
+                "source" => reply.contains(room(&task.src)),
+                _ => reply.starts_with("Please put it"),
+            };
+            assert!(told, "{turn:?}: {reply}");
+        }
     }
+    let dialogues = all
+        .iter()
+        .filter(|(_, _, annotated)| annotated.task.plan[0].action == "ask")
+        .count();
+    assert!(
+        dialogues * 2 > all.len() && with_follow_up > 0 && all.len() * 2 > made().len(),
+        "{dialogues} dialogues of {}, {with_follow_up} with a question in view; {} tasks",
+        all.len(),
+        made().len()
+    );
+}
+
+#[test]
+fn half_a_dialogue_is_none() {
+    let options = AnnotateOptions {
+        strategies: &[Strategy::A],
+        seed: 1,
+    };
+    let (scene, task, good) = annotated(&options)
+        .into_iter()
+        .find(|(_, _, annotated)| annotated.annotations.len() == 2)
+        .unwrap();
+    let kind = |annotations: &[Annotation]| {
+        apply(
+            task,
+            scene,
+            good.task.instruction.clone(),
+            annotations.to_vec(),
+        )
+        .unwrap_err()
+        .kind()
+    };
+    assert_eq!(
+        kind(&good.annotations[..1]),
+        "strategy A is less than a dialogue"
+    );
+    let named = apply(
+        task,
+        scene,
+        task.instruction.clone(),
+        good.annotations.clone(),
+    );
+    assert_eq!(
+        named.unwrap_err().kind(),
+        "a question does not have to be asked"
+    );
+    let mut later = good.annotations.clone();
+    later[1].insert_before = 1;
+    assert_eq!(
+        kind(&later),
+        "a question is at a step where it cannot be asked"
+    );
 }
 
 #[test]
@@ -411,6 +481,10 @@ fn rules_are_kept_whoever_annotates() {
     );
     assert_eq!(
         with(&|one| one.strategy = Strategy::A),
+        "strategy A is less than a dialogue"
+    );
+    assert_eq!(
+        with(&|one| one.about = QuestionTopic::Object),
         "a strategy does not ask about that"
     );
     assert_eq!(

@@ -9,12 +9,12 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 #[cfg(feature = "service")]
-use reel_llm::client::{Client, Message, Request, Role};
-#[cfg(feature = "service")]
-use reel_tasks::generate::social::proposal;
+use reel_llm::client::{Client, Message, Part, Request, Role};
 use reel_tasks::generate::social::{
     AnnotateOptions, AnnotatedTask, Annotation, FIELD, SkipReason, Strategy, annotate,
 };
+#[cfg(feature = "service")]
+use reel_tasks::generate::{scene::Plan, social::proposal};
 use reel_world::{Digest, Scene, Task};
 use serde_json::{Value, json};
 
@@ -29,11 +29,15 @@ const BATCH: usize = 10;
 /// Put questions into the plans of tasks, and make the instructions so vague that they
 /// have to be asked.
 ///
-/// Strategy A leaves open which object is meant ("a mug"), strategy B which of several receptacles
-/// of a kind ("a table"). One or two questions a task, drawn by seed from those that apply; each is
-/// tried with the simulated user first: what was said before leaves at least two possible, the
-/// answer one. Tasks in which nothing can be asked are left out and counted. `reel run` with the
-/// oracle then plays the conversation as part of the episode.
+/// Strategy A is a dialogue before the first step: the instruction says neither where the object is
+/// nor where it goes, and often leaves open which object is meant ("a mug"). Strategy B leaves open
+/// which of several receptacles of a kind is meant ("a table"). They are drawn by seed from those
+/// that apply; each question is tried with the simulated user first: what was said before leaves at
+/// least two possible, the answer fewer. Tasks in which nothing can be asked are left out and
+/// counted. `reel run` with the oracle then plays the conversation as part of the episode.
+///
+/// A model sees the floor plan of the scene beside the captions; --no-image is for models that
+/// read text alone.
 ///
 /// PATH is what `reel task generate` wrote, or any task file or folder. Files go to
 /// DIR/<scene>/<family>/, and the scene beside them. The same command resumes after an
@@ -63,6 +67,10 @@ pub struct Arguments {
     #[cfg(feature = "service")]
     #[command(flatten)]
     model: Model,
+    /// Leave out the floor plan of the scene, for a model that reads text alone
+    #[cfg(feature = "service")]
+    #[arg(long, requires = "model")]
+    no_image: bool,
     /// Threads, and requests at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -109,6 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut counts = Counts::default();
     for (scene, tasks) in &sets {
         save_scene(&arguments.out, scene)?;
+        let author = author.of_scene(scene)?;
         let file = |task: &Task| {
             arguments
                 .out
@@ -119,7 +128,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             let done: Vec<anyhow::Result<TaskResult>> = pool.install(|| {
                 batch
                     .par_iter()
-                    .map(|task| author.write(task, scene, &file(task)))
+                    .map(|task| author.write(task, &file(task)))
                     .collect()
             });
             // What was done before something failed is there for the next run.
@@ -224,6 +233,33 @@ struct Author<'a> {
     options: AnnotateOptions<'a>,
     #[cfg(feature = "service")]
     model: Option<Client>,
+    #[cfg(feature = "service")]
+    sees_plan: bool,
+}
+
+/// Who annotates the tasks of one scene.
+struct SceneAuthor<'a> {
+    author: &'a Author<'a>,
+    scene: &'a Scene,
+    /// The floor plan that the model gets; `None` without a model, and with `--no-image`.
+    plan: Option<FloorPlan>,
+}
+
+/// The top-down image of a scene.
+struct FloorPlan {
+    digest: Digest,
+    #[cfg(feature = "service")]
+    png: Vec<u8>,
+}
+
+/// A task's annotation and where it comes from.
+struct Authored {
+    task: AnnotatedTask,
+    /// The model with its prompt, or the rules.
+    author: String,
+    by_model: bool,
+    /// Why the rules stand in a model's place.
+    fallback: Option<String>,
 }
 
 impl<'a> Author<'a> {
@@ -245,38 +281,67 @@ impl<'a> Author<'a> {
             options,
             #[cfg(feature = "service")]
             model,
+            #[cfg(feature = "service")]
+            sees_plan: !arguments.no_image,
         })
     }
 
-    fn write(&self, task: &Task, scene: &Scene, file: &Path) -> anyhow::Result<TaskResult> {
-        let made_from = self.made_from(task, scene);
-        if let Some(annotations) = kept(file, scene, &made_from) {
+    fn of_scene(&'a self, scene: &'a Scene) -> anyhow::Result<SceneAuthor<'a>> {
+        Ok(SceneAuthor {
+            author: self,
+            scene,
+            plan: self.plan(scene)?,
+        })
+    }
+}
+
+impl SceneAuthor<'_> {
+    fn write(&self, task: &Task, file: &Path) -> anyhow::Result<TaskResult> {
+        let made_from = self.made_from(task);
+        if let Some(annotations) = kept(file, self.scene, &made_from) {
             return Ok(TaskResult::Kept(annotations));
         }
         // Where the rules find nothing to ask, nobody is asked for more.
-        let by_rules = match annotate(task, scene, &self.options) {
+        let by_rules = match annotate(task, self.scene, &self.author.options) {
             Ok(annotated) => annotated,
             Err(why) => return Ok(TaskResult::Skipped(why)),
         };
-        let (mut annotated, author, fallback) = self.improved(task, scene, by_rules)?;
-        if let Some(Value::Object(social)) = annotated.task.extra.get_mut(FIELD) {
-            social.insert("author".to_owned(), json!(author));
+        let mut authored = self.improved(task, by_rules)?;
+        if let Some(Value::Object(social)) = authored.task.task.extra.get_mut(FIELD) {
+            social.insert("author".to_owned(), json!(authored.author));
             social.insert("made_from".to_owned(), json!(made_from));
+            if let Some(plan) = self.plan.as_ref().filter(|_| authored.by_model) {
+                let image = json!({ "kind": "floor_plan", "digest": plan.digest });
+                social.insert("image".to_owned(), image);
+            }
         }
-        Ok(TaskResult::Annotated(Box::new(annotated), fallback))
+        Ok(TaskResult::Annotated(
+            Box::new(authored.task),
+            authored.fallback,
+        ))
     }
 
     /// Stands in a file for all that it was made from.
-    fn made_from(&self, task: &Task, scene: &Scene) -> String {
-        let AnnotateOptions { strategies, seed } = self.options;
+    fn made_from(&self, task: &Task) -> String {
+        let AnnotateOptions { strategies, seed } = self.author.options;
         let inputs = json!([
             Digest::of_json(task),
-            Digest::of_json(scene),
+            Digest::of_json(self.scene),
             strategies,
             seed,
-            self.name()
+            self.author.name(),
+            self.plan.as_ref().map(|plan| plan.digest),
         ]);
         Digest::of_json(&inputs).short()
+    }
+}
+
+fn by_the_rules(task: AnnotatedTask, fallback: Option<String>) -> Authored {
+    Authored {
+        task,
+        author: "rules".to_owned(),
+        by_model: false,
+        fallback,
     }
 }
 
@@ -290,13 +355,15 @@ impl Author<'_> {
         "rules".to_owned()
     }
 
-    fn improved(
-        &self,
-        _: &Task,
-        _: &Scene,
-        by_rules: AnnotatedTask,
-    ) -> anyhow::Result<(AnnotatedTask, String, Option<String>)> {
-        Ok((by_rules, self.name(), None))
+    fn plan(&self, _: &Scene) -> anyhow::Result<Option<FloorPlan>> {
+        Ok(None)
+    }
+}
+
+#[cfg(not(feature = "service"))]
+impl SceneAuthor<'_> {
+    fn improved(&self, _: &Task, by_rules: AnnotatedTask) -> anyhow::Result<Authored> {
+        Ok(by_the_rules(by_rules, None))
     }
 }
 
@@ -319,29 +386,58 @@ impl Author<'_> {
             .map_or_else(|| "rules".to_owned(), of_model)
     }
 
+    /// The floor plan of a scene for the model; `None` if no model looks at it.
+    fn plan(&self, scene: &Scene) -> anyhow::Result<Option<FloorPlan>> {
+        if self.model.is_none() || !self.sees_plan {
+            return Ok(None);
+        }
+        let png = Plan::of(scene).png().with_context(|| {
+            format!(
+                "scene {} has no floor plan; --no-image leaves it out",
+                scene.scene_id
+            )
+        })?;
+        Ok(Some(FloorPlan {
+            digest: Digest::of(&png),
+            png,
+        }))
+    }
+}
+
+#[cfg(feature = "service")]
+impl SceneAuthor<'_> {
     /// The model's proposal, if there is a model and nothing speaks against it.
-    fn improved(
-        &self,
-        task: &Task,
-        scene: &Scene,
-        by_rules: AnnotatedTask,
-    ) -> anyhow::Result<(AnnotatedTask, String, Option<String>)> {
-        let Some(client) = &self.model else {
-            return Ok((by_rules, self.name(), None));
+    fn improved(&self, task: &Task, by_rules: AnnotatedTask) -> anyhow::Result<Authored> {
+        let author = self.author;
+        let Some(client) = &author.model else {
+            return Ok(by_the_rules(by_rules, None));
         };
-        let summary = proposal::summary(task, scene, self.options.strategies);
-        let messages = vec![
-            Message::text(Role::System, proposal::PROMPT),
-            Message::text(Role::User, summary),
-        ];
+        let strategies = author.options.strategies;
+        let summary = proposal::summary(task, self.scene, strategies);
+        let mut question = Message::text(Role::User, summary);
+        if let Some(plan) = &self.plan {
+            question
+                .parts
+                .push(Part::Text(proposal::IMAGE_CAPTION.to_owned()));
+            question.parts.push(Part::Image {
+                media_type: "image/png".to_owned(),
+                bytes: plan.png.clone(),
+            });
+        }
+        let messages = vec![Message::text(Role::System, proposal::PROMPT), question];
         let reply = client.complete(&Request {
             messages,
             ..Request::default()
         })?;
         Ok(
-            match proposal::judge(task, scene, self.options.strategies, &reply.text) {
-                Ok(annotated) => (annotated, self.name(), None),
-                Err(why) => (by_rules, "rules".to_owned(), Some(why.kind().to_owned())),
+            match proposal::judge(task, self.scene, strategies, &reply.text) {
+                Ok(annotated) => Authored {
+                    task: annotated,
+                    author: author.name(),
+                    by_model: true,
+                    fallback: None,
+                },
+                Err(why) => by_the_rules(by_rules, Some(why.kind().to_owned())),
             },
         )
     }

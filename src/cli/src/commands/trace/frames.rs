@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use reel_replay::Verdict;
 use reel_trace::{FrameLayers, Trace, TraceError, encode_png, encode_png16};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
@@ -15,6 +15,8 @@ use crate::{ExitStatus, camera::Camera, inputs};
 
 /// Write the frames of a trace as PNG files, and a contact sheet of all of them. Frames that the
 /// trace leaves out are rendered again; so are those of other cameras, which show the robot.
+/// --robot-camera writes the images that a robot's further camera recorded, as they came;
+/// `reel show` lists the cameras.
 ///
 /// Examples:
 ///   reel trace frames traces-out/FDP_home_0001--oracle--0.mcap --out images
@@ -23,6 +25,7 @@ use crate::{ExitStatus, camera::Camera, inputs};
 ///   reel trace frames trace.mcap --out images --camera follow:target
 ///   reel trace frames trace.mcap --out images --camera free --eye 1,1,1.8 --look-at 3,2,0.8
 ///   reel trace frames trace.mcap --out images --layers rgb,depth,masks   # call_003.png, .depth.png, .masks.png
+///   reel trace frames robot.mcap --out images --robot-camera wrist       # wrist_0000.jpeg and so on
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -46,6 +49,9 @@ pub struct Arguments {
     /// 0 where nothing is); masks (16-bit gray PNG of instance ids, which instances.json names)
     #[arg(long, value_name = "LAYERS", value_delimiter = ',', default_value = "rgb", value_parser = ["rgb", "depth", "masks"])]
     layers: Vec<String>,
+    /// The recorded images of this further camera of a robot instead, by its name or topic
+    #[arg(long, value_name = "TOPIC", conflicts_with_all = ["at", "sheet_only", "layers", "camera"])]
+    robot_camera: Option<String>,
     /// Only the contact sheet
     #[arg(long, conflicts_with = "at")]
     sheet_only: bool,
@@ -66,6 +72,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         layers: &arguments.layers,
         files: Vec::new(),
     };
+    if let Some(camera) = &arguments.robot_camera {
+        return robot_camera(&trace, camera, output, arguments);
+    }
     if let Some(call) = arguments.at {
         output.frame(Some(call), &frame_at(&trace, call, arguments)?)?;
     } else if !arguments.sheet_only {
@@ -88,6 +97,70 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     }
     Ok(ExitStatus::Success)
+}
+
+/// Writes the images of a robot's further camera as they were recorded.
+fn robot_camera(
+    trace: &Trace,
+    camera: &str,
+    mut output: Output<'_>,
+    arguments: &Arguments,
+) -> anyhow::Result<ExitStatus> {
+    let Some(frames) = reel_import::robot::camera_frames(trace, camera) else {
+        let cameras = trace.sensors.iter().filter_map(|channel| {
+            let name = channel.camera.as_ref()?;
+            Some(format!("{name} ({})", channel.topic))
+        });
+        let cameras: Vec<String> = cameras.collect();
+        let known = match cameras.is_empty() {
+            true => "it has no further camera".to_owned(),
+            false => format!("there are: {}", cameras.join(", ")),
+        };
+        bail!("{}: no camera '{camera}'; {known}", trace.path.display())
+    };
+    let stem: String = camera
+        .trim_start_matches('/')
+        .chars()
+        .map(|letter| {
+            if letter.is_alphanumeric() {
+                letter
+            } else {
+                '_'
+            }
+        })
+        .collect();
+    let (mut listed, mut status) = (Vec::new(), ExitStatus::Success);
+    for (index, (unix_ns, image)) in frames.into_iter().enumerate() {
+        match image {
+            Ok(image) => {
+                output.file(&format!("{stem}_{index:04}.{}", image.format), &image.data)?;
+                listed.push(json!({
+                    "file": output.files.last(), "unix_ns": unix_ns, "call": call_at(trace, unix_ns),
+                }));
+            }
+            Err(why) => {
+                eprintln!("reel: image {index} of {camera} at {unix_ns} ns cannot be read: {why}");
+                status = ExitStatus::Partial;
+            }
+        }
+    }
+    if arguments.json {
+        println!("{}", json!({ "trace": arguments.trace, "images": listed }));
+    } else {
+        for path in &output.files {
+            println!("{}", path.display());
+        }
+    }
+    Ok(status)
+}
+
+/// The call that was made last before a moment; `None` before the first.
+fn call_at(trace: &Trace, unix_ns: u64) -> Option<u32> {
+    let made = trace
+        .timings
+        .iter()
+        .filter(|(_, timing)| timing.called_unix_ns <= unix_ns);
+    made.map(|(step, _)| *step).max()
 }
 
 /// Writes all frames as the trace holds them; where it does not hold what is wanted, or from another

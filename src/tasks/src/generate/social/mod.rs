@@ -3,11 +3,13 @@
 //! about it are put into the plan; whoever follows the plan asks them, so that an annotated
 //! trajectory is an episode like any other.
 //!
-//! Strategy A asks which object is meant, strategy B which of several receptacles alike. Nothing is
-//! asked that was told, and everything is told in the end: [`settles`] plays the conversation with
-//! the simulated user before a task is let through. Knows no file and no model; what a model
-//! proposes (`proposal`) is judged by the same rules.
+//! Strategy A is a dialogue of several turns before the execution (`dialogue`), and asks which object
+//! is meant once the candidates are in view; strategy B asks which of several receptacles alike.
+//! Nothing is asked that was told, and each reply narrows what is possible: [`settles`] plays the
+//! conversation with the simulated user before a task is let through. Knows no file and no model;
+//! what a model proposes (`proposal`) is judged by the same rules.
 
+mod dialogue;
 pub mod proposal;
 mod talk;
 mod words;
@@ -29,7 +31,7 @@ const NAMED_MAX: usize = 4;
 /// How the expert comes to speak (paper, Annotation Strategies).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub enum Strategy {
-    /// Proactive clarification: the instruction is underspecified.
+    /// Proactive clarification: the instruction is underspecified, and the robot asks before it begins.
     A,
     /// Disambiguation: several receptacles of a kind.
     B,
@@ -81,15 +83,6 @@ impl QuestionTopic {
             QuestionTopic::Object => "object",
             QuestionTopic::Source => "source",
             QuestionTopic::Destination => "destination",
-        }
-    }
-
-    /// The strategy that asks about it.
-    pub fn strategy(self) -> Strategy {
-        if self == QuestionTopic::Object {
-            Strategy::A
-        } else {
-            Strategy::B
         }
     }
 }
@@ -158,14 +151,15 @@ impl fmt::Display for SkipReason {
 }
 
 /// A question that may be asked, and the words that make it necessary.
+#[derive(Clone)]
 struct Proposal {
     annotation: Annotation,
     /// Words of the instruction, and what stands for them; none where it is vague already.
     instead: Option<(std::ops::Range<usize>, String)>,
 }
 
-/// Puts one or two questions into the plan of a task, by strategies drawn from those that
-/// apply, and rewrites its instruction so that they have to be asked. What is vague already
+/// Puts a dialogue, or one or two questions, into the plan of a task, by strategies drawn from those
+/// that apply, and rewrites its instruction so that they have to be asked. What is vague already
 /// is always asked about.
 ///
 /// # Errors
@@ -186,50 +180,48 @@ pub fn annotate(
         &format!("social/{}/{}", task.scene_id, task.task_id),
         0,
     );
+    let allows = |strategy| options.strategies.contains(&strategy);
     let (mut needed, mut possible, mut why) = (Vec::new(), Vec::new(), SkipReason::NothingAlike);
     for about in QuestionTopic::ALL {
-        let allowed = options.strategies.contains(&about.strategy());
+        let of_object = about == QuestionTopic::Object;
+        let allowed = allows(if of_object { Strategy::A } else { Strategy::B });
         match propose(task, scene, about, &mut stream) {
             Ok(proposal) if proposal.instead.is_none() && !allowed => {
                 return Err(SkipReason::LeftVague);
             }
             Ok(proposal) if proposal.instead.is_none() => needed.push(proposal),
-            Ok(proposal) if allowed => possible.push(proposal),
+            // An object is left open only as a part of a dialogue.
+            Ok(proposal) if allowed && !of_object => possible.push(proposal),
             Ok(_) => {}
             Err(reason) => why = why.max(reason),
         }
     }
-    let wanted = 1 + stream.below(2);
-    let order = stream.pick_some(&(0..possible.len()).collect::<Vec<_>>(), possible.len());
-    let mut choices: Vec<Vec<usize>> = Vec::new();
-    if needed.is_empty() && wanted == 2 {
-        choices.extend(
-            order
-                .iter()
-                .enumerate()
-                .flat_map(|(at, one)| order[at + 1..].iter().map(|other| vec![*one, *other])),
-        );
+    let mut dialogues = Vec::new();
+    let is_object = |proposal: &Proposal| proposal.annotation.about == QuestionTopic::Object;
+    if allows(Strategy::A) && needed.iter().all(is_object) {
+        let is_destination = |one: &&Proposal| one.annotation.about == QuestionTopic::Destination;
+        let kinds = [None, possible.iter().find(is_destination)];
+        for (index, kind) in kinds.into_iter().enumerate() {
+            if index > 0 && kind.is_none() {
+                continue;
+            }
+            match dialogue::propose(task, scene, kind, &mut stream) {
+                Ok(turns) => dialogues.push(turns),
+                Err(reason) => why = why.max(reason),
+            }
+        }
     }
-    if needed.len() < wanted {
-        choices.extend(order.iter().map(|one| vec![*one]));
+    let questions = sets_of_questions(needed, &possible, &mut stream);
+    if dialogues.len() > 1 && stream.below(2) == 0 {
+        dialogues.reverse();
     }
-    if !needed.is_empty() {
-        choices.push(Vec::new());
-    }
-    for choice in choices {
-        let chosen: Vec<&Proposal> = needed
-            .iter()
-            .chain(choice.iter().map(|index| &possible[*index]))
-            .collect();
-        let both_ends = [QuestionTopic::Source, QuestionTopic::Destination]
-            .iter()
-            .all(|end| chosen.iter().any(|one| one.annotation.about == *end));
-        // "From a table to a table" is nothing that people say.
-        if both_ends
-            && [(&task.src, &task.dest), (&task.dest, &task.src)]
-                .iter()
-                .any(|(one, other)| alike(scene, one, other))
-        {
+    let sets = if allows(Strategy::B) && stream.below(2) == 0 {
+        [questions, dialogues]
+    } else {
+        [dialogues, questions]
+    };
+    for chosen in sets.concat() {
+        if names_one_kind_twice(task, scene, &chosen) {
             continue;
         }
         let annotations = chosen
@@ -247,6 +239,48 @@ pub fn annotate(
         }
     }
     Err(why)
+}
+
+/// What is needed with up to two of the possible questions, in the order in which to try them.
+fn sets_of_questions(
+    needed: Vec<Proposal>,
+    possible: &[Proposal],
+    stream: &mut Stream,
+) -> Vec<Vec<Proposal>> {
+    let wanted = 1 + stream.below(2);
+    let order = stream.pick_some(&(0..possible.len()).collect::<Vec<_>>(), possible.len());
+    let mut choices: Vec<Vec<usize>> = Vec::new();
+    if needed.is_empty() && wanted == 2 {
+        choices.extend(
+            order
+                .iter()
+                .enumerate()
+                .flat_map(|(at, one)| order[at + 1..].iter().map(|other| vec![*one, *other])),
+        );
+    }
+    if needed.len() < wanted {
+        choices.extend(order.iter().map(|one| vec![*one]));
+    }
+    if !needed.is_empty() {
+        choices.push(Vec::new());
+    }
+    let with = |choice: Vec<usize>| {
+        let chosen = choice.iter().map(|index| possible[*index].clone());
+        needed.iter().cloned().chain(chosen).collect()
+    };
+    choices.into_iter().map(with).collect()
+}
+
+/// "From a table to a table" is nothing that people say.
+fn names_one_kind_twice(task: &Task, scene: &Scene, chosen: &[Proposal]) -> bool {
+    let by_kind = |about| {
+        chosen
+            .iter()
+            .any(|one| one.annotation.about == about && one.annotation.strategy == Strategy::B)
+    };
+    by_kind(QuestionTopic::Source)
+        && by_kind(QuestionTopic::Destination)
+        && (alike(scene, &task.src, &task.dest) || alike(scene, &task.dest, &task.src))
 }
 
 /// Puts these questions under this instruction, if the outcome is as it shall be: see [`settles`].
@@ -276,7 +310,7 @@ pub fn apply(
     {
         next.purpose = Some(task.target_object().category.clone());
     }
-    talk::admits(task, &annotations)?;
+    talk::admits(task, scene, &annotations)?;
     insert(&mut next.plan, &annotations);
     talk::settles(&next, scene)?;
     talk::leaves_the_rest(task, &next, scene, &annotations)?;
@@ -347,7 +381,7 @@ fn propose(
     }
 }
 
-/// Proposes a question about the target object (strategy A).
+/// Proposes a question about the target object, asked in view of the candidates (strategy A).
 fn object(task: &Task, scene: &Scene) -> Result<Proposal, SkipReason> {
     if !moves_one(task) {
         return Err(SkipReason::NothingAlike);
@@ -478,7 +512,7 @@ fn place(
 }
 
 /// The instruction with vaguer words in the places of these.
-fn reworded(instruction: &str, proposals: &[&Proposal]) -> String {
+fn reworded(instruction: &str, proposals: &[Proposal]) -> String {
     let mut all: Vec<_> = proposals
         .iter()
         .filter_map(|proposal| proposal.instead.clone())

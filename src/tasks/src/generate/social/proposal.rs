@@ -10,6 +10,9 @@ use super::{AnnotatedTask, Annotation, Objection, QuestionTopic, Strategy, apply
 /// What the model is told before it gets a task.
 pub const PROMPT: &str = include_str!("../../../prompts/social.md");
 
+/// What stands before the floor plan of the scene, where the model gets it.
+pub const IMAGE_CAPTION: &str = "The scene from above, with rooms by name and receptacles by id:";
+
 /// Places in an answer that are tried as the beginning of a JSON object.
 const TRIES_MAX: usize = 200;
 

@@ -10,7 +10,7 @@ use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task, lan
 use serde_json::Value;
 
 use super::{
-    Annotation, QuestionTopic,
+    Annotation, QuestionTopic, Strategy,
     words::{self, place_of_step},
 };
 
@@ -26,6 +26,15 @@ pub enum Objection {
     Strategy {
         /// Name of the strategy, `A` or `B`.
         strategy: &'static str,
+        about: &'static str,
+    },
+    /// Strategy A in less than a dialogue.
+    #[error("strategy A is a dialogue: at least two questions come before the first step")]
+    OneTurn,
+    /// Strategy A about what the instruction names.
+    #[error("strategy A asks about the {about}, whose kind the instruction names")]
+    Named {
+        /// Topic whose kind is named: `source` or `destination`.
         about: &'static str,
     },
     /// It comes at the wrong time.
@@ -76,6 +85,8 @@ impl Objection {
         match self {
             Objection::Nothing => "there is no question",
             Objection::Strategy { .. } => "a strategy does not ask about that",
+            Objection::OneTurn => "strategy A is less than a dialogue",
+            Objection::Named { .. } => "strategy A asks about what the instruction names",
             Objection::Place { .. } => "a question is at a step where it cannot be asked",
             Objection::Unspeakable { .. } => "a text cannot be said",
             Objection::Identifier { .. } => "a text speaks an identifier",
@@ -92,14 +103,20 @@ impl Objection {
 const TEXT_MAX: usize = 600;
 
 /// Whether questions may come where they shall: about the object once it was looked for and before
-/// it is picked, about a receptacle before anything is done there or at one like it.
-pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Objection> {
+/// it is picked, about a receptacle before anything is done there or at one like it. Strategy A needs
+/// two turns before the first step, unless it only asks about an object that was vague before.
+pub(super) fn admits(
+    task: &Task,
+    scene: &Scene,
+    annotations: &[Annotation],
+) -> Result<(), Objection> {
     if annotations.is_empty() {
         return Err(Objection::Nothing);
     }
     for annotation in annotations {
         let (about, index) = (annotation.about, annotation.insert_before);
-        if annotation.strategy != about.strategy() {
+        let by_a = annotation.strategy == Strategy::A;
+        if about == QuestionTopic::Object && !by_a {
             return Err(Objection::Strategy {
                 strategy: annotation.strategy.as_str(),
                 about: about.as_str(),
@@ -119,6 +136,7 @@ pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Obje
                     && !before.iter().any(|step| is(step, &["pick", "gaze_at"]))
             }
             QuestionTopic::Source => before.is_empty(),
+            QuestionTopic::Destination if by_a => before.is_empty(),
             QuestionTopic::Destination => !before.iter().any(|step| at(step, task.dest.as_str())),
         });
         if twice || !fits {
@@ -128,12 +146,26 @@ pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Obje
             });
         }
     }
+    let turns = annotations
+        .iter()
+        .filter(|annotation| annotation.insert_before == 0);
+    let mut by_a = annotations
+        .iter()
+        .filter(|annotation| annotation.strategy == Strategy::A);
+    let was_vague = words::is_vague(task, scene, QuestionTopic::Object);
+    let needs_dialogue =
+        by_a.any(|annotation| annotation.about != QuestionTopic::Object || !was_vague);
+    if needs_dialogue && turns.count() < 2 {
+        return Err(Objection::OneTurn);
+    }
     Ok(())
 }
 
 /// Whether every question of a plan has to be asked, and its answer settles it: what was told
 /// before (the instruction and the answers) leaves at least two possible, among them the right one,
-/// and with the answer only that one. No text holds an identifier.
+/// and with the answer only that one. Where strategy A asks for the source, the answer leaves fewer:
+/// of a source that the instruction is silent about the user tells the room. No text holds an
+/// identifier.
 ///
 /// # Errors
 /// The first question that is not so.
@@ -174,10 +206,17 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
                         possible,
                     });
                 }
+                let before = possible.len();
                 let reply = user.answer(&question).text;
                 said.push(reply.clone());
                 let possible = self::possible(task, scene, about, said);
-                if possible != [right] {
+                let narrows = about == QuestionTopic::Source && is_by_a(step);
+                let is_settled = if narrows {
+                    possible.contains(&right) && possible.len() < before
+                } else {
+                    possible == [right]
+                };
+                if !is_settled {
                     return Err(Objection::Unsettled {
                         about: about.as_str(),
                         reply,
@@ -218,6 +257,15 @@ pub(super) fn leaves_the_rest(
         }
     }
     for annotation in annotations {
+        let about = annotation.about;
+        if annotation.strategy == Strategy::A && about != QuestionTopic::Object {
+            if !words::is_silent(after, scene, about) {
+                return Err(Objection::Named {
+                    about: about.as_str(),
+                });
+            }
+            continue;
+        }
         let category = |id| {
             scene
                 .receptacle(id)
@@ -259,6 +307,10 @@ fn right(task: &Task, about: QuestionTopic) -> String {
         QuestionTopic::Source => task.src.to_string(),
         QuestionTopic::Destination => task.dest.to_string(),
     }
+}
+
+fn is_by_a(step: &PlanStep) -> bool {
+    step.args.get("strategy").and_then(Value::as_str) == Some(Strategy::A.as_str())
 }
 
 fn asks_about(step: &PlanStep) -> Option<QuestionTopic> {

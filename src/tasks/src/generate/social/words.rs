@@ -25,7 +25,7 @@ pub(super) fn objects<'a>(task: &'a Task, texts: &[&str]) -> Vec<&'a ObjectInsta
 }
 
 /// The receptacles that may be meant by the word for the right one: of its kind, usable, and not
-/// the other end of the way.
+/// the other end of the way. Of any kind where the instruction is silent about it.
 pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: QuestionTopic) -> Vec<&'a Receptacle> {
     let right = if about == QuestionTopic::Source {
         &task.src
@@ -36,8 +36,9 @@ pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: QuestionTopic) -> V
         return Vec::new();
     };
     let ends = other_ends(task, scene, about);
+    let any_kind = is_silent(task, scene, about);
     let may_be = |one: &&Receptacle| {
-        is_called(&one.category, &right.category)
+        (any_kind || is_called(&one.category, &right.category))
             && scene.is_usable(one)
             && !ends.iter().any(|end| end.id == one.id)
     };
@@ -106,6 +107,23 @@ pub(super) fn places<'a>(
         }
     }
     left
+}
+
+/// Whether no word of the instruction says what kind of receptacle this end of the way is.
+pub(super) fn is_silent(task: &Task, scene: &Scene, about: QuestionTopic) -> bool {
+    let right = match about {
+        QuestionTopic::Object => None,
+        QuestionTopic::Source => scene.receptacle(&task.src),
+        QuestionTopic::Destination => scene.receptacle(&task.dest),
+    };
+    let said = language::words(&task.instruction);
+    right.is_some_and(|right| {
+        let kind = language::words(&right.category);
+        !kind.iter().any(|word| said.contains(word))
+            && !names(right, scene)
+                .iter()
+                .any(|name| language::quotes(&task.instruction, name))
+    })
 }
 
 /// Whether the instruction leaves open what is meant, and says so: by a purpose, or by "a table".
