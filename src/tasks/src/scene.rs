@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use reel_world::{Door, FurnitureJoint, PrimitiveShape, Receptacle, ReceptacleId, Rect, Scene};
+use reel_world::{Door, FurnitureJoint, Receptacle, ReceptacleId, Rect, Scene, SolidShape};
 
 use crate::{TaskError, attributes, load::read_file};
 
@@ -188,12 +188,12 @@ fn check_geometry(receptacle: &Receptacle) -> Result<(), String> {
     };
     for (index, primitive) in geometry.fixed.iter().chain(&geometry.moving).enumerate() {
         let sizes: &[f64] = match &primitive.shape {
-            PrimitiveShape::Box { half } => half,
-            PrimitiveShape::Cylinder {
+            SolidShape::Box { half } => half,
+            SolidShape::Cylinder {
                 radius,
                 half_height,
             } => &[*radius, *half_height],
-            PrimitiveShape::Sphere { radius } => &[*radius],
+            SolidShape::Sphere { radius } => &[*radius],
         };
         if !sizes.iter().all(|size| *size > 0.0) {
             return Err(format!(

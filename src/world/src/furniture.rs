@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 pub struct FurnitureGeometry {
     /// The primitives that never move.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub fixed: Vec<Primitive>,
+    pub fixed: Vec<Solid>,
     /// The door or the drawer, as it stands when closed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub moving: Vec<Primitive>,
+    pub moving: Vec<Solid>,
     /// How `moving` opens; there if and only if `moving` is not empty.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<FurnitureJoint>,
@@ -22,9 +22,9 @@ pub struct FurnitureGeometry {
 /// A coloured solid that others consist of.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Primitive {
+pub struct Solid {
     /// Its form and size.
-    pub shape: PrimitiveShape,
+    pub shape: SolidShape,
     /// Where its centre is.
     pub position: [f64; 3],
     /// How it is turned, as a unit quaternion x, y, z, w.
@@ -38,7 +38,7 @@ pub struct Primitive {
 /// Form and size of a primitive, in metres.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum PrimitiveShape {
+pub enum SolidShape {
     /// A cuboid around its centre.
     Box {
         /// Half extents along x, y, z.

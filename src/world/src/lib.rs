@@ -57,7 +57,7 @@ pub use frame::{
     FIRST_RECEPTACLE_INSTANCE, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, FrameInstance,
     InstanceKind, ROBOT_INSTANCE, SHELL_INSTANCE, instances, little_endian,
 };
-pub use furniture::{FurnitureGeometry, FurnitureJoint, Primitive, PrimitiveShape};
+pub use furniture::{FurnitureGeometry, FurnitureJoint, Solid, SolidShape};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use logprobs::{LogprobError, OLD_POLICY, TokenLogprobs};

@@ -1,6 +1,6 @@
 //! Furniture whose scene says what it consists of: imported pieces.
 
-use reel_world::{FurnitureGeometry, FurnitureJoint, Primitive, PrimitiveShape, Scene};
+use reel_world::{FurnitureGeometry, FurnitureJoint, Scene, Solid, SolidShape};
 
 use super::{
     Built, ROOM_HEIGHT_M,
@@ -89,19 +89,19 @@ fn z_to([x, y, z]: [f32; 3]) -> [f32; 4] {
     rotation.map(|value| value / length)
 }
 
-fn part(primitive: &Primitive) -> Part {
+fn part(primitive: &Solid) -> Part {
     let shape = match primitive.shape {
-        PrimitiveShape::Box { half } => Shape::Cuboid {
+        SolidShape::Box { half } => Shape::Cuboid {
             half: half.map(|value| value as f32),
         },
-        PrimitiveShape::Cylinder {
+        SolidShape::Cylinder {
             radius,
             half_height,
         } => Shape::Cylinder {
             radius: radius as f32,
             half_height: half_height as f32,
         },
-        PrimitiveShape::Sphere { radius } => Shape::Ball {
+        SolidShape::Sphere { radius } => Shape::Ball {
             radius: radius as f32,
         },
     };
