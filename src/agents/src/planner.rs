@@ -20,6 +20,8 @@ const FAILURES_MAX: u32 = 6;
 pub(crate) const DOOR_WORDS: [&str; 6] = reel_world::words! {
     fridge refrigerator microwave washing dishwasher electriccooker
 };
+/// Parts of furniture that one expects to be closed.
+const CLOSED_PARTS: [&str; 2] = ["drawer", "compartment"];
 /// What the user says as long as the object was not seen.
 const NOT_SEEN: [&str; 2] = ["please check", "look around"];
 
@@ -260,7 +262,10 @@ impl Planner {
     }
 
     fn at_start(&self, context: &PolicyContext<'_>) -> Belief {
-        let has_door = |category: &str| DOOR_WORDS.iter().any(|word| category.contains(word));
+        let has_door = |category: &str| {
+            CLOSED_PARTS.contains(&category)
+                || DOOR_WORDS.iter().any(|word| category.contains(word))
+        };
         let doors = context
             .briefing
             .receptacles

@@ -26,8 +26,10 @@ const DOOR_DAMPING: f32 = 30.0;
 /// How fast the motor of a drawer goes, in metres per second: slow enough that friction carries
 /// what lies in it.
 const DRAWER_SPEED: f32 = 0.4;
-/// Fixed bodies are in all groups but this one, and what [`DoorModel::guided`] collides with this
-/// group alone: with objects, which are in all groups.
+/// Physics steps after which a drawer that was driven stands where its motor is.
+const DRAWER_SETTLE_STEPS: f32 = 80.0;
+/// Fixed bodies and doors are in all groups but this one, and what is [`DoorModel::guided`]
+/// collides with this group alone: with objects, which are in all groups.
 const MOVABLE: Group = Group::GROUP_32;
 /// The group of guided doors.
 const GUIDED: Group = Group::GROUP_31;
@@ -81,12 +83,12 @@ impl Physics {
         world.gravity = Vector::new(0.0, 0.0, -9.81);
         world.integration_parameters.dt = DT_S;
         let shell = world.insert_body(RigidBodyBuilder::fixed());
-        insert_colliders(&mut world, shell, &model.shell, None, fixed());
+        insert_colliders(&mut world, shell, &model.shell, None, not_movable());
         let mut doors = Vec::new();
         let mut frames = Vec::new();
         for furniture in &model.furniture {
             let body = world.insert_body(RigidBodyBuilder::fixed());
-            insert_colliders(&mut world, body, &furniture.parts, None, fixed());
+            insert_colliders(&mut world, body, &furniture.parts, None, not_movable());
             frames.push(body);
         }
         for (furniture, frame) in model.furniture.iter().zip(frames) {
@@ -147,6 +149,17 @@ impl Physics {
         if let DoorMotion::Hinge(_) = state.motion {
             let target = state.target;
             self.command(door, target);
+        }
+    }
+
+    /// Physics steps that a drawer needs to open or close; none for a door, whose motor is as fast
+    /// as its spring.
+    pub fn travel_steps(&self, door: usize) -> u32 {
+        match self.doors[door].motion {
+            DoorMotion::Hinge(_) => 0,
+            DoorMotion::Slide(distance) => {
+                (distance / (DRAWER_SPEED * DT_S) + DRAWER_SETTLE_STEPS) as u32
+            }
         }
     }
 
@@ -327,7 +340,7 @@ fn insert_door(world: &mut PhysicsWorld, frame: RigidBodyHandle, door: &DoorMode
     let groups = if door.guided {
         InteractionGroups::new(GUIDED, MOVABLE, InteractionTestMode::And)
     } else {
-        InteractionGroups::all()
+        not_movable()
     };
     insert_colliders(world, body, &door.parts, Some(300.0), groups);
     // The closed door's frame, seen from the fixed body (whose frame is the scene's) and from the
@@ -370,8 +383,8 @@ fn axis_of(motion: DoorMotion) -> JointAxis {
     }
 }
 
-/// The groups of what never moves.
-fn fixed() -> InteractionGroups {
+/// The groups of what guided doors pass.
+fn not_movable() -> InteractionGroups {
     InteractionGroups::new(
         Group::ALL.difference(MOVABLE),
         Group::ALL,

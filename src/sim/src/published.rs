@@ -437,6 +437,7 @@ impl Simulator {
             .furniture_index(&id)
             .expect("markers stand for receptacles of the scene");
         let door = self.stage.door_of[index].filter(|_| self.registry.door(&id) != Some(wanted));
+        let mut steps = DOOR_STEPS;
         if let Some(door) = door {
             let open = wanted == DoorState::Open;
             let (primitive, verb) = if open {
@@ -446,13 +447,14 @@ impl Simulator {
             };
             succeeds(given, primitive, verb, "slipped off the handle")?;
             self.physics.drive_door(door, open);
+            steps = steps.max(self.physics.travel_steps(door));
             self.registry
                 .receptacles
                 .entry(id.clone())
                 .or_default()
                 .door = Some(wanted);
         }
-        self.run(DOOR_STEPS);
+        self.run(steps);
         Ok(ToolResult {
             receptacle: Some(id),
             ..self.plain()

@@ -15,7 +15,6 @@ use reel_world::{
 
 use crate::{
     geometry::distance_2d,
-    model::DoorMotion,
     nav::REACH_M,
     placement,
     simulator::{Simulator, VISIBLE_PIXELS, furniture_entity},
@@ -27,8 +26,6 @@ const NAV_SETTLE_STEPS: u32 = 20;
 const GAZE_SETTLE_STEPS: u32 = 10;
 const PLACE_SETTLE_STEPS: u32 = 1000;
 const DOOR_SETTLE_STEPS: u32 = 100;
-/// Physics steps of opening or closing a drawer, whose motor moves at a bounded speed.
-const DRAWER_SETTLE_STEPS: u32 = 320;
 /// Slack of the arm beyond the reach that viewpoints are chosen by, in metres.
 const REACH_SLACK_M: f32 = 0.4;
 /// Fewest pixels of a receptacle that is marked.
@@ -402,12 +399,8 @@ impl Simulator {
         }) {
             return Err(skill_failed(verb, "slipped off the handle"));
         }
-        let steps = match model.motion {
-            DoorMotion::Hinge(_) => DOOR_SETTLE_STEPS,
-            DoorMotion::Slide(_) => DRAWER_SETTLE_STEPS,
-        };
         self.physics.drive_door(door, open);
-        self.run(steps);
+        self.run(DOOR_SETTLE_STEPS.max(self.physics.travel_steps(door)));
         if let Some(state) = self.registry.receptacles.get_mut(&id) {
             state.door = Some(if open {
                 DoorState::Open

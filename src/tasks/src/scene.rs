@@ -1,7 +1,8 @@
 //! Scene files: JSON into a [`Scene`], checked so that the simulator can rely on it.
 
-use std::path::Path;
+use std::{ops::RangeInclusive, path::Path};
 
+use reel_sim::model::takes_parts;
 use reel_world::{Door, FurnitureJoint, Receptacle, ReceptacleId, Rect, Scene, SolidShape};
 
 use crate::{TaskError, attributes, load::read_file};
@@ -145,6 +146,15 @@ fn check(scene: &Scene) -> Result<(), Fault> {
 /// How far the surface of a part may stand out of that of its furniture, in metres.
 const PART_MARGIN_M: f64 = 0.02;
 
+/// Least height from the surface of a part to the next one, boards and all, in metres.
+const PART_HEIGHT_M: f64 = 0.06;
+/// Farthest from the origin that anything stands, and largest that anything is, in metres.
+const FAR_M: f64 = 1e4;
+/// How far a given door turns, in degrees: less is no door, and more would turn the other way.
+const HINGE_DEG: RangeInclusive<f64> = 1.0..=175.0;
+/// How far a given drawer comes out, in metres.
+const SLIDE_M: RangeInclusive<f64> = 0.01..=2.0;
+
 /// A shelf, a drawer or a compartment lies inside of its furniture.
 fn check_part(scene: &Scene, part: &Receptacle) -> Result<(), String> {
     let Some(whole) = &part.part_of else {
@@ -159,33 +169,66 @@ fn check_part(scene: &Scene, part: &Receptacle) -> Result<(), String> {
     if furniture.part_of.is_some() {
         return Err(format!("part of {whole}, which is a part itself"));
     }
-    if furniture.door.exists() && furniture.geometry.is_none() {
+    if furniture.room != part.room {
+        return Err(format!("part of {whole}, which is in another room"));
+    }
+    if furniture.geometry.is_some() != part.geometry.is_some() {
+        return Err(format!(
+            "part of {whole}: give geometry to both of them or to neither"
+        ));
+    }
+    if part.geometry.is_some() {
+        return Ok(());
+    }
+    if furniture.door.exists() {
         return Err(format!(
             "part of {whole}, which has a door: give the door to the parts"
         ));
     }
-    if furniture.room != part.room {
-        return Err(format!("part of {whole}, which is in another room"));
+    if !takes_parts(&furniture.category) {
+        return Err(format!(
+            "part of {whole}, but a {} is not built with parts: give both geometry",
+            furniture.category
+        ));
     }
     let inside = (0..2).all(|axis| {
         part.surface_min[axis] >= furniture.surface_min[axis] - PART_MARGIN_M
             && part.surface_max[axis] <= furniture.surface_max[axis] + PART_MARGIN_M
     });
-    if !inside && furniture.geometry.is_none() {
+    if !inside {
         return Err(format!(
             "part of {whole}, but its surface reaches out of that one's"
         ));
     }
-    if part.surface_height() >= furniture.surface_height() && furniture.geometry.is_none() {
-        return Err(format!("part of {whole}, but not below its surface"));
+    if part.surface_height() + PART_HEIGHT_M > furniture.surface_height() {
+        return Err(format!(
+            "part of {whole}, but not {PART_HEIGHT_M} m below its surface"
+        ));
     }
-    Ok(())
+    let in_its_place = scene.parts_of(whole).find(|other| {
+        let abreast = (0..2).all(|axis| {
+            other.surface_min[axis] < part.surface_max[axis]
+                && part.surface_min[axis] < other.surface_max[axis]
+        });
+        let rise = (other.surface_height() - part.surface_height()).abs();
+        other.id != part.id && abreast && rise < PART_HEIGHT_M
+    });
+    match in_its_place {
+        Some(other) => Err(format!(
+            "lies in {}: one part is at least {PART_HEIGHT_M} m above another",
+            other.id
+        )),
+        None => Ok(()),
+    }
 }
 
 fn check_geometry(receptacle: &Receptacle) -> Result<(), String> {
     let Some(geometry) = &receptacle.geometry else {
         return Ok(());
     };
+    if geometry.fixed.is_empty() && geometry.moving.is_empty() {
+        return Err("its geometry is empty".to_owned());
+    }
     for (index, primitive) in geometry.fixed.iter().chain(&geometry.moving).enumerate() {
         let sizes: &[f64] = match &primitive.shape {
             SolidShape::Box { half } => half,
@@ -195,9 +238,14 @@ fn check_geometry(receptacle: &Receptacle) -> Result<(), String> {
             } => &[*radius, *half_height],
             SolidShape::Sphere { radius } => &[*radius],
         };
-        if !sizes.iter().all(|size| *size > 0.0) {
+        if !sizes.iter().all(|size| *size > 0.0 && *size < FAR_M) {
             return Err(format!(
-                "primitive {index} of its geometry: every size must be above 0"
+                "primitive {index} of its geometry: every size must be above 0 and below {FAR_M} m"
+            ));
+        }
+        if !primitive.position.iter().all(|value| value.abs() < FAR_M) {
+            return Err(format!(
+                "primitive {index} of its geometry: its position is not within {FAR_M} m"
             ));
         }
         if !is_unit(&primitive.rotation) {
@@ -224,8 +272,26 @@ fn check_geometry(receptacle: &Receptacle) -> Result<(), String> {
         Some(FurnitureJoint::Hinge { axis, .. }) if !is_unit(&axis) => {
             Err("the axis of its hinge is no unit vector".to_owned())
         }
-        Some(FurnitureJoint::Slide { open_by }) if open_by == [0.0; 2] => {
-            Err("its slide does not move".to_owned())
+        Some(FurnitureJoint::Hinge {
+            position, open_deg, ..
+        }) if !HINGE_DEG.contains(&open_deg.abs())
+            || !position.iter().all(|value| value.abs() < FAR_M) =>
+        {
+            Err(format!(
+                "its hinge opens by {open_deg} degrees: {} to {} either way are possible, within {FAR_M} m",
+                HINGE_DEG.start(),
+                HINGE_DEG.end()
+            ))
+        }
+        Some(FurnitureJoint::Slide { open_by: [x, y] })
+            if !SLIDE_M.contains(&libm::hypot(x, y)) =>
+        {
+            Err(format!(
+                "its slide opens by {} m: {} to {} m are possible",
+                libm::hypot(x, y),
+                SLIDE_M.start(),
+                SLIDE_M.end()
+            ))
         }
         _ => Ok(()),
     }
@@ -237,6 +303,9 @@ fn is_unit(vector: &[f64]) -> bool {
 }
 
 fn check_range(min: &[f64], max: &[f64]) -> Result<(), String> {
+    if !min.iter().chain(max).all(|value| value.abs() < FAR_M) {
+        return Err(format!("it is not within {FAR_M} m of the origin"));
+    }
     if min.iter().zip(max).all(|(min, max)| min < max) {
         return Ok(());
     }

@@ -179,6 +179,15 @@ enum Build {
     Lid,
 }
 
+/// Whether furniture of a category can have shelves, drawers and compartments: what is built as a
+/// block or a board that stands on something.
+pub fn takes_parts(category: &str) -> bool {
+    match Build::of(category, false, false) {
+        Build::Open(kind) => !matches!(kind, Kind::Bed | Kind::Couch | Kind::Seat),
+        _ => false,
+    }
+}
+
 impl Furniture {
     /// How far its surface has moved when it is open: that of a drawer comes out with it.
     pub fn open_shift(&self) -> [f32; 2] {

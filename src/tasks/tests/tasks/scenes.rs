@@ -266,9 +266,27 @@ fn what_no_schema_can_say_the_loader_says() {
         (
             changed(
                 "/receptacles/0/geometry",
+                json!({
+                    "moving": [{"shape": {"sphere": {"radius": 0.1}}, "position": [0, 0, 0]}],
+                    "joint": {"slide": {"open_by": [1e300, 0]}}
+                }),
+            ),
+            "receptacles[0] (table_1): its door is not what its geometry says: a slide is a drawer, a hinge is left or right, and without a joint there is no door",
+        ),
+        (
+            changed("/receptacles/0/geometry", json!({})),
+            "receptacles[0] (table_1): its geometry is empty",
+        ),
+        (
+            changed("/receptacles/0/surface_max", json!([1e300, 2, 0.75])),
+            "receptacles[0] (table_1): it is not within 10000 m of the origin",
+        ),
+        (
+            changed(
+                "/receptacles/0/geometry",
                 json!({"fixed": [{"shape": {"box": {"half": [0.1, 0, 0.1]}}, "position": [0, 0, 0]}]}),
             ),
-            "receptacles[0] (table_1): primitive 0 of its geometry: every size must be above 0",
+            "receptacles[0] (table_1): primitive 0 of its geometry: every size must be above 0 and below 10000 m",
         ),
         (
             changed("/receptacles/0/room", json!("attic")),
@@ -300,4 +318,68 @@ fn furniture_outside_its_room_is_a_warning() {
     let loaded = reel_tasks::scene::parse(&scene.to_string(), "scene.json").unwrap();
     assert_eq!(loaded.warnings, ["table_1 reaches out of its room hall"]);
     assert_eq!(loaded.scene.receptacles[0].door, Door::None);
+}
+
+/// A chest with two drawers, and what is wrong with the second where it is `changed`.
+fn with_drawers(change: impl Fn(&mut Value, &mut Value)) -> Value {
+    let mut scene = small();
+    let table = scene["receptacles"][0].clone();
+    let part = |id: &str, below: f64| {
+        let mut part = table.clone();
+        part["id"] = json!(id);
+        part["part_of"] = table["id"].clone();
+        part["door"] = json!("drawer");
+        for corner in ["surface_min", "surface_max"] {
+            part[corner][2] = json!(table[corner][2].as_f64().unwrap() - below);
+        }
+        part
+    };
+    let (lower, mut upper) = (part("lower", 0.4), part("upper", 0.2));
+    change(&mut scene["receptacles"][0], &mut upper);
+    for part in [lower, upper] {
+        scene["receptacles"].as_array_mut().unwrap().push(part);
+    }
+    scene
+}
+
+#[test]
+fn parts_lie_in_furniture_that_takes_them_and_not_in_each_other() {
+    let whole = with_drawers(|_, _| {});
+    assert!(schema().is_valid(&whole));
+    assert!(reel_tasks::scene::parse(&whole.to_string(), "scene.json").is_ok());
+    type Change = fn(&mut Value, &mut Value);
+    let cases: [(Change, &str); 6] = [
+        (
+            |_, part| part["surface_max"][2] = json!(0.36),
+            "lies in upper: one part is at least 0.06 m above another",
+        ),
+        (
+            |_, part| part["surface_max"][2] = json!(5.0),
+            "but not 0.06 m below its surface",
+        ),
+        (
+            |_, part| part["surface_max"][0] = json!(9.0),
+            "its surface reaches out of that one's",
+        ),
+        (
+            |whole, _| whole["category"] = json!("microwave"),
+            "a microwave is not built with parts: give both geometry",
+        ),
+        (
+            |whole, _| whole["door"] = json!("left"),
+            "give the door to the parts",
+        ),
+        (
+            |whole, _| {
+                whole["geometry"] = json!({
+                    "fixed": [{"shape": {"sphere": {"radius": 0.1}}, "position": [0, 0, 0]}]
+                });
+            },
+            "give geometry to both of them or to neither",
+        ),
+    ];
+    for (change, expected) in cases {
+        let said = problem(&with_drawers(change));
+        assert!(said.contains(expected), "{said}");
+    }
 }

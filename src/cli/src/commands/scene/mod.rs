@@ -3,7 +3,7 @@
 mod assets;
 
 use std::{
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
 };
 
@@ -261,11 +261,9 @@ fn show(path: &Path, images: Option<&Path>, as_json: bool) -> anyhow::Result<Exi
         for room in &scene.rooms {
             let [width, depth] = [0, 1].map(|axis| room.max[axis] - room.min[axis]);
             println!("{}  {width:.1} x {depth:.1} m", room.name);
-            for piece in scene
-                .receptacles
-                .iter()
-                .filter(|piece| piece.room == room.name)
-            {
+            let pieces = scene.receptacles.iter();
+            let pieces = pieces.filter(|it| it.room == room.name && it.part_of.is_none());
+            for piece in pieces.flat_map(|it| iter::once(it).chain(scene.parts_of(&it.id))) {
                 let mut called: Vec<(&String, &f64)> = piece.captions.iter().collect();
                 called.sort_by(|a, b| b.1.total_cmp(a.1));
                 let called: Vec<&str> = called

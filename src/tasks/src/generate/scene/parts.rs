@@ -38,18 +38,12 @@ const KINDS: &[(&str, &[Part])] = &[
     ),
     (
         "tv stand",
-        &[
-            shelf("left", [0.0, 0.5], 0.14),
-            shelf("right", [0.5, 1.0], 0.14),
-        ],
+        &[shelf("", [0.0, 0.5], 0.14), drawer("", [0.5, 1.0], 0.14)],
     ),
     ("desk", &[drawer("", [0.55, 1.0], 0.76)]),
     (
         "shoe cabinet",
-        &[
-            shelf("lower", [0.0, 1.0], 0.1),
-            shelf("upper", [0.0, 1.0], 0.52),
-        ],
+        &[shelf("", [0.0, 1.0], 0.1), drawer("", [0.0, 1.0], 0.55)],
     ),
 ];
 
@@ -124,6 +118,14 @@ pub fn with_parts(scene: &Scene) -> Scene {
             let made = parts.iter().map(|part| part.of(whole, quarters));
             let mut tried = fitted.clone();
             tried.receptacles.extend(made);
+            let pieces = tried.receptacles.iter_mut();
+            // "The chest of drawers" would be any of its drawers.
+            for piece in pieces.filter(|piece| piece.id == whole.id) {
+                let captions = std::mem::take(&mut piece.captions).into_iter();
+                piece.captions = captions
+                    .map(|(caption, weight)| (format!("the top of {caption}"), weight))
+                    .collect();
+            }
             let is_new = |at: &str| {
                 fitted
                     .receptacles
