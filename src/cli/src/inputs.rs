@@ -274,7 +274,7 @@ pub fn store(location: &str, version: Option<u64>) -> anyhow::Result<Store> {
 }
 
 /// Where the meshes of objects are.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone, Default)]
 pub struct Assets {
     /// Folder of meshes, .glb, .gltf or .obj, each named by the asset it shows; assets without one
     /// are primitives. What was recorded with meshes is executed again with the same
@@ -300,6 +300,19 @@ impl Assets {
                 .with_context(|| format!("cannot list the assets in {}", path.display()))
         };
         self.folder.as_ref().map(open).transpose()
+    }
+
+    /// [`trace_files`], with the meshes of the folder.
+    pub fn trace_files(&self) -> anyhow::Result<TraceFiles> {
+        let assets = self.open()?;
+        let assets = assets.map(|folder| Arc::new(folder) as Arc<dyn reel_world::Assets + Send>);
+        Ok(trace_files().with_assets(assets))
+    }
+
+    /// [`store`], whose functions execute traces with the meshes of the folder.
+    #[cfg(feature = "analytics")]
+    pub fn store(&self, location: &str, version: Option<u64>) -> anyhow::Result<Store> {
+        Ok(store(location, version)?.with_trace_files(self.trace_files()?))
     }
 
     /// Reads a trace, with the meshes that it was recorded with.

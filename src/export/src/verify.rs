@@ -80,8 +80,8 @@ fn look(
         None if !replay => return (Err("not verified: nothing was replayed".into()), None),
         None => match fs::read(&here) {
             Ok(bytes) => {
-                let verdict = verdict(path, &bytes);
-                (verdict.clone(), Some(verdict))
+                let (verdict, holds) = verdict(files, path, &bytes);
+                (verdict.clone(), holds.then_some(verdict))
             }
             Err(error) => return unread(error),
         },
@@ -96,12 +96,17 @@ fn look(
     (verified, new)
 }
 
-fn verdict(path: &Path, bytes: &[u8]) -> TraceVerdict {
+/// The verdict on the bytes of a trace, and whether it holds whatever meshes are there next time.
+fn verdict(files: &TraceFiles, path: &Path, bytes: &[u8]) -> (TraceVerdict, bool) {
+    let mut holds = true;
     let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
-        Ok(trace) => (
-            trace.chain().to_string(),
-            reel_replay::verify_catching_panics(&trace),
-        ),
+        Ok(trace) => {
+            let trace = files.with_meshes(trace);
+            let verdict = reel_replay::verify_catching_panics(&trace);
+            let refused = matches!(verdict, Verdict::Refused { .. });
+            holds = !refused || trace.header.meshes.is_empty();
+            (trace.chain().to_string(), verdict)
+        }
         Err(error) => (
             String::new(),
             Verdict::Refused {
@@ -109,12 +114,13 @@ fn verdict(path: &Path, bytes: &[u8]) -> TraceVerdict {
             },
         ),
     };
-    TraceVerdict {
+    let verdict = TraceVerdict {
         file_digest: Digest::of(bytes).to_string(),
         trace_digest,
         sim_version: reel_replay::SIM_VERSION,
         build: env!("CARGO_PKG_VERSION").into(),
         verdict: verdict.name().into(),
         reason: verdict.to_string(),
-    }
+    };
+    (verdict, holds)
 }

@@ -8,7 +8,7 @@ use base64::{Engine as _, prelude::BASE64_STANDARD};
 use reel_counterfactual::blame::BlameOptions;
 use reel_mcp::Caller;
 use reel_query::Parameters;
-use reel_trace::{Trace, TraceFiles};
+use reel_trace::Trace;
 use rmcp::{
     ErrorData, RoleServer, ServerHandler,
     model::{
@@ -233,7 +233,7 @@ impl Analysis {
             .existing(name)
             .map_err(|error| error.to_string())?;
         let measured = reel_counterfactual::blame::blame_all(
-            &TraceFiles::default(),
+            self.app.archive.files(),
             &[path],
             1,
             &BlameOptions {

@@ -14,7 +14,8 @@ use std::{
 use axum::body::Bytes;
 use futures_util::{Stream, StreamExt as _};
 use reel_live::Host;
-use reel_trace::{Disk, DiskFile, Trace};
+use reel_trace::{Disk, DiskFile, Trace, TraceFiles};
+use reel_world::Assets;
 use serde::Serialize;
 use tokio::time::Instant;
 use utoipa::ToSchema;
@@ -29,6 +30,8 @@ const SLOWEST_UPLOAD: u64 = 16 << 10;
 pub(crate) struct Archive {
     host: Host,
     folder: PathBuf,
+    /// Reads its traces, with their meshes.
+    files: TraceFiles,
 }
 
 /// A file of the archive.
@@ -50,7 +53,23 @@ impl Archive {
         host.disk.create_dir_all(&folder)?;
         // Paths in tables are absolute, and a change of the working directory changes nothing.
         let folder = host.disk.canonicalize(&folder)?;
-        Ok(Self { host, folder })
+        let files = host.trace_files();
+        Ok(Self {
+            host,
+            folder,
+            files,
+        })
+    }
+
+    /// Gives the traces that are read the meshes that they were recorded with.
+    pub fn with_assets(mut self, assets: Option<Arc<dyn Assets + Send>>) -> Self {
+        self.files = self.files.with_assets(assets);
+        self
+    }
+
+    /// Reads traces of the archive by path.
+    pub fn files(&self) -> &TraceFiles {
+        &self.files
     }
 
     /// Removes what a killed server was taking in.
@@ -110,7 +129,7 @@ impl Archive {
     /// Reads a finished trace of the archive by its name.
     pub fn read(&self, name: &str) -> Result<Trace, ApiError> {
         let path = self.existing(name)?;
-        let trace = self.host.trace_files().read(&path);
+        let trace = self.files.read(&path);
         trace.map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
     }
 
@@ -258,7 +277,7 @@ impl Archive {
             let write = move || upload.file.write_all(&part).map(|()| upload);
             upload = self.worked(write).await?;
         }
-        let (files, beside) = (self.host.trace_files(), upload.path.clone());
+        let (files, beside) = (self.files.clone(), upload.path.clone());
         let upload = self
             .worked(move || upload.file.sync().map(|()| upload))
             .await?;

@@ -12,9 +12,9 @@ use std::{
 use reel_live::{Host, PreparedTaskCache, Setup};
 use reel_mcp::{AnswerSources, AskResponder};
 use reel_reward::Preset;
-use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, draw, home_scene};
+use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, assets::AssetFolder, draw, home_scene};
 use reel_trace::{Durability, FrameLayers, Images, RecordOptions};
-use reel_world::{Family, Profile, Scene, Skills, Task};
+use reel_world::{Assets as _, Family, Meshes, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
 
 use crate::tls::TlsFiles;
@@ -33,6 +33,10 @@ pub struct Config {
     /// The store of tables: a folder or s3://bucket/folder; without it `store` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub store: Option<String>,
+    /// Folder of meshes of objects, which sessions play with and recordings with meshes are executed
+    /// with; without it objects are primitives.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub assets: Option<PathBuf>,
     /// Folder of panels and pages of the dashboards; without it `definitions` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub definitions: Option<PathBuf>,
@@ -219,6 +223,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 8801)),
             data: "reel-data".into(),
             store: None,
+            assets: None,
             definitions: None,
             tokens: None,
             hosts: Vec::new(),
@@ -528,6 +533,10 @@ impl Config {
                 *blake3::hash(format!("{}/{}", play.seed, task.task_id).as_bytes()).as_bytes()
             });
         }
+        let meshes = match self.meshes()? {
+            Some(folder) => folder.meshes(&mut tasks.iter().flat_map(|task| task.assets())),
+            None => Meshes::default(),
+        };
         let images = if play.images {
             Images::Full
         } else {
@@ -537,7 +546,7 @@ impl Config {
         Ok(Setup {
             tasks,
             scenes,
-            meshes: reel_world::Meshes::default(),
+            meshes,
             seed: play.seed,
             profile: play.profile,
             skills: play.skills,
@@ -553,6 +562,20 @@ impl Config {
             host: Host::default(),
             stages: PreparedTaskCache::default(),
         })
+    }
+
+    /// The folder of meshes, if one is named.
+    ///
+    /// # Errors
+    /// When it cannot be listed.
+    pub fn meshes(&self) -> Result<Option<AssetFolder>, ConfigError> {
+        let open = |path: &PathBuf| {
+            AssetFolder::open(path).map_err(|source| ConfigError::Read {
+                path: path.clone(),
+                source,
+            })
+        };
+        self.assets.as_ref().map(open).transpose()
     }
 
     /// How policy sessions behave: who answers from outside, and who is told of every call.

@@ -159,6 +159,8 @@ pub(crate) struct Paths {
     pub archive: Archive,
     pub store: String,
     pub exports: std::path::PathBuf,
+    /// Folder of meshes, which commands take from `REEL_ASSETS`.
+    pub assets: Option<std::path::PathBuf>,
 }
 
 /// A line of progress, as `REEL_PROGRESS=json` makes a command print them.
@@ -418,6 +420,7 @@ async fn run(
         .args(arguments)
         .env("REEL_PROGRESS", "json")
         .env_remove("REEL_TOKEN")
+        .envs(paths.assets.as_ref().map(|assets| ("REEL_ASSETS", assets)))
         .stdin(Stdio::null());
     command
         .stdout(Stdio::piped())

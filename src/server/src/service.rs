@@ -19,6 +19,7 @@ use axum::{
 use reel_live::{Host, Owner, SessionPool, Turn, Turns, restore_on};
 use reel_mcp::{AnswerSources, Guard, Questions};
 use reel_trace::TraceFiles;
+use reel_world::Assets;
 use tokio::{
     net::{TcpListener, TcpStream},
     time::Instant,
@@ -188,7 +189,12 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         let certificate = config.tls.as_ref().map(Certificate::read).transpose()?;
         let run = config.play.run.clone().unwrap_or_else(|| run_name("serve"));
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
-        let archive = Archive::open(host.clone(), config.traces()).map_err(ServeError::Data)?;
+        let assets = config
+            .meshes()?
+            .map(|folder| Arc::new(folder) as Arc<dyn Assets + Send>);
+        let archive = Archive::open(host.clone(), config.traces())
+            .map_err(ServeError::Data)?
+            .with_assets(assets.clone());
         archive.sweep();
         let moments = SnapshotFolder::at(config.snapshots());
         restore_all(&host.trace_files(), &archive);
@@ -209,9 +215,10 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
             archive: archive.clone(),
             store: config.store(),
             exports: config.exports(),
+            assets: config.assets.clone(),
         };
         #[cfg(feature = "tables")]
-        let sql = SqlProcesses::new(own_program(&paths.reel));
+        let sql = SqlProcesses::new(own_program(&paths.reel), config.assets.clone());
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
@@ -219,7 +226,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             #[cfg(feature = "tables")]
-            tables: Tables::new(config.store(), trace_files),
+            tables: Tables::new(config.store(), trace_files.with_assets(assets)),
             #[cfg(feature = "tables")]
             sql,
             archive,

@@ -8,6 +8,7 @@
 use std::{
     ffi::OsString,
     io::{self, BufRead as _, BufReader, BufWriter, Read as _, Write},
+    path::{Path, PathBuf},
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
@@ -121,14 +122,17 @@ struct Whole {
 /// The processes that answer questions: those that have none at the moment wait for the next.
 pub(crate) struct SqlProcesses {
     program: OsString,
+    /// Folder of meshes for functions that execute traces.
+    assets: Option<PathBuf>,
     idle: Mutex<Vec<(Instant, SqlProcess)>>,
 }
 
 impl SqlProcesses {
     /// None yet. `program` is `reel`.
-    pub fn new(program: OsString) -> Self {
+    pub fn new(program: OsString, assets: Option<PathBuf>) -> Self {
         Self {
             program,
+            assets,
             idle: Mutex::default(),
         }
     }
@@ -206,7 +210,8 @@ impl SqlProcesses {
                 return Ok((process, true));
             }
         }
-        let mut process = SqlProcess::start(&self.program).map_err(ApiError::disk)?;
+        let mut process =
+            SqlProcess::start(&self.program, self.assets.as_deref()).map_err(ApiError::disk)?;
         process.input.write_all(line).map_err(ApiError::disk)?;
         Ok((process, false))
     }
@@ -241,9 +246,10 @@ struct SqlProcess {
 }
 
 impl SqlProcess {
-    fn start(program: &OsString) -> io::Result<Self> {
+    fn start(program: &OsString, assets: Option<&Path>) -> io::Result<Self> {
         let mut child = Command::new(program)
             .args(["server", "sql-process"])
+            .envs(assets.map(|assets| ("REEL_ASSETS", assets)))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()?;

@@ -7,6 +7,8 @@ use std::{
     sync::Arc,
 };
 
+use reel_world::Assets;
+
 use crate::{Disk, Limits, LocalDisk, Trace, TraceError};
 
 /// What is known of a file without reading it.
@@ -44,6 +46,7 @@ pub trait RemoteFs: Send + Sync {
 pub struct TraceFiles {
     disk: Arc<dyn Disk>,
     remote: Option<Arc<dyn RemoteFs>>,
+    assets: Option<Arc<dyn Assets + Send>>,
 }
 
 impl Default for TraceFiles {
@@ -55,7 +58,11 @@ impl Default for TraceFiles {
 impl TraceFiles {
     /// Reads files of this disk, and refuses URLs.
     pub fn on(disk: Arc<dyn Disk>) -> Self {
-        Self { disk, remote: None }
+        Self {
+            disk,
+            remote: None,
+            assets: None,
+        }
     }
 
     /// Reads files of this machine, and those named by URL from `remote`.
@@ -66,17 +73,34 @@ impl TraceFiles {
         }
     }
 
+    /// Gives the traces that are read the meshes that they were recorded with, as far as these are
+    /// among `assets`.
+    #[must_use]
+    pub fn with_assets(self, assets: Option<Arc<dyn Assets + Send>>) -> Self {
+        Self { assets, ..self }
+    }
+
     /// The disk that files without URL are on.
     pub fn disk(&self) -> &Arc<dyn Disk> {
         &self.disk
     }
 
-    /// [`Trace::read`] of a file on this machine or of a URL.
+    /// [`Trace::read`] of a file on this machine or of a URL, with its meshes.
     ///
     /// # Errors
     /// As [`Trace::read`], and if the file cannot be fetched.
     pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
-        Trace::read_from(self, path, &Limits::default())
+        Ok(self.with_meshes(Trace::read_from(self, path, &Limits::default())?))
+    }
+
+    /// A trace that was read elsewhere, with the meshes that it was recorded with, as far as these
+    /// are known here.
+    #[must_use]
+    pub fn with_meshes(&self, trace: Trace) -> Trace {
+        match &self.assets {
+            Some(assets) => trace.with_meshes(&**assets),
+            None => trace,
+        }
     }
 
     /// The files below a folder that is named by URL.

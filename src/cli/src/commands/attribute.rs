@@ -18,7 +18,7 @@ use reel_counterfactual::attribution::{
 };
 #[cfg(feature = "analytics")]
 use reel_tables::AttributionRow;
-use reel_trace::Trace;
+use reel_trace::TraceFiles;
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
@@ -51,6 +51,8 @@ pub struct Arguments {
     /// Trace files, or folders of them
     #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Attribute every episode of this store, and keep the results in its table `attribution`
     #[cfg(feature = "analytics")]
     #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels"])]
@@ -106,12 +108,12 @@ impl By {
 
 /// Attributes the episodes, then prints their estimates and stores them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
+    let files = arguments.assets.trace_files()?;
     #[cfg(feature = "analytics")]
     let mut store = arguments
         .store
         .as_ref()
-        .map(|store| inputs::store(store, None))
+        .map(|store| arguments.assets.store(store, None))
         .transpose()?;
     #[cfg(feature = "analytics")]
     let paths = match &store {
@@ -151,7 +153,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     }
     if arguments.labels {
-        return compare(&episodes, arguments);
+        return compare(&files, &episodes, arguments);
     }
     let estimates = estimates(&episodes, |one| arguments.by.group(one));
     #[cfg(feature = "analytics")]
@@ -242,11 +244,15 @@ fn rows(episode: &Attributed) -> Vec<AttributionRow> {
 }
 
 /// Compares with the agents that have the same faults but those of one capability, and draws runs.
-fn compare(episodes: &[Attributed], arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+fn compare(
+    files: &TraceFiles,
+    episodes: &[Attributed],
+    arguments: &Arguments,
+) -> anyhow::Result<ExitStatus> {
     let mut known: BTreeMap<Capability, Vec<bool>> = BTreeMap::new();
     let bar = progress::bar(episodes.len(), "injected agents");
     for episode in episodes {
-        let (trace, label) = (Trace::read(&episode.trace)?, label(&episode.trace)?);
+        let (trace, label) = (files.read(&episode.trace)?, label(&episode.trace)?);
         for capability in Capability::ALL {
             // What succeeds as it is stays so: only failures are repaired.
             let succeeds =

@@ -26,6 +26,8 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     in_cluster: ClusterArguments,
     /// Check what policies say they did (their Histories) against the record, into table
     /// `contradictions`; an export checks what it needs by itself
@@ -38,7 +40,7 @@ pub struct Arguments {
 
 /// Ingests traces into a store and reports what was added or quarantined.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
+    let files = arguments.assets.trace_files()?;
     let paths = inputs::traces(&files, &arguments.paths)?;
     let report = ingest(&files, &paths, &arguments.store, &arguments.in_cluster)?;
     if arguments.check_histories {

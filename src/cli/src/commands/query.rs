@@ -45,6 +45,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// The store as it was at this version (`reel store history`)
     #[arg(long = "store-version", alias = "at", value_name = "N")]
     at: Option<u64>,
@@ -123,7 +125,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     };
     parameters.extend(arguments.parameters.iter().cloned());
-    let store = inputs::store(&arguments.store, arguments.at)?;
+    let store = arguments.assets.store(&arguments.store, arguments.at)?;
     let limits = Limits {
         memory_bytes: (arguments.memory as usize) << 20,
         time: Duration::from_secs(arguments.timeout),

@@ -30,6 +30,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// The file to write
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
@@ -111,7 +113,7 @@ struct Example {
 
 /// Writes the HTML report of a store and prints its path.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let store = inputs::store(&arguments.store, arguments.at)?;
+    let store = arguments.assets.store(&arguments.store, arguments.at)?;
     let version = store.version();
     let session = QuerySession::new(store)?;
     if arguments.summary {

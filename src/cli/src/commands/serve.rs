@@ -1,6 +1,11 @@
 //! `reel serve` and `reel mcp`: live worlds for agents, and the service around them.
 
-use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+use std::{
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
 
 use anyhow::{Context, bail};
 use reel_agents::ask_user;
@@ -103,6 +108,8 @@ pub struct Settings {
     /// Name of the policy in the traces; without it, what clients call themselves
     #[arg(long, value_name = "NAME", env = "REEL_POLICY")]
     policy: Option<String>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Record no images; they are rendered again on demand
     #[arg(long)]
     no_images: bool,
@@ -173,6 +180,7 @@ impl Settings {
         play.tasks = self.tasks.clone().or_else(|| play.tasks.take());
         play.scene = self.scene.clone().or_else(|| play.scene.take());
         config.data = self.data.clone().unwrap_or(config.data);
+        config.assets = self.assets.path().map(Path::to_owned).or(config.assets);
         Ok(config)
     }
 }

@@ -34,6 +34,8 @@ mod hostile;
 mod import;
 mod layers;
 mod making;
+#[cfg(feature = "analytics")]
+mod meshes;
 mod moments;
 #[cfg(feature = "analytics")]
 mod pages;
@@ -43,6 +45,7 @@ mod real_bench;
 mod real_contract;
 mod real_formats;
 mod recovery;
+mod scene_import;
 #[cfg(feature = "analytics")]
 mod service;
 mod settings;

@@ -16,7 +16,7 @@ use reel_replay::Verdict;
 use reel_reward::Preset;
 #[cfg(feature = "rerun")]
 use reel_trace::FrameLayers;
-use reel_trace::{Images, RecordOptions, Trace, TraceError, TraceFiles};
+use reel_trace::{Images, RecordOptions, Trace, TraceError};
 use reel_world::ToolCall;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -483,14 +483,9 @@ pub(super) async fn blame(
             alternatives: asked.alternative,
             branches: None,
         };
-        let measured = reel_counterfactual::blame::blame_all(
-            &TraceFiles::default(),
-            &[path],
-            1,
-            &options,
-            || (),
-        )
-        .pop();
+        let measured =
+            reel_counterfactual::blame::blame_all(app.archive.files(), &[path], 1, &options, || ())
+                .pop();
         let measured = measured.unwrap_or_else(|| Err("nothing was measured".to_owned()));
         let mut value =
             json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);

@@ -15,6 +15,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // sim: the physics filter. episode: whether a question has to be asked, the
     // simulated user's answer decides.
     ("tasks", &["world", "sim", "episode"]),
+    ("scene-import", &["world", "tasks"]),
     ("agents", &["world", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "episode", "trace"]),
@@ -124,6 +125,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
     ("ureq", &["llm"]),
     ("gltf*", &["tasks"]),
+    ("openusd", &["scene-import"]),
+    ("roxmltree", &["scene-import", "taxonomy"]),
     ("zune*", &["import", "tasks"]),
     ("rand", &[]),
 ];

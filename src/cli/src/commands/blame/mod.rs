@@ -44,6 +44,8 @@ pub struct Arguments {
     #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     in_cluster: ClusterArguments,
     /// Print the cost of every step
     #[arg(long)]
@@ -72,7 +74,7 @@ pub struct Arguments {
 
 /// Measures failed episodes, then prints their decisive steps or stores them.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
+    let files = arguments.assets.trace_files()?;
     #[cfg(feature = "analytics")]
     let mut store = arguments.store.as_ref().map(Store::open).transpose()?;
     #[cfg(feature = "analytics")]
@@ -253,13 +255,15 @@ pub fn measure(location: &str) -> anyhow::Result<()> {
 /// Measures the failed episodes of a store, and says what came of it.
 #[cfg(feature = "analytics")]
 pub fn measure_and_print(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
-    let (paths, store, in_cluster) = (
+    let (paths, assets, store, in_cluster) = (
         Vec::new(),
+        inputs::Assets::default(),
         Some(store.to_owned()),
         ClusterArguments::default(),
     );
     let arguments = Arguments {
         paths,
+        assets,
         in_cluster,
         store,
         jobs,

@@ -44,6 +44,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Folder of the dataset; the traces of the chosen futures lie in its folder `traces`
     #[arg(long, value_name = "DIR", default_value = "preferences")]
     out: PathBuf,
@@ -83,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let traces = out.join("traces");
     fs::create_dir_all(&traces)
         .with_context(|| format!("cannot make the folder {}", traces.display()))?;
-    let store = inputs::store(&arguments.store, None)?;
+    let store = arguments.assets.store(&arguments.store, None)?;
     let failed = store.failed_traces()?;
     let bar = progress::bar(failed.len(), "prefer");
     let pool = rayon::ThreadPoolBuilder::new()
@@ -146,7 +148,7 @@ fn pair(files: &TraceFiles, path: &Path, traces: &Path) -> anyhow::Result<Pair> 
         bail!("the future after the better call does not replay exactly");
     }
     Ok(Pair {
-        better: Trace::read(&record)?,
+        better: files.read(&record)?,
         failed,
         blame,
         preferred,

@@ -23,6 +23,8 @@ pub struct StoreSource {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// An earlier version of the store
     #[arg(long = "store-version", alias = "version", value_name = "N")]
     version: Option<u64>,
@@ -35,7 +37,7 @@ pub struct StoreSource {
 impl StoreSource {
     /// Opens the store that the arguments name.
     pub fn open(&self) -> anyhow::Result<Store> {
-        inputs::store(&self.store, self.version)
+        self.assets.store(&self.store, self.version)
     }
 
     /// The episodes that fulfil the condition; `None` if there is no condition.

@@ -1,6 +1,7 @@
 //! `reel scene`: lists, makes, checks and draws scenes; lists the objects to put into them.
 
 mod assets;
+mod import;
 
 use std::{
     fs, iter,
@@ -95,6 +96,15 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+    /// Make scenes of houses and furniture of other simulators: ProcTHOR, USD, MJCF, URDF
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel scene import house.json dresser.xml --out scenes
+    ///
+    /// Prints for each receptacle whether the robot reaches it, what was approximated, what was left
+    /// out, and what `reel scene check` finds. Exit code 3: some files failed.
+    Import(import::Arguments),
     /// Find the faults of a scene: furniture that overlaps, leaves its room, cannot be reached
     /// or seen, doors that hit something, passages under 0.9 m, captions that mislead. Exit code 1
     /// when there is anything
@@ -206,6 +216,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(ExitStatus::Success)
         }
         Command::CheckAssets { folder, json } => assets::check(folder, *json),
+        Command::Import(arguments) => import::run(arguments),
         Command::Check { scenes, json } => check_all(scenes, *json),
         Command::Objects {
             sample,

@@ -29,7 +29,10 @@ enum Command {
         hide = true,
         about = "Answer questions in SQL for `reel serve`, in a process of their own"
     )]
-    SqlProcess,
+    SqlProcess {
+        #[command(flatten)]
+        assets: crate::inputs::Assets,
+    },
     #[command(about = "Check a configuration file of `reel serve`, or print the default")]
     Config(config::Arguments),
 }
@@ -38,10 +41,10 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         #[cfg(feature = "analytics")]
-        Command::SqlProcess => {
+        Command::SqlProcess { assets } => {
             // What the server's own log says the details of; its standard error is ours, too.
             let _logs = reel_server::start_logs(&reel_server::Config::default());
-            reel_server::answer_sql(crate::inputs::trace_files())?;
+            reel_server::answer_sql(assets.trace_files()?)?;
             Ok(ExitStatus::Success)
         }
         Command::Audit(arguments) => audit::run(arguments),

@@ -42,6 +42,8 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     model: Model,
     /// At most so many episodes
     #[arg(
@@ -84,7 +86,7 @@ const PORTION: usize = 32;
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let client = client.context("--endpoint and --model are missing: the model that judges")?;
-    let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
+    let session = QuerySession::new(arguments.assets.store(&arguments.store, None)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
     let options = JudgeOptions {

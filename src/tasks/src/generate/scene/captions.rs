@@ -31,6 +31,13 @@ enum Fact {
 /// Gives every piece two or three captions, the usual one with the greatest weight; false where a
 /// piece has none that is true of it alone.
 pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
+    write_each(pieces, stream).is_empty()
+}
+
+/// Gives every piece two or three captions, and returns the indices of those that have none that is
+/// true of them alone.
+pub(super) fn write_each(pieces: &mut [Receptacle], stream: &mut Stream) -> Vec<usize> {
+    let mut without = Vec::new();
     let facts: Vec<Vec<Fact>> = (0..pieces.len())
         .map(|index| facts(pieces, index))
         .collect();
@@ -73,7 +80,7 @@ pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
             .map(|said| phrase(&name, said))
             .collect();
         if captions.is_empty() {
-            return false;
+            without.push(index);
         }
         let weights = [3.0, 2.0, 1.0];
         pieces[index].captions = captions
@@ -81,7 +88,7 @@ pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
             .zip(weights)
             .collect::<BTreeMap<_, _>>();
     }
-    true
+    without
 }
 
 fn pairs(facts: &[Fact]) -> Vec<Vec<&Fact>> {

@@ -15,7 +15,7 @@ mod plan_png;
 use std::collections::BTreeMap;
 
 use crate::random::Stream;
-use reel_world::{Door, Receptacle, Rect, Room, Scene};
+use reel_world::{Attributes, Door, Receptacle, Rect, Room, Scene};
 
 pub use brief::{Brief, ROOMS_MAX};
 pub use check::{Finding, PASSAGE_M, SceneFault, check};
@@ -169,6 +169,18 @@ pub fn generate(brief: &Brief, scene_id: &str, seed: u64) -> Result<Scene, Scene
         None
     });
     scene.ok_or(SceneError::NoFlat { tries: TRIES })
+}
+
+/// Gives receptacles of a scene that was not generated their captions, from what their attributes,
+/// rooms and neighbours say, and returns the indices of those that none is true of alone.
+pub fn caption(receptacles: &mut [Receptacle], seed: u64) -> Vec<usize> {
+    captions::write_each(receptacles, &mut Stream::new(seed, "captions", 0))
+}
+
+/// Attributes for receptacles whose looks are not known, such that those of one name differ; `None`
+/// where there are more of a name than looks.
+pub fn draw_looks(categories: &[&str], seed: u64) -> Option<Vec<Attributes>> {
+    looks::draw(categories, &mut Stream::new(seed, "looks", 0))
 }
 
 fn assemble(scene_id: &str, flat: &Flat, pieces: &[Piece], stream: &mut Stream) -> Option<Scene> {

@@ -1,0 +1,250 @@
+//! USD: a composed stage of layers, as text, binary or archive. Prims become rooms, walls and
+//! furniture by their semantic labels and names, physics joints become drawers and doors.
+
+mod layout;
+mod shapes;
+mod stage;
+mod values;
+mod xform;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use openusd::usd::Prim;
+
+use crate::{
+    ImportError,
+    affine::{Affine, unit},
+    files::{DEPTH_MAX, ImportFiles},
+    house::{House, Joint, SourceSolid},
+    notes::Notes,
+};
+
+/// Most prims of a stage.
+const PRIMS_MAX: usize = 200_000;
+/// How far a joint without limits opens: metres and degrees.
+const UNLIMITED: (f64, f64) = (0.3, 90.0);
+
+/// A prim with what matters of it.
+struct PrimItem {
+    path: String,
+    name: String,
+    /// The words of its semantic label, or its name.
+    label: String,
+    /// Whether it is a model of its own: of kind component, referenced, or called `model`.
+    is_model: bool,
+    children: usize,
+}
+
+/// A solid and the prim that it is of, in the frame of the scene.
+struct ShapeItem {
+    path: String,
+    solid: SourceSolid,
+}
+
+/// A joint and the prim that it moves.
+struct JointItem {
+    path: String,
+    moves: String,
+    joint: Joint,
+}
+
+/// All of a stage that is read.
+#[derive(Default)]
+struct Content {
+    prims: Vec<PrimItem>,
+    shapes: Vec<ShapeItem>,
+    joints: Vec<JointItem>,
+    notes: Notes,
+}
+
+/// Reads a stage of the folder.
+pub(crate) fn read(files: &ImportFiles) -> Result<House, ImportError> {
+    // The library that reads USD is young: where it panics on a torn file, that file is refused.
+    let outcome = catch_unwind(AssertUnwindSafe(|| content(files)));
+    let gave_up = || {
+        ImportError::invalid(
+            &files.name,
+            "the file",
+            "its reader gave up: is it whole? `usdchecker` says more, `usdcat FILE -o FILE.usda` writes it as text",
+        )
+    };
+    Ok(layout::house(outcome.unwrap_or_else(|_| Err(gave_up()))?))
+}
+
+fn content(files: &ImportFiles) -> Result<Content, ImportError> {
+    let stage = stage::open(files)?;
+    let mut walk = Walk {
+        file: &files.name,
+        content: Content::default(),
+        placed: Vec::new(),
+        joints: Vec::new(),
+    };
+    let frame = stage::frame(&stage, &files.name)?;
+    for prim in walk.known(stage.prim("/").children())? {
+        walk.prim(&prim, &frame, 0)?;
+    }
+    for problem in stage.composition_errors() {
+        let text: String = problem.to_string().chars().take(100).collect();
+        walk.content
+            .notes
+            .left_out(format!("layer or prim that does not compose: {text}"));
+    }
+    walk.place_joints()?;
+    Ok(walk.content)
+}
+
+/// What is gathered on the way through a stage.
+struct Walk<'a> {
+    file: &'a str,
+    content: Content,
+    /// The frames of all prims, for joints.
+    placed: Vec<(String, Affine)>,
+    joints: Vec<Prim>,
+}
+
+impl Walk<'_> {
+    fn known<T>(&self, result: Result<T, impl std::fmt::Display>) -> Result<T, ImportError> {
+        result.map_err(|error| ImportError::invalid(self.file, "the stage", error.to_string()))
+    }
+
+    fn prim(&mut self, prim: &Prim, outer: &Affine, depth: usize) -> Result<(), ImportError> {
+        let path = prim.path().as_str().to_owned();
+        if depth > DEPTH_MAX || self.content.prims.len() >= PRIMS_MAX {
+            let problem = format!("over {PRIMS_MAX} prims, or nested deeper than {DEPTH_MAX}");
+            return Err(ImportError::invalid(self.file, path, problem));
+        }
+        if !self.is_shown(prim)? {
+            return Ok(());
+        }
+        let kind = self
+            .known(prim.type_name())?
+            .map(|kind| kind.as_str().to_owned())
+            .unwrap_or_default();
+        if kind.starts_with("Physics") && kind.ends_with("Joint") {
+            self.joints.push(prim.clone());
+            return Ok(());
+        }
+        if matches!(
+            kind.as_str(),
+            "Material" | "Shader" | "GeomSubset" | "Camera" | "PhysicsScene"
+        ) || kind.ends_with("Light")
+        {
+            return Ok(());
+        }
+        let frame = xform::frame(prim, outer, &mut self.content.notes)
+            .map_err(|problem| ImportError::invalid(self.file, &path, problem))?;
+        self.placed.push((path.clone(), frame));
+        let children = self.known(prim.children())?;
+        let name = prim.path().name().unwrap_or_default().to_owned();
+        self.content.prims.push(PrimItem {
+            label: values::label(prim).unwrap_or_else(|| name.clone()),
+            is_model: values::is_model(prim, &name),
+            children: children.len(),
+            path: path.clone(),
+            name,
+        });
+        let solid = shapes::solid(prim, &kind, &frame, &mut self.content.notes)
+            .map_err(|problem| ImportError::invalid(self.file, &path, problem))?;
+        self.content
+            .shapes
+            .extend(solid.map(|solid| ShapeItem { path, solid }));
+        for child in children {
+            self.prim(&child, &frame, depth + 1)?;
+        }
+        Ok(())
+    }
+
+    fn is_shown(&self, prim: &Prim) -> Result<bool, ImportError> {
+        let is_there = self.known(prim.is_active())?
+            && self.known(prim.is_defined())?
+            && !self.known(prim.is_abstract())?;
+        let hidden = values::token(prim, "visibility").is_some_and(|value| value == "invisible");
+        let helper = values::token(prim, "purpose")
+            .is_some_and(|value| value == "guide" || value == "proxy");
+        Ok(is_there && !hidden && !helper)
+    }
+
+    /// Joints come last: the prims they join may stand after them.
+    fn place_joints(&mut self) -> Result<(), ImportError> {
+        for prim in std::mem::take(&mut self.joints) {
+            let kind = self
+                .known(prim.type_name())?
+                .map(|kind| kind.as_str().to_owned())
+                .unwrap_or_default();
+            let path = prim.path().as_str().to_owned();
+            match kind.as_str() {
+                "PhysicsPrismaticJoint" | "PhysicsRevoluteJoint" => {}
+                "PhysicsFixedJoint" => continue,
+                other => {
+                    self.content
+                        .notes
+                        .left_out(format!("joint: {other}, kept closed"));
+                    continue;
+                }
+            }
+            let Some((moves, joint)) = self.joint(&prim, kind == "PhysicsPrismaticJoint") else {
+                self.content
+                    .notes
+                    .left_out("joint: its bodies or axis are not in the stage, kept closed");
+                continue;
+            };
+            self.content.joints.push(JointItem { path, moves, joint });
+        }
+        Ok(())
+    }
+
+    /// The prim that a joint moves, and how: the second body against the first.
+    fn joint(&mut self, prim: &Prim, is_slide: bool) -> Option<(String, Joint)> {
+        let bodies = ["physics:body0", "physics:body1"].map(|name| values::target(prim, name));
+        let [first, second] = bodies
+            .each_ref()
+            .map(|body| self.frame_of(body.as_deref()?));
+        let moves = bodies[1].clone().or_else(|| bodies[0].clone())?;
+        // The frame of the joint on a body; one is enough, as both agree while it is closed.
+        let (body, at, turn) = match (first, second) {
+            (Some(frame), _) => (frame, "physics:localPos0", "physics:localRot0"),
+            (None, Some(frame)) => (frame, "physics:localPos1", "physics:localRot1"),
+            (None, None) => return None,
+        };
+        let local = values::numbers::<3>(prim, at).unwrap_or_default();
+        let turn = values::numbers::<4>(prim, turn).map_or(Affine::IDENTITY, Affine::of_quaternion);
+        let frame = body.after(&Affine::moved(local)).after(&turn);
+        let axis = match values::token(prim, "physics:axis").as_deref() {
+            Some("Y") => 1,
+            Some("Z") => 2,
+            _ => 0,
+        };
+        let limit = |name: &str| values::numbers::<1>(prim, name).map(|[value]| value);
+        let limits = [limit("physics:lowerLimit"), limit("physics:upperLimit")];
+        let farther = match limits {
+            [Some(low), Some(high)] => Some(if high.abs() >= low.abs() { high } else { low }),
+            [low, high] => high.or(low),
+        };
+        if farther.is_none() {
+            self.content
+                .notes
+                .approximated("joint without limits: opens 0.3 m or 90 degrees");
+        }
+        let axis = frame.axes[axis];
+        let joint = if is_slide {
+            // Limits are in the stage's units, the axis is as long as one of them.
+            let open_by = match farther {
+                Some(distance) => axis.map(|part| part * distance),
+                None => unit(axis)?.map(|part| part * UNLIMITED.0),
+            };
+            Joint::Slide { open_by }
+        } else {
+            Joint::Hinge {
+                position: frame.origin,
+                axis: unit(axis)?,
+                open_deg: farther.unwrap_or(UNLIMITED.1),
+            }
+        };
+        Some((moves, joint))
+    }
+
+    fn frame_of(&self, path: &str) -> Option<Affine> {
+        let found = self.placed.iter().find(|(placed, _)| placed == path);
+        found.map(|(_, frame)| *frame)
+    }
+}

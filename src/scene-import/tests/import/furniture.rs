@@ -1,0 +1,211 @@
+//! Furniture without a house: drawers and doors of MJCF and URDF, meshes by their bounds.
+
+use std::fs;
+
+use reel_scene_import::{ImportOptions, Imported, import};
+use reel_world::{Door, FurnitureJoint, Receptacle};
+
+use crate::imported;
+
+fn receptacle<'a>(of: &'a Imported, id: &str) -> &'a Receptacle {
+    let found = of.scene.receptacle(&id.into());
+    found.unwrap_or_else(|| panic!("no {id}: {:?}", of.report.receptacles))
+}
+
+fn import_text(name: &str, text: &str) -> Imported {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join(name);
+    fs::write(&file, text).expect("writes");
+    import(&file, &ImportOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn a_dresser_of_mjcf_has_two_drawers() {
+    let scene = imported("dresser.xml");
+    assert_eq!(scene.report.reached(), 4, "{:?}", scene.report.findings);
+    assert_eq!(scene.report.findings, [""; 0]);
+    let dresser = receptacle(&scene, "chestofdrawers_1");
+    assert_eq!(
+        (dresser.surface_min, dresser.surface_max),
+        ([-0.25, -0.45, 0.77], [0.25, 0.45, 0.8])
+    );
+    assert_eq!(dresser.facing_deg, Some(0.0));
+    for (id, floor) in [("drawer_1", 0.478), ("drawer_2", 0.078)] {
+        let drawer = receptacle(&scene, id);
+        assert_eq!(
+            (drawer.door, &drawer.part_of),
+            (Door::Drawer, &Some(dresser.id.clone()))
+        );
+        assert_eq!(drawer.surface_max[2], floor, "{id}");
+        let geometry = drawer.geometry.as_ref().expect("it is given");
+        assert_eq!(
+            geometry.joint,
+            Some(FurnitureJoint::Slide {
+                open_by: [0.3, 0.0]
+            })
+        );
+        assert_eq!(geometry.moving.len(), 5);
+    }
+    assert_eq!(
+        receptacle(&scene, "drawer_1").main_caption(),
+        Some("the top drawer of the chest of drawers")
+    );
+    // Two metres around all of it.
+    let room = &scene.scene.rooms[0];
+    assert_eq!(
+        (room.name.as_str(), room.min, room.max),
+        ("bedroom/0", [-2.25, -2.45], [2.48, 4.48])
+    );
+}
+
+#[test]
+fn a_cabinet_of_urdf_has_a_drawer_and_a_door() {
+    let scene = imported("cabinet.urdf");
+    assert_eq!(scene.report.reached(), 3, "{:?}", scene.report.findings);
+    let behind = receptacle(&scene, "compartment_1");
+    // The hinge is at the left of who stands before it.
+    assert_eq!((behind.door, behind.facing_deg), (Door::Left, Some(0.0)));
+    assert_eq!(behind.surface_max[2], 0.02);
+    let joint = behind.geometry.as_ref().and_then(|geometry| geometry.joint);
+    let Some(FurnitureJoint::Hinge {
+        position,
+        axis,
+        open_deg,
+    }) = joint
+    else {
+        panic!("{joint:?}");
+    };
+    assert_eq!((position, axis), ([0.2, -0.43, 0.3], [0.0, 0.0, 1.0]));
+    assert!((open_deg + 91.67).abs() < 0.01, "{open_deg}");
+    assert_eq!(receptacle(&scene, "drawer_1").surface_max[2], 0.6475);
+}
+
+/// Corners of a box as an OBJ file, in millimetres.
+fn obj(low: [f64; 3], high: [f64; 3]) -> String {
+    let corner = |bits: usize, axis: usize| {
+        if bits >> axis & 1 == 0 {
+            low[axis]
+        } else {
+            high[axis]
+        }
+    };
+    (0..8)
+        .map(|bits| {
+            format!(
+                "v {} {} {}\n",
+                corner(bits, 0),
+                corner(bits, 1),
+                corner(bits, 2)
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn meshes_stand_for_their_bounds_and_are_hollow_where_something_opens() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("meshes")).expect("a folder");
+    let write =
+        |name: &str, text: String| fs::write(folder.path().join(name), text).expect("writes");
+    write(
+        "meshes/body.obj",
+        obj([-250.0, -400.0, 0.0], [250.0, 400.0, 700.0]),
+    );
+    write(
+        "meshes/drawer.obj",
+        obj([-230.0, -380.0, 0.0], [240.0, 380.0, 200.0]),
+    );
+    write(
+        "nightstand.urdf",
+        r#"<robot name="unit_12">
+  <link name="base"><visual><geometry><mesh filename="package://unit/meshes/body.obj" scale="0.001 0.001 0.001"/></geometry></visual></link>
+  <link name="slider"><visual><geometry><mesh filename="meshes/drawer.obj" scale="0.001 0.001 0.001"/></geometry></visual></link>
+  <joint name="slide" type="prismatic"><origin xyz="0 0 0.4"/><parent link="base"/><child link="slider"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.3"/></joint>
+</robot>"#
+            .to_owned(),
+    );
+    let scene = import(
+        &folder.path().join("nightstand.urdf"),
+        &ImportOptions::default(),
+    )
+    .expect("it is sound");
+    assert_eq!(
+        receptacle(&scene, "nightstand_1")
+            .geometry
+            .as_ref()
+            .map(|own| own.fixed.len()),
+        Some(5)
+    );
+    let drawer = receptacle(&scene, "drawer_1");
+    assert_eq!(
+        drawer.geometry.as_ref().map(|own| own.moving.len()),
+        Some(5)
+    );
+    assert_eq!(drawer.surface_max[2], 0.415);
+    let approximated = &scene.report.approximated;
+    assert_eq!(
+        approximated["carcass given as a mesh: five boards, open at the front"],
+        1
+    );
+    assert_eq!(
+        approximated["drawer given as a mesh or one block: a box of boards"],
+        1
+    );
+    assert_eq!(scene.report.reached(), 2, "{:?}", scene.report.findings);
+}
+
+#[test]
+fn classes_angles_and_frames_of_mjcf_place_geoms() {
+    let table = |compiler: &str, turn: &str| {
+        import_text(
+            "table.xml",
+            &format!(
+                r#"<mujoco><compiler {compiler}/><default><default class="wood"><geom type="box" size="0.5 0.3 0.02"/></default></default>
+<worldbody><body name="table" pos="1 2 0.5"><frame pos="0 0 0.2"><geom class="wood" {turn}/></frame></body></worldbody></mujoco>"#
+            ),
+        )
+    };
+    let wide = |scene: &Imported| {
+        let piece = &scene.scene.receptacles[0];
+        [0, 1].map(|axis| ((piece.surface_max[axis] - piece.surface_min[axis]) * 1000.0).round())
+    };
+    assert_eq!(wide(&table("", "")), [1000.0, 600.0]);
+    assert_eq!(
+        wide(&table(r#"angle="degree""#, r#"euler="0 0 90""#)),
+        [600.0, 1000.0]
+    );
+    assert_eq!(
+        wide(&table(r#"angle="radian""#, r#"euler="0 0 1.5707963""#)),
+        [600.0, 1000.0]
+    );
+    assert_eq!(wide(&table("", r#"quat="1 0 0 1""#)), [600.0, 1000.0]);
+    assert_eq!(
+        wide(&table("", r#"xyaxes="0 1 0 -1 0 0""#)),
+        [600.0, 1000.0]
+    );
+    assert_eq!(
+        wide(&table("", r#"axisangle="0 0 1 -90""#)),
+        [600.0, 1000.0]
+    );
+    let extrinsic = table(r#"eulerseq="ZYX""#, r#"euler="90 0 0""#);
+    assert_eq!(wide(&extrinsic), [600.0, 1000.0]);
+}
+
+#[test]
+fn joints_that_cannot_be_used_stay_closed_and_are_counted() {
+    let scene = import_text(
+        "oven.xml",
+        r#"<mujoco><worldbody><body name="cabinet">
+  <geom type="box" size="0.3 0.3 0.4" pos="0 0 0.4"/>
+  <body name="flap" pos="0.31 0 0.1"><joint name="flap" type="hinge" axis="0 1 0" range="0 90"/>
+    <geom type="box" size="0.01 0.3 0.3" pos="0 0 0.3"/></body>
+</body></worldbody></mujoco>"#,
+    );
+    let kinds: Vec<&String> = scene.report.left_out.keys().collect();
+    assert_eq!(
+        kinds,
+        ["joint: a hinge that is not upright or opens under 10 degrees, kept closed"]
+    );
+    assert_eq!(scene.report.receptacles.len(), 1);
+}
