@@ -180,7 +180,7 @@ impl<'a> Session<'a> {
                     .map_err(|error| error.to_string())
             }
             "python" => self.python(block),
-            "toml" | "sql" if is_read => Ok(()),
+            "toml" | "sql" | "xml" if is_read => Ok(()),
             "toml" => Err("say which command reads it: `test: file` or `test: read by`".to_owned()),
             "text" | "nginx" | "mermaid" => Ok(()),
             other => Err(format!("what is a block in '{other}'?")),
