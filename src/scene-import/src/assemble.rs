@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use reel_tasks::generate::scene::{caption, draw_looks};
 use reel_world::{
     Attributes, Door, FurnitureGeometry, FurnitureJoint, Receptacle, Rect, Room, Scene, Solid,
+    SolidShape,
 };
 
 use crate::{
@@ -369,24 +370,45 @@ impl Found {
         attributes: &Attributes,
     ) {
         let mut whole = None;
+        let fixed = parts.first().map(|part| &part.geometry.fixed);
+        let color = fixed.and_then(|fixed| Some(fixed.first()?.color));
         for part in parts {
             let category = part.role.map_or(category, |role| role.category());
-            let geometry = rounded(&part.geometry);
-            let bare = geometry == FurnitureGeometry::default();
-            let receptacle = Receptacle {
+            let mut receptacle = Receptacle {
                 door: part.door,
                 part_of: part.role.and(whole.clone()),
                 attributes: attributes.clone(),
                 facing_deg: facing,
-                geometry: (!bare).then_some(geometry),
                 ..self.receptacle(category, room.to_owned(), part.rect, part.z)
             };
+            let mut geometry = rounded(&part.geometry);
+            if geometry == FurnitureGeometry::default() {
+                // The board of a shelf stands in the furniture; what is seen of it is the shelf.
+                geometry.fixed = color
+                    .map(|color| board(&receptacle, color))
+                    .into_iter()
+                    .collect();
+            }
+            receptacle.geometry = Some(geometry);
             whole.get_or_insert_with(|| receptacle.id.clone());
             let joint = part.joint.as_ref().filter(|joint| !joint.is_empty());
             let source =
                 joint.map_or_else(|| source.to_owned(), |joint| format!("{source}/{joint}"));
             self.add(receptacle, &source);
         }
+    }
+}
+
+/// A box where the surface of a receptacle is.
+fn board(receptacle: &Receptacle, color: [u8; 3]) -> Solid {
+    let (low, high) = (receptacle.surface_min, receptacle.surface_max);
+    Solid {
+        shape: SolidShape::Box {
+            half: [0, 1, 2].map(|axis| metres((high[axis] - low[axis]) * 0.5)),
+        },
+        position: [0, 1, 2].map(|axis| metres((high[axis] + low[axis]) * 0.5)),
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        color,
     }
 }
 

@@ -23,20 +23,8 @@ const TYPICAL: &[(&str, [f64; 3])] = &[
     ("washing machine", [0.62, 0.6, 0.88]),
 ];
 
-/// Sizes of tables by the words of their type.
-const TABLES: &[(&str, [f64; 3])] = &[
-    ("side table", [0.5, 0.45, 0.55]),
-    ("end table", [0.5, 0.45, 0.55]),
-    ("coffee table", [1.1, 0.6, 0.42]),
-    ("dining table", [1.4, 0.85, 0.75]),
-];
-
-/// The typical size of a category; of tables by the words of their type, too.
-pub(crate) fn typical(category: &str, words: &str) -> [f64; 3] {
-    let table = TABLES.iter().find(|(known, _)| words.contains(known));
-    if let Some((_, size)) = table.filter(|_| category == "table") {
-        return *size;
-    }
+/// The typical size of a category, or that of a table.
+pub(crate) fn typical(category: &str) -> [f64; 3] {
     let known = TYPICAL.iter().find(|(known, _)| *known == category);
     known.map_or([1.0, 0.6, 0.75], |(_, size)| *size)
 }

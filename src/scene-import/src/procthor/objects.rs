@@ -178,7 +178,7 @@ fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Note
             notes.approximated(
                 "size of an asset, which the file does not give: typical of its category",
             );
-            let [width, depth, height] = sizes::typical(category, &kind(item));
+            let [width, depth, height] = sizes::typical(category);
             // It stands on the floor, and its place is the middle of its box.
             let told = item.position.y * 2.0;
             let believed = is_sane(told) && told >= HEIGHTS_M[0] && told <= HEIGHTS_M[1];
