@@ -412,7 +412,7 @@ fn board(receptacle: &Receptacle, color: [u8; 3]) -> Solid {
     }
 }
 
-fn write_captions(receptacles: &mut Vec<Receptacle>, notes: &mut Notes) {
+fn write_captions(receptacles: &mut [Receptacle], notes: &mut Notes) {
     let mut wholes: Vec<Receptacle> = receptacles
         .iter()
         .filter(|receptacle| receptacle.part_of.is_none())

@@ -8,7 +8,6 @@ use serde_json::Value;
 use super::{ITEMS_MAX, Triple};
 use crate::{
     ImportError, categories,
-    files::is_sane,
     house::{Body, Extent, Piece},
     notes::Notes,
     sizes,
@@ -181,7 +180,7 @@ fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Note
             let [width, depth, height] = sizes::typical(category);
             // It stands on the floor, and its place is the middle of its box.
             let told = item.position.y * 2.0;
-            let believed = is_sane(told) && told >= HEIGHTS_M[0] && told <= HEIGHTS_M[1];
+            let believed = (HEIGHTS_M[0]..=HEIGHTS_M[1]).contains(&told);
             [width, depth, if believed { told } else { height }]
         }
     };

@@ -156,7 +156,7 @@ fn what_lies_in_a_drawer_comes_out_with_it_and_goes_back() {
         json!({"target_category": "mug"}),
     );
     assert!(
-        !hidden.error.is_none(),
+        hidden.error.is_some(),
         "a closed drawer hides: {}",
         hidden.text
     );
@@ -185,14 +185,14 @@ fn from_a_drawer_onto_a_shelf_and_from_a_shelf_into_a_drawer() {
     let mut simulator = simulator();
     let refused = at(&mut simulator, "bookshelf_1_shelf_2", "open");
     assert!(
-        !refused.error.is_none(),
+        refused.error.is_some(),
         "a shelf does not open: {}",
         refused.text
     );
     pick(&mut simulator, "book");
     let closed = at(&mut simulator, DRAWER, "place");
     assert!(
-        !closed.error.is_none(),
+        closed.error.is_some(),
         "the drawer is closed: {}",
         closed.text
     );
