@@ -20,7 +20,7 @@ const UNREACHABLE: &[ErrorCode] = &[
     ErrorCode::EpisodeOver,
     ErrorCode::PhysicsFault,
 ];
-const MOST_BYTES: u64 = 1_200_000;
+const MOST_BYTES: u64 = 1_300_000;
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden")
