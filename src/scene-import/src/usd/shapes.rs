@@ -9,7 +9,7 @@ use crate::{
     files::is_sane,
     house::SourceSolid,
     notes::Notes,
-    urdf::{bytes_of, unplaced},
+    urdf::{bounds_solid, bytes_of, unplaced},
 };
 
 /// The solid of a prim, if its type is a shape; or what is wrong with it.
@@ -19,77 +19,12 @@ pub(super) fn solid(
     frame: &Affine,
     notes: &mut Notes,
 ) -> Result<Option<SourceSolid>, String> {
-    let number = |name: &str, usual: f64| {
-        let value = values::numbers::<1>(prim, name).map_or(usual, |[value]| value);
-        if value > 0.0 {
-            Ok(value)
-        } else {
-            Err(format!("{name} must be above 0"))
-        }
-    };
-    let along = |radius: f64, half_height: f64| {
-        let upright = unplaced(SolidShape::Cylinder {
-            radius,
-            half_height,
-        });
-        let turn = match values::token(prim, "axis").as_deref() {
-            Some("X") => Affine::turned(1, std::f64::consts::FRAC_PI_2),
-            Some("Y") => Affine::turned(0, -std::f64::consts::FRAC_PI_2),
-            _ => Affine::IDENTITY,
-        };
-        turn.primitive(&upright)
-    };
-    let (local, is_bounds) = match kind {
-        "Cube" => {
-            let half = number("size", 2.0)? * 0.5;
-            (unplaced(SolidShape::Box { half: [half; 3] }), false)
-        }
-        "Sphere" => (
-            unplaced(SolidShape::Sphere {
-                radius: number("radius", 1.0)?,
-            }),
-            false,
-        ),
-        "Cylinder" => (
-            along(number("radius", 1.0)?, number("height", 2.0)? * 0.5),
-            false,
-        ),
-        "Capsule" => {
-            notes.approximated("capsule: a cylinder");
-            let radius = number("radius", 0.5)?;
-            (along(radius, number("height", 1.0)? * 0.5 + radius), false)
-        }
-        "Cone" => {
-            notes.approximated("cone: a cylinder");
-            (
-                along(number("radius", 1.0)?, number("height", 2.0)? * 0.5),
-                false,
-            )
-        }
-        "Mesh" => match mesh(prim)? {
-            Some(bounds) => {
-                notes.approximated("mesh: the box of its bounds");
-                (
-                    bounds.solid(unplaced(SolidShape::Sphere { radius: 1.0 }).color),
-                    true,
-                )
-            }
-            None => {
-                notes.left_out("mesh without points");
-                return Ok(None);
-            }
-        },
-        "" | "Xform" | "Scope" | "SkelRoot" | "Plane" => return Ok(None),
-        other => {
-            let shown: String = other.chars().take(40).collect();
-            notes.left_out(format!("prim of type {shown}"));
-            return Ok(None);
-        }
+    let Some((local, is_bounds)) = shape(prim, kind, notes)? else {
+        return Ok(None);
     };
     let color = color(prim);
     let placed = frame.primitive(&local);
-    let is_finite = Bounds::of(&placed).high.into_iter().all(is_sane);
-    if !is_finite {
+    if !Bounds::of(&placed).high.into_iter().all(is_sane) {
         return Err("its size or place is beyond a million metres".to_owned());
     }
     Ok(Some(SourceSolid {
@@ -99,6 +34,72 @@ pub(super) fn solid(
         },
         is_bounds,
         is_coloured: color.is_some(),
+    }))
+}
+
+/// The shape of a prim in its own frame, and whether it only bounds a mesh.
+fn shape(prim: &Prim, kind: &str, notes: &mut Notes) -> Result<Option<(Solid, bool)>, String> {
+    let exact = |shape: SolidShape| Ok(Some((unplaced(shape), false)));
+    match kind {
+        "Cube" => exact(SolidShape::Box {
+            half: [number(prim, "size", 2.0)? * 0.5; 3],
+        }),
+        "Sphere" => exact(SolidShape::Sphere {
+            radius: number(prim, "radius", 1.0)?,
+        }),
+        "Cylinder" | "Cone" => {
+            if kind == "Cone" {
+                notes.approximated("cone: a cylinder");
+            }
+            let (radius, height) = (number(prim, "radius", 1.0)?, number(prim, "height", 2.0)?);
+            Ok(Some((along_axis(prim, radius, height * 0.5), false)))
+        }
+        "Capsule" => {
+            notes.approximated("capsule: a cylinder");
+            let (radius, height) = (number(prim, "radius", 0.5)?, number(prim, "height", 1.0)?);
+            Ok(Some((
+                along_axis(prim, radius, height * 0.5 + radius),
+                false,
+            )))
+        }
+        "Mesh" => Ok(match mesh(prim)? {
+            Some(bounds) => {
+                notes.approximated("mesh: the box of its bounds");
+                Some((bounds_solid(&bounds), true))
+            }
+            None => {
+                notes.left_out("mesh without points");
+                None
+            }
+        }),
+        "" | "Xform" | "Scope" | "SkelRoot" | "Plane" => Ok(None),
+        other => {
+            let shown: String = other.chars().take(40).collect();
+            notes.left_out(format!("prim of type {shown}"));
+            Ok(None)
+        }
+    }
+}
+
+fn number(prim: &Prim, name: &str, usual: f64) -> Result<f64, String> {
+    let value = values::numbers::<1>(prim, name).map_or(usual, |[value]| value);
+    if value > 0.0 {
+        Ok(value)
+    } else {
+        Err(format!("{name} must be above 0"))
+    }
+}
+
+/// A cylinder along the axis that the prim names.
+fn along_axis(prim: &Prim, radius: f64, half_height: f64) -> Solid {
+    let turn = match values::token(prim, "axis").as_deref() {
+        Some("X") => Affine::turned(1, std::f64::consts::FRAC_PI_2),
+        Some("Y") => Affine::turned(0, -std::f64::consts::FRAC_PI_2),
+        _ => Affine::IDENTITY,
+    };
+    turn.primitive(&unplaced(SolidShape::Cylinder {
+        radius,
+        half_height,
     }))
 }
 
