@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput, user::UserQuestion};
+use reel_episode::{Briefing, Detail, Episode, EpisodeConfig, Observation, StepOutput, user::UserQuestion};
 use reel_world::{
     Frame, HORIZON, InstanceId, Scene, Task, Tool, WorldGraph,
     record::{EpisodeHeader, StartRecord, StepInput, StepRecord},
@@ -36,9 +36,22 @@ impl RunningEpisode {
     /// # Errors
     /// When the episode cannot start or its trace cannot be written.
     pub fn start(config: EpisodeConfig, record: Option<&RecordTo>) -> Result<Self, AgentError> {
+        Self::start_with(config, Detail::Full, record)
+    }
+
+    /// [`RunningEpisode::start`] with images of so much detail; only with all of it can the
+    /// episode be recorded.
+    ///
+    /// # Errors
+    /// As [`RunningEpisode::start`].
+    pub fn start_with(
+        config: EpisodeConfig,
+        detail: Detail,
+        record: Option<&RecordTo>,
+    ) -> Result<Self, AgentError> {
         let task_id = config.task.task_id.clone();
         let (episode, start, frame) =
-            Episode::start(config).map_err(|source| AgentError::Start {
+            Episode::start_with(config, detail).map_err(|source| AgentError::Start {
                 task: task_id,
                 source,
             })?;
@@ -111,6 +124,11 @@ impl RunningEpisode {
     /// The episode, as far as it was played.
     pub fn episode(&self) -> &Episode {
         &self.episode
+    }
+
+    /// What an agent knows when it decides now; the truth is not in it.
+    pub fn context(&self) -> PolicyContext<'_> {
+        self.known.context()
     }
 
     /// Makes a call that was decided elsewhere; `witness` is shown it, as somebody else's.

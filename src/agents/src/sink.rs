@@ -20,7 +20,7 @@ pub struct RecordedTrace {
 }
 
 /// Takes the records of one episode, in order.
-pub trait Sink {
+pub trait Sink: Send {
     /// The state after the start.
     fn start(&mut self, start: &StartRecord, frame: Option<&Frame>) -> Result<(), SinkError>;
     /// A decision, before it is used.

@@ -272,12 +272,31 @@ impl Episode {
     /// As [`Episode::resume`].
     pub fn branch(
         config: EpisodeConfig,
+        start: StartRecord,
+        steps: Vec<StepRecord>,
+        snapshot: &Snapshot,
+        detail: Detail,
+    ) -> Result<Episode, EpisodeError> {
+        let stage = prepare_task(&config.scene, &config.task, &config.meshes)?;
+        Self::branch_on(stage, config, start, steps, snapshot, detail)
+    }
+
+    /// [`Episode::branch`] on a stage that is there already: that of the task and scene of
+    /// `config`, by [`prepare_task`].
+    ///
+    /// # Errors
+    /// As [`Episode::resume_on`].
+    ///
+    /// # Panics
+    /// When it is the stage of another task or scene.
+    pub fn branch_on(
+        stage: Arc<PreparedTask>,
+        config: EpisodeConfig,
         mut start: StartRecord,
         mut steps: Vec<StepRecord>,
         snapshot: &Snapshot,
         detail: Detail,
     ) -> Result<Episode, EpisodeError> {
-        let stage = prepare_task(&config.scene, &config.task, &config.meshes)?;
         chain::relink(&header(&config, &stage), &mut start, &mut steps);
         let mut episode = Self::resume_on(stage, config, start, steps, snapshot)?;
         episode.simulator.set_detail(detail);

@@ -16,7 +16,7 @@ use reel_world::{
 };
 
 pub use episode::{Episode, Suspended, prepare_task};
-pub use reel_sim::PreparedTask;
+pub use reel_sim::{PreparedTask, render::Detail};
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! What a server runs on, as arguments: the disk, and where work goes on that would keep others
 //! waiting. Time is the runtime's (`tokio::time`), which a test may hold and turn on.
 
-use std::sync::Arc;
+use std::{env, io, path::PathBuf, sync::Arc};
 
 use reel_trace::{Disk, LocalDisk, TraceFiles};
 use tokio::task::JoinHandle;
@@ -23,6 +23,18 @@ pub enum Work {
     Threads,
     /// As a task among the others, in one piece: one order of everything, as simulations want it.
     Tasks,
+}
+
+/// Path of the program that this process runs, to run it again: of the Python package the command
+/// that it installs, which `REEL_PROGRAM` names, because the process itself is Python.
+///
+/// # Errors
+/// When the operating system does not say which program it is.
+pub fn program() -> io::Result<PathBuf> {
+    match env::var_os("REEL_PROGRAM") {
+        Some(path) if !path.is_empty() => Ok(path.into()),
+        _ => env::current_exe(),
+    }
 }
 
 impl Default for Host {

@@ -15,7 +15,7 @@ mod situation;
 mod turns;
 
 pub use error::LiveError;
-pub use host::{Host, Work};
+pub use host::{Host, Work, program};
 pub use pool::{Limits, SessionEntry, SessionPool};
 pub use restore::{restore, restore_on};
 pub use session::{

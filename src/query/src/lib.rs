@@ -19,7 +19,10 @@ pub mod statistics;
 mod tables;
 mod watched;
 
-use arrow::array::RecordBatch;
+use arrow::{
+    array::{ArrayRef, RecordBatch},
+    datatypes::DataType,
+};
 use reel_tables::Store;
 
 pub use control::{Control, SetLimit, StopReason, TraceAccess};
@@ -38,4 +41,25 @@ pub use session::{
 /// When it is no question, is wrong, or exceeds a limit.
 pub fn run(store: Store, sql: &str) -> Result<Vec<RecordBatch>, QueryError> {
     QuerySession::new(store)?.run(sql)
+}
+
+/// Applies one of the functions on sequences (`sequence_match`, `first_step`, ...) to a column of
+/// steps, a list of records an episode, outside of any question.
+///
+/// # Errors
+/// When there is no such function, the column holds no steps, or the text is wrong.
+pub fn apply_to_steps(
+    function: &str,
+    steps: &ArrayRef,
+    text: Option<&str>,
+) -> Result<ArrayRef, QueryError> {
+    Ok(functions::sequence::apply(function, steps, text)?)
+}
+
+/// The type of what one of the functions on sequences gives for a column of steps of that type.
+///
+/// # Errors
+/// When there is no such function, or the column holds no steps.
+pub fn type_over_steps(function: &str, steps: &DataType) -> Result<DataType, QueryError> {
+    Ok(functions::sequence::type_over(function, steps)?)
 }

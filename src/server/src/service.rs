@@ -209,7 +209,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         };
         #[cfg(feature = "tables")]
         let paths = Paths {
-            reel: std::env::current_exe()
+            reel: reel_live::program()
                 .map_err(ServeError::Data)?
                 .into_os_string(),
             archive: archive.clone(),

@@ -35,7 +35,7 @@ pub fn leaks(arguments: &Arguments, reports: &[EpisodeReport]) -> anyhow::Result
 fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
     let workers = inputs::workers(arguments.jobs);
     let mut again =
-        Command::new(std::env::current_exe().context("cannot find this program to run it again")?);
+        Command::new(reel_live::program().context("cannot find this program to run it again")?);
     again
         .arg("run")
         .arg("--tasks")

@@ -57,7 +57,8 @@ pub fn blame_all(
     }
 }
 
-fn measure(trace: &Trace, options: &BlameOptions) -> MeasuredTrace {
+/// Measures a trace that was read.
+pub fn measure(trace: &Trace, options: &BlameOptions) -> MeasuredTrace {
     let blame = blame(trace);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {

@@ -15,7 +15,7 @@ mod repair;
 mod report;
 
 pub use alternative::{Alternative, alternative};
-pub use batch::{BlameOptions, MeasuredTrace, blame_all};
+pub use batch::{BlameOptions, MeasuredTrace, blame_all, measure};
 pub use cost::StepCost;
 pub use decide::Harm;
 pub use preferred::{Preferred, preferred};

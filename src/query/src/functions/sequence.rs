@@ -114,6 +114,58 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
     KINDS.into_iter().map(function).collect()
 }
 
+/// The function of a name.
+fn by_name(name: &str) -> Result<ScalarUDF> {
+    let found = functions().into_iter().find(|function| function.name() == name);
+    found.ok_or_else(|| {
+        let known = KINDS.map(|(_, name)| name).join(", ");
+        DataFusionError::Plan(format!("no function on steps is called {name}; there are {known}"))
+    })
+}
+
+/// The type of what one of these functions gives for steps of that type.
+pub(crate) fn type_over(name: &str, steps: &DataType) -> Result<DataType> {
+    by_name(name)?.return_type(&[plain(steps)])
+}
+
+/// Applies one of these functions to a column of steps, outside of any question.
+pub(crate) fn apply(name: &str, steps: &ArrayRef, text: Option<&str>) -> Result<ArrayRef> {
+    let function = by_name(name)?;
+    let steps = cast(steps, &plain(steps.data_type()))?;
+    let rows = steps.len();
+    let text = text.map(ScalarValue::from);
+    let mut fields = vec![Arc::new(Field::new("steps", steps.data_type().clone(), true))];
+    fields.extend(text.iter().map(|text| Arc::new(Field::new("text", text.data_type(), false))));
+    let scalars = [None, text.as_ref()];
+    let return_field = function.return_field_from_args(ReturnFieldArgs {
+        arg_fields: &fields,
+        scalar_arguments: &scalars[..fields.len()],
+    })?;
+    let mut args = vec![ColumnarValue::Array(steps)];
+    args.extend(text.map(ColumnarValue::Scalar));
+    let answer = function.invoke_with_args(ScalarFunctionArgs {
+        args,
+        arg_fields: fields,
+        number_rows: rows,
+        return_field,
+        config_options: Arc::default(),
+    })?;
+    answer.into_array(rows)
+}
+
+/// Lists with large offsets and text views, as Polars has them, as the types of the store.
+fn plain(data_type: &DataType) -> DataType {
+    let field = |field: &FieldRef| {
+        Arc::new(field.as_ref().clone().with_data_type(plain(field.data_type())))
+    };
+    match data_type {
+        DataType::LargeList(item) | DataType::List(item) => DataType::List(field(item)),
+        DataType::Struct(fields) => DataType::Struct(fields.iter().map(field).collect()),
+        DataType::LargeUtf8 | DataType::Utf8View => DataType::Utf8,
+        other => other.clone(),
+    }
+}
+
 /// Columns of the steps that a call of one of these functions reads; none where that is not to be
 /// seen from the call.
 pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> {

@@ -164,7 +164,7 @@ async fn keep(
     texts: &[(&str, Option<String>)],
     flag: Option<&str>,
 ) -> Result<(), ApiError> {
-    let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
+    let mut command = Command::new(reel_live::program().map_err(ApiError::disk)?);
     command.args(["store", "label", "--store", &app.config.store(), what]);
     let mut all = texts
         .iter()

@@ -175,7 +175,7 @@ impl CommonArguments {
             tokenizer: self.tokenizer.clone(),
             name: name.to_owned(),
             licence: self.licence.clone(),
-            command: command(std::env::args().skip(1)),
+            command: command(crate::words().iter().skip(1).map(|word| word.to_string_lossy().into_owned())),
         })
     }
 

@@ -1,0 +1,31 @@
+"""The command `reel`, which the package carries."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import sysconfig
+
+
+def program() -> list[str]:
+    """The command that runs `reel` again: the installed script, else this module."""
+    script = os.path.join(sysconfig.get_path("scripts"), "reel")
+    return [script] if os.access(script, os.X_OK) else [sys.executable, "-m", "reel"]
+
+
+def main() -> None:
+    """Runs the command line and ends the process with its exit code."""
+    from ._reel import main as run
+
+    # The command starts itself again for work that must be killable (SQL of strangers).
+    command = program()
+    if len(command) == 1:
+        os.environ["REEL_PROGRAM"] = command[0]
+    # Python would only note Ctrl-C and wait for the command to come back.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(run(["reel", *sys.argv[1:]]))
+
+
+if __name__ == "__main__":
+    main()
