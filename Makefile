@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
+.PHONY: help demo test pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -22,6 +22,12 @@ test: pages ## install what tests compare Reel with, run every test of the works
 	tests/setup.sh
 	@tests/skips.sh --forget
 	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
+
+wheel: pages ## build the Python package with the command line as a wheel in python/dist (release build; an hour)
+	python/wheel.sh
+
+test-python: ## build the wheel, install it into an empty environment, run all tests of the Python package, PyTorch and trainers included
+	python/test.sh
 
 pages: ## build the web pages that `reel serve` shows (needs Node, which it installs where it may)
 	dashboards/build.sh

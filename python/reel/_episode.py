@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _reel
-from ._reel import Image, Layer, ReelError
-from ._simulation import Action, Simulation, as_call
+from ._reel import ReelError
+from ._simulation import Action, Simulation, as_call, recording
+from ._types import Image, Layer, PathLike, Record
 
 if TYPE_CHECKING:
     from ._play import Policy
-
-Record = dict[str, Any]
-PathLike = str | os.PathLike[str]
 
 _scratch: tempfile.TemporaryDirectory[str] | None = None
 _numbers = itertools.count()
@@ -464,9 +462,9 @@ class Fork:
                 time; everything else is the same.
             group: prompt group and index in it, for the trace.
         """
-        recording = None if record is None else _reel.Recording(path=record, images=images, fsync=False)
+        to = None if record is None else recording(record, images)
         return Simulation(
-            self._point.open(policy=policy, group=group, images=images, record=recording), record
+            self._point.open(policy=policy, group=group, images=images, record=to), record
         )
 
     def __repr__(self) -> str:

@@ -13,15 +13,15 @@ from ._command import command
 from ._episode import Episode, open
 from ._progress import bar
 from ._reel import Observation, ReelError
-from ._simulation import Action, Simulation, as_call
+from ._simulation import Action, Simulation, as_call, recording
+from ._types import PathLike, Record
 
-Record = dict[str, Any]
-PathLike = str | os.PathLike[str]
 Policy = Callable[[Observation], Action] | type
 """Who decides: a function of an `Observation` that returns a call, or a class of such objects, of
 which each episode gets its own. A dictionary may also hold what a model said: `raw`, `reasoning`,
 `history`, `plan`, `tokens`, `latency_ns`."""
 
+SEPARATORS = r"[/\\]"
 OUTPUT_KEYS = ("raw", "reasoning", "history", "plan", "tokens", "latency_ns", "logprobs")
 
 
@@ -122,9 +122,9 @@ class Tasks(Sequence[Record]):
             group: prompt group and index in it, for the trace.
         """
         index = self.index(task) if isinstance(task, str) else task
-        recording = None if record is None else _reel.Recording(path=record, images=images, fsync=False)
+        to = None if record is None else recording(record, images)
         started = _reel.Simulation.start(
-            self._native, index, seed, profile, preset, skills, policy, None, group, images, recording
+            self._native, index, seed, profile, preset, skills, policy, None, group, images, to
         )
         return Simulation(started, record)
 
@@ -193,7 +193,7 @@ def run(
         # the name of the policy as the name of a file
         file_name = re.sub(r"[^\w.-]", "_", called)
         recordings = [
-            _reel.Recording(path=folder / f"{re.sub(r'[/\\]', '_', id)}--{file_name}--{seed}.mcap", images=images, fsync=False)
+            recording(folder / f"{re.sub(SEPARATORS, '_', id)}--{file_name}--{seed}.mcap", images)
             for id in loaded.ids
         ]
     with bar(len(loaded), called, progress) as tell:

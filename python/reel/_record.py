@@ -16,8 +16,7 @@ from .__main__ import program
 from ._command import Argument, flags
 from ._episode import Episode, open, trace_paths
 from ._reel import ReelError
-
-PathLike = str | os.PathLike[str]
+from ._types import PathLike
 
 
 def _end_with_the_parent() -> None:

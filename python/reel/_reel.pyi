@@ -6,20 +6,17 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypedDict
 
-import numpy as np
-from numpy.typing import NDArray
+from ._types import Image, Layer, PathLike, Record
 
 __version__: str
 SIM_VERSION: int
 
-PathLike = str | os.PathLike[str]
-Record = dict[str, Any]
 Progress = Callable[[int], None] | None
-Image = NDArray[np.uint8]
-Layer = NDArray[np.uint16]
 
 class ReelError(Exception): ...
 class DivergenceError(ReelError): ...
+
+__file__: str
 
 class Recording(TypedDict):
     path: PathLike

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _reel
 from ._reel import Observation, ReelError, StepResult
+from ._types import PathLike, Record
 
 if TYPE_CHECKING:
     from ._episode import Episode, RenderedFrame
     from ._play import Policy
 
-Record = dict[str, Any]
 Call = tuple[str, Mapping[str, Any]]
 Action = str | Mapping[str, Any] | tuple[str, Any]
 """A tool call: `("nav_to", {"receptacle_name": "table_1"})`, a dictionary with `name` and
@@ -41,6 +40,11 @@ def as_call(action: Action) -> Call:
     return name, arguments or {}
 
 
+def recording(path: PathLike, images: bool, fsync: bool = False) -> _reel.Recording:
+    """How the native part is told to record an episode."""
+    return {"path": path, "images": images, "fsync": fsync}
+
+
 class Simulation:
     """A running episode.
 
@@ -48,7 +52,7 @@ class Simulation:
     episode. As a context manager it is closed at the end of the block.
     """
 
-    def __init__(self, native: _reel.Simulation, record: str | os.PathLike[str] | None = None) -> None:
+    def __init__(self, native: _reel.Simulation, record: PathLike | None = None) -> None:
         self._native = native
         self._record = None if record is None else Path(record)
         self.report: Record | None = None

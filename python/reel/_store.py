@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 from . import _reel
 from ._command import Argument, command, command_json
 from ._reel import Stream
+from ._types import PathLike, Record
 
 if TYPE_CHECKING:
     import polars
-
-Record = dict[str, Any]
-PathLike = str | os.PathLike[str]
 
 
 class Table:

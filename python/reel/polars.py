@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _reel
+from ._types import PathLike
 
 if TYPE_CHECKING:
     import polars as pl
 
     from ._store import Store
-
-PathLike = str | os.PathLike[str]
 
 
 def scan_store(store: Store, table: str = "steps") -> pl.LazyFrame:

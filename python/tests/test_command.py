@@ -1,0 +1,45 @@
+"""The command line that the package carries, and the recorder."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import reel
+
+
+def test_the_command_line_comes_along(planner: reel.Episode) -> None:
+    run = subprocess.run([sys.executable, "-m", "reel", "replay", str(planner.path), "--json"], capture_output=True, text=True)
+    assert run.returncode == 0 and json.loads(run.stdout.splitlines()[0])["verdict"] == "exact"
+    wrong = subprocess.run([sys.executable, "-m", "reel", "replay", "no-such.mcap"], capture_output=True, text=True)
+    assert wrong.returncode == 2 and "no such trace" in wrong.stderr
+    with pytest.raises(reel.ReelError, match="no such trace or folder"):
+        reel.command("replay", "no-such.mcap")
+    assert reel.command("--version").strip() == f"reel {reel.__version__}"
+    assert isinstance(reel.command_json("replay", planner.path), dict)
+
+
+def test_a_recorder_stands_between_agent_and_server(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "tasks"
+    reel.Tasks.generate(1, folder, seed=5)
+    server = [sys.executable, "-m", "reel", "mcp", "--tasks", str(folder), "--out", str(tmp_path / "served")]
+    with reel.record(server, tmp_path / "recorded") as recorder:
+        assert recorder.url.startswith("http://127.0.0.1:")
+        request = urllib.request.Request(
+            recorder.url,
+            data=json.dumps({
+                "jsonrpc": "2.0", "id": 1, "method": "initialize",
+                "params": {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "t", "version": "1"}},
+            }).encode(),
+            headers={"content-type": "application/json", "accept": "application/json, text/event-stream"},
+        )  # fmt: skip
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            assert b"serverInfo" in answer.read()
+        assert recorder.episodes() == []
+    with pytest.raises(reel.ReelError, match="proxy or robot"):
+        reel.record("http://127.0.0.1:1/mcp", tmp_path / "x", backend="spaceship")

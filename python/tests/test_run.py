@@ -1,0 +1,175 @@
+"""Playing tasks with policies of one's own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import reel
+
+
+def test_a_function_decides_and_sees_what_an_agent_sees(tasks: reel.Tasks, tmp_path: Path) -> None:
+    seen: list[reel.Observation] = []
+
+    def tour(observation: reel.Observation) -> reel.Action:
+        seen.append(observation)
+        if observation.step < 2:
+            return "nav_to", {"receptacle_name": observation.receptacles[observation.step][0]}
+        return '{"name": "finish", "arguments": {}}'
+
+    episodes = reel.run(tasks, tour, out=tmp_path, progress=False, jobs=1)
+    assert len(episodes) == len(tasks) and not episodes.errors
+    assert all(episode.header["policy"]["name"] == "tour" and len(episode) == 3 for episode in episodes)
+    assert all(reel.replay(tmp_path, progress=False))
+    assert seen[0].instruction == tasks[0]["instruction"] and seen[0].text == ""
+    assert seen[0].image is not None and seen[0].image.shape == (480, 640, 3)
+    privileged = {"goal", "target", "objects", "instance"}
+    assert not privileged & set(dir(seen[0]))
+    assert episodes[0].steps[2].record["input"]["policy"]["raw"] == '{"name": "finish", "arguments": {}}'
+
+
+def test_each_episode_gets_an_object_of_a_class(tasks: reel.Tasks) -> None:
+    class Counting:
+        def __init__(self) -> None:
+            self.calls = 0
+
+        def __call__(self, observation: reel.Observation) -> reel.Action:
+            assert self.calls == observation.step
+            self.calls += 1
+            return ("finish", {}) if self.calls == 4 else ("walk_around", {})
+
+    episodes = reel.run(tasks, Counting, out=None, progress=False)
+    assert [report["length"] for report in episodes.reports] == [4] * len(tasks)
+    with pytest.raises(reel.ReelError, match="was not recorded"):
+        episodes[0]
+
+
+def test_gibberish_is_answered_and_an_exception_is_raised(tasks: reel.Tasks, tmp_path: Path) -> None:
+    episodes = reel.run(tasks[:1], lambda _: "I would rather not", out=tmp_path, name="talks", progress=False)
+    assert episodes[0].steps[0].error == "UNKNOWN_TOOL" or episodes[0].steps[0].error is not None
+    assert episodes[0].replay()
+
+    def breaks(observation: reel.Observation) -> reel.Action:
+        if observation.step == 1:
+            raise ValueError("no more ideas")
+        return "walk_around", {}
+
+    with pytest.raises(ValueError, match="no more ideas"):
+        reel.run(tasks[:1], breaks, out=tmp_path, progress=False)
+    left = reel.open(next(tmp_path.glob("*breaks*.mcap")))
+    assert left.end and left.end["reason"] == "aborted" and len(left) == 1
+
+
+def test_built_in_policies_give_the_command_lines_traces(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
+    folder = next(iter({Path(report["trace"]).parent for report in reel.run(tasks, out=tmp_path / "a", progress=False).reports}))
+    names = sorted(path.name for path in folder.glob("*.mcap"))
+    assert names == sorted(path.name for path in played.glob("*oracle*"))
+    for name in names:
+        assert reel.open(folder / name).digest == reel.open(played / name).digest
+
+
+def test_simulations_step_by_step(tasks: reel.Tasks, tmp_path: Path) -> None:
+    with tasks.start(0, record=tmp_path / "one.mcap", group=("g", 1)) as simulation:
+        result = simulation.step(("nav_to", {"receptacle_name": "no such place"}))
+        assert result.observation.error and not result.terminated
+        assert simulation.render().rgb.any() and simulation.calls == 1
+        result = simulation.step({"tool_name": "finish", "arguments": {}}, {"reasoning": "done", "tokens": [10, 2]})
+        assert result.terminated and not result.truncated and result.end_reason == "finished"
+        with pytest.raises(reel.ReelError, match="has ended"):
+            simulation.step(("walk_around", {}))
+    episode = reel.open(tmp_path / "one.mcap")
+    assert episode.header["group_id"] == "g" and episode.header["rollout_index"] == 1
+    assert episode.steps[1].reasoning == "done" and episode.replay()
+    assert sum(episode.steps[0].reward_terms.values()) == pytest.approx(episode.steps[0].reward)
+
+
+def test_wrong_arguments_say_what_there_is(tasks: reel.Tasks, tmp_path: Path) -> None:
+    for message, call in [
+        ("no profile is called 'x'", lambda: tasks.start(0, profile="x")),
+        ("no reward preset is called 'x'", lambda: tasks.start(0, preset="x")),
+        ("no skills are called 'x'", lambda: tasks.start(0, skills="x")),
+        ("no task 9: there are 4", lambda: tasks.start(9)),
+        ("no task could be loaded", lambda: reel.Tasks.load(tmp_path)),
+        ("no policy is called 'x'", lambda: reel.run(tasks, "x", out=None, progress=False).errors and (_ for _ in ()).throw(
+            reel.ReelError(reel.run(tasks, "x", out=None, progress=False).errors[0]))),
+    ]:
+        with pytest.raises(reel.ReelError, match=message):
+            call()
+
+
+KERNEL = """
+import sys, reel
+tasks = reel.Tasks.load(sys.argv[1])
+simulation = tasks.start(0, record=sys.argv[2], images=False)
+for n in range(25):
+    simulation.step(("walk_around", {}) if n % 2 else ("nav_to", {"receptacle_name": simulation.observe().receptacles[n % 5][0]}))
+    print(n, flush=True)
+"""
+
+
+def test_a_killed_kernel_loses_no_acknowledged_call(tasks: reel.Tasks, tmp_path: Path) -> None:
+    folder = Path(tasks_folder(tasks, tmp_path))
+    for wanted in (1, 5, 11):
+        path = tmp_path / f"killed-{wanted}.mcap"
+        kernel = subprocess.Popen([sys.executable, "-c", KERNEL, str(folder), str(path)], stdout=subprocess.PIPE, text=True)
+        assert kernel.stdout is not None
+        acknowledged = -1
+        for line in kernel.stdout:
+            acknowledged = int(line)
+            if acknowledged == wanted:
+                kernel.kill()
+        kernel.wait()
+        reel.command("trace", "recover", f"{path}.part")
+        assert len(reel.open(path)) > acknowledged >= wanted
+
+
+def tasks_folder(tasks: reel.Tasks, tmp_path: Path) -> str:
+    """A folder with the same tasks, for another process."""
+    out = tmp_path / "tasks-again"
+    reel.Tasks.generate(len(tasks), out, seed=5)
+    return str(out)
+
+
+def test_ctrl_c_ends_long_work(tasks: reel.Tasks, tmp_path: Path) -> None:
+    script = textwrap.dedent("""
+        import sys, time, reel
+        paths = reel.trace_paths(sys.argv[1]) * 500
+        print("begins", flush=True)
+        try:
+            reel.replay(paths, jobs=1, progress=False)
+        except KeyboardInterrupt:
+            print("stopped", flush=True)
+    """)
+    golden = Path(__file__).parents[2] / "traces" / "golden"
+    process = subprocess.Popen([sys.executable, "-c", script, str(golden)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "begins\n"
+    time.sleep(1.0)
+    before = time.monotonic()
+    os.kill(process.pid, signal.SIGINT)
+    assert process.stdout.readline() == "stopped\n"
+    assert time.monotonic() - before < 10
+    assert process.wait() == 0
+
+
+def test_observations_hold_arrays_of_their_own(tasks: reel.Tasks) -> None:
+    with tasks.start(0) as simulation:
+        image = simulation.observe().image
+        assert image is not None
+        image[:] = 0
+        again = simulation.observe().image
+        assert again is not None and again.any() and not np.shares_memory(image, again)
+
+
+def test_tools_are_json_schema() -> None:
+    by_name = {tool["name"]: tool for tool in reel.tools()}
+    assert by_name["pick"]["parameters"]["properties"] == {"marker_id": {"type": "integer"}}
+    assert "show_object_by_category" in by_name and "finish" in by_name
+    assert {tool["name"] for tool in reel.tools("real-repo")} != set(by_name)
