@@ -5,13 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import sysconfig
 
-
-def program() -> list[str]:
-    """The command that runs `reel` again: the installed script, else this module."""
-    script = os.path.join(sysconfig.get_path("scripts"), "reel")
-    return [script] if os.access(script, os.X_OK) else [sys.executable, "-m", "reel"]
+from ._program import program
 
 
 def main() -> None:

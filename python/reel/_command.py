@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Mapping
 from typing import Any
 
-from .__main__ import program
+from ._program import program
 from ._reel import ReelError
 
 Argument = str | os.PathLike[str] | int | float | bool | None | list[Any] | tuple[Any, ...]
@@ -21,12 +21,12 @@ def flags(options: Mapping[str, Argument]) -> list[str]:
     words: list[str] = []
     for name, value in options.items():
         option = "--" + name.strip("_").replace("_", "-")
-        values = value if isinstance(value, (list, tuple)) else [value]
+        values: Any = value if isinstance(value, (list, tuple)) else [value]
         for each in values:
             if each is True:
                 words.append(option)
             elif each is not None and each is not False:
-                words += [option, os.fspath(each) if isinstance(each, os.PathLike) else str(each)]
+                words += [option, str(each)]
     return words
 
 
@@ -41,7 +41,7 @@ def command(*words: str | os.PathLike[str], **options: Argument) -> str:
         ReelError: the command failed; the text is what it printed to standard error.
     """
     said = subprocess.run(
-        [*program(), *map(os.fspath, words), *flags(options)],
+        [*program(), *(os.fspath(word) for word in words), *flags(options)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -136,7 +136,8 @@ class Step:
     @property
     def reasoning(self) -> str:
         """The reasoning that came with the call; empty if there is none."""
-        return (self.record["input"].get("policy") or {}).get("reasoning", "")
+        said: Record = self.record["input"].get("policy") or {}
+        return said.get("reasoning", "")
 
     @property
     def changes(self) -> list[Record]:
@@ -311,7 +312,10 @@ class Episode:
             eye: with `free`, where the camera is: x, y, z in metres in the scene's frame.
             look_at: with `free`, what it looks at, in the same frame.
         """
-        as_text = lambda point: None if point is None else ",".join(map(str, point))  # noqa: E731
+
+        def as_text(point: Sequence[float] | None) -> str | None:
+            return None if point is None else ",".join(map(str, point))
+
         drawn = self._trace.draw(self._call(call), camera, as_text(eye), as_text(look_at), snapshot_cache())
         return RenderedFrame(*drawn)
 
@@ -479,33 +483,37 @@ class Explanation:
         self.record = record
 
     @property
+    def _decisive(self) -> Record:
+        return self.record.get("decisive") or {}
+
+    @property
     def decisive(self) -> Step | None:
         """The decision after which a competent agent would no longer have succeeded as cheaply; None
         if no single one decided."""
-        found = self.record.get("decisive")
+        found = self._decisive
         return self.episode.steps[found["step"]] if found else None
 
     @property
     def cause(self) -> str | None:
         """The class of the mistake."""
-        return (self.record.get("decisive") or {}).get("cause")
+        return self._decisive.get("cause")
 
     @property
     def why(self) -> str | None:
         """The explanation in words."""
-        return (self.record.get("decisive") or {}).get("explanation")
+        return self._decisive.get("explanation")
 
     @property
     def advised_call(self) -> str | None:
         """The call that would have been better."""
-        found = self.record.get("decisive")
-        return str(found["advised_call"]) if found and found.get("advised_call") else None
+        advised = self._decisive.get("advised_call")
+        return str(advised) if advised else None
 
     @property
     def better(self) -> Episode | None:
         """The future that was played instead, if one was found and kept."""
-        trace = (self.record.get("alternative") or {}).get("trace")
-        return open(trace) if trace else None
+        found: Record = self.record.get("alternative") or {}
+        return open(found["trace"]) if found.get("trace") else None
 
     def __repr__(self) -> str:
         if self.decisive is None:
@@ -528,16 +536,13 @@ class Comparison:
 
     @property
     def calls(self) -> list[Record]:
-        """Pairs of calls: `a`, `b`, `same_call`, `same_outcome`."""
-        return self.record["calls"]
+        """Pairs of calls from the first difference on: `a`, `b`, `same_call`, `same_outcome`."""
+        return self.record["rows"]
 
     @property
     def first_difference(self) -> int | None:
         """Index of the first call that differs, in itself or in what came of it."""
-        for index, pair in enumerate(self.calls):
-            if not (pair["same_call"] and pair["same_outcome"]):
-                return index
-        return None
+        return self.record["same_calls"] if self.calls else None
 
     def __repr__(self) -> str:
         first = self.first_difference

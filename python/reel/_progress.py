@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from tqdm.auto import tqdm
 
 
 @contextmanager
-def bar(total: int, what: str, show: bool | None) -> Iterator[Callable[[int], None] | None]:
+def bar(total: int, what: str, show: bool | None) -> Generator[Callable[[int], None] | None]:
     """A function to call with the number of items that are done; None if no bar is shown.
 
     `show` None shows a bar where there is more than one item and somebody looks: a terminal or a

@@ -12,9 +12,9 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from .__main__ import program
 from ._command import Argument, flags
 from ._episode import Episode, open, trace_paths
+from ._program import program
 from ._reel import ReelError
 from ._types import PathLike
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from . import _reel
 from ._reel import Observation, ReelError, StepResult
@@ -26,13 +26,13 @@ def as_call(action: Action) -> Call:
     name no tool has: the simulator answers it as it answers a model that says gibberish."""
     if isinstance(action, str):
         try:
-            parsed = json.loads(action)
+            parsed: Any = json.loads(action)
         except json.JSONDecodeError:
             return action, {}
-        return as_call(parsed) if isinstance(parsed, dict) else (action, {})
+        return as_call(cast(Record, parsed)) if isinstance(parsed, dict) else (action, {})
     if isinstance(action, Mapping):
-        name = action.get("name", action.get("tool_name"))
-        arguments = action.get("arguments", action.get("parameters")) or {}
+        name: Any = action.get("name", action.get("tool_name"))
+        arguments: Any = action.get("arguments", action.get("parameters")) or {}
         if not isinstance(name, str):
             raise ReelError(f"a call needs a name: {{'name': 'pick', 'arguments': {{'marker_id': 1}}}}, not {action}")
         return name, arguments

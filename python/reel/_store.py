@@ -19,7 +19,7 @@ class Table:
     """The answer to a question: columns of Arrow, in memory.
 
     Polars, pandas, PyArrow and DuckDB take it over without a copy, by Arrow's PyCapsule interface:
-    `polars.DataFrame(table)`, `pyarrow.table(table)`, `duckdb.sql("FROM table")`.
+    `polars.DataFrame(answer)`, `pyarrow.table(answer)`, `duckdb.sql("FROM answer")`.
     """
 
     def __init__(self, native: _reel.Table) -> None:
@@ -63,9 +63,9 @@ class Table:
 
     def to_pyarrow(self) -> Any:
         """As a PyArrow table."""
-        import pyarrow  # pyright: ignore[reportMissingTypeStubs]
+        import importlib
 
-        return pyarrow.table(self)
+        return importlib.import_module("pyarrow").table(self)
 
     def __repr__(self) -> str:
         return str(self._native)

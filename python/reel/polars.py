@@ -10,7 +10,6 @@ import importlib.util
 import io
 import json
 import math
-import os
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path

@@ -42,14 +42,22 @@ pub fn layer(py: Python<'_>, values: Vec<u16>) -> PyResult<Bound<'_, PyArray2<u1
 
 /// An image with its depth in millimetres and its instance ids, as three arrays.
 pub fn frame(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyAny>> {
-    let Frame { rgb: pixels, ids, depth_mm } = frame;
+    let Frame {
+        rgb: pixels,
+        ids,
+        depth_mm,
+    } = frame;
     let arrays = (rgb(py, pixels)?, layer(py, depth_mm)?, layer(py, ids)?);
     Ok(arrays.into_pyobject(py)?.into_any())
 }
 
 /// The call index that a Python caller means; negative ones count from the end.
 pub fn index(wanted: isize, count: usize, what: &str) -> PyResult<usize> {
-    let at = if wanted < 0 { wanted + count as isize } else { wanted };
+    let at = if wanted < 0 {
+        wanted + count as isize
+    } else {
+        wanted
+    };
     usize::try_from(at)
         .ok()
         .filter(|at| *at < count)

@@ -32,7 +32,7 @@ mod _reel {
     #[pymodule_export]
     use crate::simulation::{ForkPoint, Simulation, StepResult, step_all};
     #[pymodule_export]
-    use crate::store::{Stream, Store, Table};
+    use crate::store::{Store, Stream, Table};
     #[pymodule_export]
     use crate::tasks::{TaskSet, tools};
     #[pymodule_export]

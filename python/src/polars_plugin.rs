@@ -131,7 +131,12 @@ fn attempt<T>(work: impl FnOnce() -> Result<T, String> + std::panic::UnwindSafe)
 
 /// # Safety
 /// As the interface has it: `inputs` are so many valid exports, `answer` can be written.
-unsafe fn call(function: &str, inputs: *const SeriesExport, count: usize, answer: *mut SeriesExport) {
+unsafe fn call(
+    function: &str,
+    inputs: *const SeriesExport,
+    count: usize,
+    answer: *mut SeriesExport,
+) {
     let answered = attempt(move || {
         // SAFETY: by the caller.
         let taken = (0..count).map(|index| unsafe { SeriesExport::take(inputs.add(index)) });
@@ -143,7 +148,10 @@ unsafe fn call(function: &str, inputs: *const SeriesExport, count: usize, answer
         };
         let pattern = pattern.as_ref().filter(|pattern| !pattern.is_empty());
         let pattern = pattern.map(|pattern| pattern.as_string::<i32>().value(0));
-        SeriesExport::of(name, &reel_query::apply_to_steps(function, steps, pattern).map_err(text)?)
+        SeriesExport::of(
+            name,
+            &reel_query::apply_to_steps(function, steps, pattern).map_err(text)?,
+        )
     });
     if let Some(answered) = answered {
         // SAFETY: by the caller; what was there is empty.

@@ -42,9 +42,17 @@ impl Observation {
     }
 
     fn new(py: Python<'_>, context: &PolicyContext<'_>) -> PyResult<Self> {
-        let PolicyContext { briefing, observation, step, .. } = *context;
+        let PolicyContext {
+            briefing,
+            observation,
+            step,
+            ..
+        } = *context;
         // A copy: the frame stays what the episode knows.
-        let image = observation.frame.as_ref().map(|frame| convert::rgb(py, frame.rgb.clone()));
+        let image = observation
+            .frame
+            .as_ref()
+            .map(|frame| convert::rgb(py, frame.rgb.clone()));
         let receptacle = |(id, category, room): &(reel_world::ReceptacleId, String, String)| {
             (id.to_string(), category.clone(), room.clone())
         };
@@ -109,13 +117,24 @@ pub fn run<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let job = |(index, record): (usize, Option<Recording>)| {
         Ok(EpisodeJob {
-            config: config(tasks, index as isize, seed, (profile, preset, skills), policy, None)?,
+            config: config(
+                tasks,
+                index as isize,
+                seed,
+                (profile, preset, skills),
+                policy,
+                None,
+            )?,
             policy: policy.to_owned(),
             record: record.map(|record| record.to()),
             command: String::from("reel.run"),
         })
     };
-    let jobs_to_play = recordings.into_iter().enumerate().map(job).collect::<PyResult<Vec<_>>>()?;
+    let jobs_to_play = recordings
+        .into_iter()
+        .enumerate()
+        .map(job)
+        .collect::<PyResult<Vec<_>>>()?;
     let stop = Stop::default();
     let stopped = |job: &EpisodeJob| reel_agents::AgentError::NotPlayed {
         task: job.config.task.task_id.to_string(),
@@ -143,9 +162,11 @@ pub fn run<'py>(
             outside: Responders::default(),
         })
     };
-    let results = interruptible(py, || stop.set(), || {
-        run_all(jobs_to_play, jobs, seat, |_| tell(progress.as_ref(), 1))
-    })?;
+    let results = interruptible(
+        py,
+        || stop.set(),
+        || run_all(jobs_to_play, jobs, seat, |_| tell(progress.as_ref(), 1)),
+    )?;
     let mut reports = Vec::new();
     for result in results {
         reports.push(match result {
@@ -171,7 +192,10 @@ fn raised_by(error: &reel_agents::AgentError) -> Option<&PyErr> {
 
 pub fn chain(error: &dyn std::error::Error) -> String {
     let causes = std::iter::successors(Some(error), |error| error.source());
-    causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
+    causes
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join(": ")
 }
 
 /// How an episode went, for Python.

@@ -87,5 +87,8 @@ pub fn tell(progress: Option<&Py<PyAny>>, done: usize) {
 /// # Errors
 /// When they cannot be started.
 pub fn pool(jobs: usize) -> PyResult<rayon::ThreadPool> {
-    rayon::ThreadPoolBuilder::new().num_threads(jobs.max(1)).build().or_raise()
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.max(1))
+        .build()
+        .or_raise()
 }

@@ -52,11 +52,19 @@ pub struct Recording {
 impl Recording {
     /// What the runner is told.
     pub fn to(&self) -> RecordTo {
-        let images = if self.images { Images::Full } else { Images::None };
+        let images = if self.images {
+            Images::Full
+        } else {
+            Images::None
+        };
         RecordTo {
             path: self.path.clone(),
             options: RecordOptions {
-                durability: if self.fsync { Durability::Fsync } else { Durability::Write },
+                durability: if self.fsync {
+                    Durability::Fsync
+                } else {
+                    Durability::Write
+                },
                 ..RecordOptions::from(images)
             },
         }
@@ -83,7 +91,11 @@ impl Simulation {
     /// Looks at the episode, or says that it is over.
     fn with<T>(&self, look: impl FnOnce(&mut RunningEpisode) -> PyResult<T>) -> PyResult<T> {
         let mut running = self.lock();
-        look(running.as_mut().ok_or_else(|| refuse("the episode was closed; start another"))?)
+        look(
+            running
+                .as_mut()
+                .ok_or_else(|| refuse("the episode was closed; start another"))?,
+        )
     }
 
     /// Makes a call, without the interpreter.
@@ -91,7 +103,9 @@ impl Simulation {
         self.with(|running| {
             if let Some(reason) = running.episode().ended() {
                 let reason = name_of(reason);
-                return Err(refuse(format!("the episode has ended ({reason}); reset it")));
+                return Err(refuse(format!(
+                    "the episode has ended ({reason}); reset it"
+                )));
             }
             running.execute(input, None).or_raise()
         })
@@ -134,12 +148,25 @@ impl Simulation {
     ) -> PyResult<Self> {
         let config = EpisodeConfig {
             rollout: group.map(rollout),
-            ..config(tasks, index, seed, (profile, preset, skills), policy, run_id)?
+            ..config(
+                tasks,
+                index,
+                seed,
+                (profile, preset, skills),
+                policy,
+                run_id,
+            )?
         };
         py.detach(|| {
             let record = record.map(|record| record.to());
-            let detail = if images || record.is_some() { Detail::Full } else { Detail::Geometry };
-            RunningEpisode::start_with(config, detail, record.as_ref()).or_raise().map(Self::new)
+            let detail = if images || record.is_some() {
+                Detail::Full
+            } else {
+                Detail::Geometry
+            };
+            RunningEpisode::start_with(config, detail, record.as_ref())
+                .or_raise()
+                .map(Self::new)
         })
     }
 
@@ -198,7 +225,10 @@ impl Simulation {
     fn state_digest(&self) -> PyResult<String> {
         self.with(|running| {
             let episode = running.episode();
-            let digests = episode.steps().last().map_or(&episode.start_record().digests, |step| &step.digests);
+            let digests = episode
+                .steps()
+                .last()
+                .map_or(&episode.start_record().digests, |step| &step.digests);
             Ok(digests.state.to_string())
         })
     }
@@ -209,7 +239,10 @@ impl Simulation {
             let running = self.lock().take();
             running.map(|running| running.end(None)).transpose()
         });
-        ended.or_raise()?.map(|ended| convert::object(py, &report(&ended))).transpose()
+        ended
+            .or_raise()?
+            .map(|ended| convert::object(py, &report(&ended)))
+            .transpose()
     }
 }
 
@@ -221,7 +254,11 @@ pub fn step_all(
     calls: Vec<(String, Bound<'_, PyAny>)>,
 ) -> PyResult<Vec<StepResult>> {
     if simulations.len() != calls.len() {
-        return Err(refuse(format!("{} calls for {} episodes", calls.len(), simulations.len())));
+        return Err(refuse(format!(
+            "{} calls for {} episodes",
+            calls.len(),
+            simulations.len()
+        )));
     }
     let inputs = calls
         .iter()
@@ -230,7 +267,9 @@ pub fn step_all(
     let episodes: Vec<&Simulation> = simulations.iter().map(Py::get).collect();
     py.detach(|| {
         let pairs = episodes.par_iter().zip(inputs).with_max_len(1);
-        pairs.map(|(episode, input)| episode.execute(input)).collect::<PyResult<Vec<()>>>()
+        pairs
+            .map(|(episode, input)| episode.execute(input))
+            .collect::<PyResult<Vec<()>>>()
     })?;
     episodes.iter().map(|episode| episode.result(py)).collect()
 }
@@ -290,8 +329,12 @@ impl ForkPoint {
             profile: header.profile,
             skills: header.skills,
             meshes: self.parent.meshes.clone(),
-            preset: Preset::parse(&header.reward_preset)
-                .ok_or_else(|| refuse(format!("no reward preset is called {}", header.reward_preset)))?,
+            preset: Preset::parse(&header.reward_preset).ok_or_else(|| {
+                refuse(format!(
+                    "no reward preset is called {}",
+                    header.reward_preset
+                ))
+            })?,
             run_id: run_id.unwrap_or_else(|| format!("branch-{}", header.episode_id)),
             policy: named(policy),
             rollout: group.map(rollout),
@@ -300,7 +343,8 @@ impl ForkPoint {
                 call: u32::try_from(self.calls).unwrap_or(u32::MAX),
             }),
         };
-        py.detach(|| self.play(config, images, record)).map(Simulation::new)
+        py.detach(|| self.play(config, images, record))
+            .map(Simulation::new)
     }
 }
 
@@ -312,21 +356,40 @@ impl ForkPoint {
         record: Option<Recording>,
     ) -> PyResult<RunningEpisode> {
         let record = record.map(|record| record.to());
-        let detail = if images || record.is_some() { Detail::Full } else { Detail::Geometry };
-        let (start, steps) = (self.parent.start.clone(), self.parent.steps[..self.calls].to_vec());
-        let episode =
-            Episode::branch_on(self.stage.clone(), config, start, steps, &self.snapshot, detail).or_raise()?;
+        let detail = if images || record.is_some() {
+            Detail::Full
+        } else {
+            Detail::Geometry
+        };
+        let (start, steps) = (
+            self.parent.start.clone(),
+            self.parent.steps[..self.calls].to_vec(),
+        );
+        let episode = Episode::branch_on(
+            self.stage.clone(),
+            config,
+            start,
+            steps,
+            &self.snapshot,
+            detail,
+        )
+        .or_raise()?;
         let mut shown = match &record {
             Some(record) if record.options.images == Images::Full => self.images()?,
             _ => Default::default(),
         };
-        RunningEpisode::resume(episode, record.as_ref(), |step| shown.remove(&step), None).or_raise()
+        RunningEpisode::resume(episode, record.as_ref(), |step| shown.remove(&step), None)
+            .or_raise()
     }
 
     /// The images that the parent's agent got up to here.
     fn images(&self) -> PyResult<std::collections::BTreeMap<Option<u32>, Vec<u8>>> {
-        let got = self.parent.steps[..self.calls].iter().filter(|step| step.digests.frame.is_some());
-        let moments = std::iter::once(None).chain(got.map(|step| Some(step.step))).collect();
+        let got = self.parent.steps[..self.calls]
+            .iter()
+            .filter(|step| step.digests.frame.is_some());
+        let moments = std::iter::once(None)
+            .chain(got.map(|step| Some(step.step)))
+            .collect();
         frames_at(&self.parent, &moments).map_err(|verdict| crate::error::not_executed(&verdict))
     }
 }
@@ -348,8 +411,11 @@ pub fn config(
         scene: scene.clone(),
         seed,
         profile: profile(profile_name)?,
-        skills: Skills::parse(skills)
-            .ok_or_else(|| refuse(format!("no skills are called '{skills}'; there are perfect and real-v1")))?,
+        skills: Skills::parse(skills).ok_or_else(|| {
+            refuse(format!(
+                "no skills are called '{skills}'; there are perfect and real-v1"
+            ))
+        })?,
         meshes: tasks.meshes.meshes(&mut task.assets()),
         preset: Preset::parse(preset)
             .ok_or_else(|| refuse(format!("no reward preset is called '{preset}'")))?,

@@ -79,8 +79,11 @@ impl Store {
         let session = py.detach(|| self.session(memory_bytes, timeout))?;
         let control = session.control();
         let parameters: Parameters = parameters.unwrap_or_default();
-        let answer =
-            interruptible(py, || control.cancel(), || session.run_with(sql, &parameters))?;
+        let answer = interruptible(
+            py,
+            || control.cancel(),
+            || session.run_with(sql, &parameters),
+        )?;
         Table::of(answer.or_raise()?)
     }
 
@@ -102,7 +105,10 @@ impl Store {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (String, Option<u64>))> {
-        Ok((py.get_type::<Self>().into_any(), (self.location.clone(), self.version)))
+        Ok((
+            py.get_type::<Self>().into_any(),
+            (self.location.clone(), self.version),
+        ))
     }
 }
 
@@ -115,7 +121,9 @@ pub struct Table {
 
 impl Table {
     fn of(batches: Vec<RecordBatch>) -> PyResult<Self> {
-        let schema = batches.first().map_or_else(|| Arc::new(Schema::empty()), RecordBatch::schema);
+        let schema = batches
+            .first()
+            .map_or_else(|| Arc::new(Schema::empty()), RecordBatch::schema);
         Ok(Self { schema, batches })
     }
 }
@@ -129,13 +137,20 @@ impl Table {
     /// Names of the columns.
     #[getter]
     fn columns(&self) -> Vec<String> {
-        self.schema.fields().iter().map(|field| field.name().clone()).collect()
+        self.schema
+            .fields()
+            .iter()
+            .map(|field| field.name().clone())
+            .collect()
     }
 
     /// Bytes of the columns.
     #[getter]
     fn nbytes(&self) -> usize {
-        self.batches.iter().map(RecordBatch::get_array_memory_size).sum()
+        self.batches
+            .iter()
+            .map(RecordBatch::get_array_memory_size)
+            .sum()
     }
 
     /// The arrays, by Arrow's PyCapsule interface.
@@ -221,7 +236,9 @@ impl Stream {
 
     fn take(&self) -> PyResult<Batches> {
         let mut batches = self.batches.lock().unwrap_or_else(PoisonError::into_inner);
-        batches.take().ok_or_else(|| crate::error::refuse("this stream was taken already; ask again"))
+        batches
+            .take()
+            .ok_or_else(|| crate::error::refuse("this stream was taken already; ask again"))
     }
 }
 
@@ -230,7 +247,11 @@ impl Stream {
     /// Names of the columns.
     #[getter]
     fn columns(&self) -> Vec<String> {
-        self.schema.fields().iter().map(|field| field.name().clone()).collect()
+        self.schema
+            .fields()
+            .iter()
+            .map(|field| field.name().clone())
+            .collect()
     }
 
     /// The batches that are left, by Arrow's PyCapsule interface.
@@ -284,7 +305,10 @@ impl Iterator for Batches {
     type Item = Result<RecordBatch, ArrowError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        Some(self.next_batch()?.map_err(|error| ArrowError::ExternalError(Box::new(error))))
+        Some(
+            self.next_batch()?
+                .map_err(|error| ArrowError::ExternalError(Box::new(error))),
+        )
     }
 }
 
@@ -308,7 +332,8 @@ fn capsule<'py>(
 ) -> PyResult<Bound<'py, PyCapsule>> {
     // a batch is an array of records, and a stream of batches one of such arrays
     let schema = reader.schema();
-    let field = Field::new_struct("", schema.fields().clone(), false).with_metadata(schema.metadata().clone());
+    let field = Field::new_struct("", schema.fields().clone(), false)
+        .with_metadata(schema.metadata().clone());
     let records = reader.map(|batch| Ok(Arc::new(StructArray::from(batch?)) as ArrayRef));
     let stream = Box::new(ArrayIterator::new(records, Arc::new(field)));
     to_stream_pycapsule(py, stream, requested_schema).map_err(Into::into)

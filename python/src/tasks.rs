@@ -65,10 +65,20 @@ impl TaskSet {
                 },
             };
             let loaded = reel_tasks::load_with(&path, &source, ObjectOrder::AsWritten);
-            let broken: Vec<String> = loaded.report.broken.iter().map(ToString::to_string).collect();
+            let broken: Vec<String> = loaded
+                .report
+                .broken
+                .iter()
+                .map(ToString::to_string)
+                .collect();
             if loaded.report.tasks.is_empty() {
-                let first = broken.first().map_or(String::new(), |why| format!(": {why}"));
-                return Err(refuse(format!("no task could be loaded from {}{first}", path.display())));
+                let first = broken
+                    .first()
+                    .map_or(String::new(), |why| format!(": {why}"));
+                return Err(refuse(format!(
+                    "no task could be loaded from {}{first}",
+                    path.display()
+                )));
             }
             let tasks: Vec<Arc<Task>> = loaded.report.tasks.into_iter().map(Arc::new).collect();
             let meshes = match &assets {
@@ -93,15 +103,27 @@ impl TaskSet {
 
     /// Ids of the tasks, in the order of their files.
     fn ids(&self) -> Vec<String> {
-        self.tasks.iter().map(|task| task.task_id.to_string()).collect()
+        self.tasks
+            .iter()
+            .map(|task| task.task_id.to_string())
+            .collect()
     }
 
     /// The index of a task, by its id or by the part after the family.
     fn find(&self, id: &str) -> PyResult<usize> {
         let whole = self.tasks.iter().position(|task| task.task_id == id);
-        let mut short = self.tasks.iter().enumerate().filter(|(_, task)| task.short_id() == id);
+        let mut short = self
+            .tasks
+            .iter()
+            .enumerate()
+            .filter(|(_, task)| task.short_id() == id);
         whole
-            .or_else(|| short.next().map(|(index, _)| index).filter(|_| short.next().is_none()))
+            .or_else(|| {
+                short
+                    .next()
+                    .map(|(index, _)| index)
+                    .filter(|_| short.next().is_none())
+            })
             .ok_or_else(|| refuse(format!("no task, or several, are called {id}")))
     }
 
@@ -117,7 +139,9 @@ impl TaskSet {
 
     /// The tasks at these indices alone.
     fn select(&self, indices: Vec<isize>) -> PyResult<Self> {
-        let tasks = indices.into_iter().map(|index| Ok(self.get(index)?.0.clone()));
+        let tasks = indices
+            .into_iter()
+            .map(|index| Ok(self.get(index)?.0.clone()));
         Ok(Self {
             tasks: tasks.collect::<PyResult<_>>()?,
             scenes: self.scenes.clone(),

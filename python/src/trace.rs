@@ -34,7 +34,10 @@ pub struct Trace {
 
 /// The files that traces are read from, with the meshes of a folder.
 fn files(assets: Option<&PathBuf>) -> PyResult<TraceFiles> {
-    let meshes = assets.map(|folder| AssetFolder::open(folder)).transpose().or_raise()?;
+    let meshes = assets
+        .map(|folder| AssetFolder::open(folder))
+        .transpose()
+        .or_raise()?;
     let meshes = meshes.map(|folder| Arc::new(folder) as Arc<dyn Assets + Send>);
     let buckets = Arc::new(reel_cli::buckets());
     Ok(TraceFiles::with_remote(buckets).with_assets(meshes))
@@ -230,10 +233,14 @@ impl Trace {
             options: RecordOptions::from(if images { Images::Full } else { Images::None }),
         });
         let cache = cache.map(|folder| SnapshotCache::at(&folder));
-        let report = interruptible(py, || (), || {
-            let fork = fork(parent, at, cache.as_ref())?;
-            branch.play(&fork, record.as_ref())
-        })?;
+        let report = interruptible(
+            py,
+            || (),
+            || {
+                let fork = fork(parent, at, cache.as_ref())?;
+                branch.play(&fork, record.as_ref())
+            },
+        )?;
         let report = report.map_err(|error| match error.is_divergence() {
             true => DivergenceError::new_err(error.to_string()),
             false => raise(&error),
@@ -249,14 +256,19 @@ impl Trace {
         alternatives: bool,
         branches: Option<PathBuf>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let options = BlameOptions { alternatives, branches };
+        let options = BlameOptions {
+            alternatives,
+            branches,
+        };
         let measured = interruptible(py, || (), || measure(&self.inner, &options))?;
         convert::object(py, &measured)
     }
 
     /// Both episodes side by side, call by call.
     fn diff<'py>(&self, py: Python<'py>, other: &Trace) -> PyResult<Bound<'py, PyAny>> {
-        let compared = py.detach(|| compare(&self.inner, &other.inner)).or_raise()?;
+        let compared = py
+            .detach(|| compare(&self.inner, &other.inner))
+            .or_raise()?;
         convert::object(py, &compared)
     }
 
@@ -290,7 +302,10 @@ fn continuation(then: Option<&str>, next: usize, seed: u64) -> PyResult<Continua
         Some(who) => match who.strip_prefix("parent:").map(str::parse) {
             Some(Ok(from)) => Continuation::Parent(from),
             Some(Err(_)) => return Err(refuse(format!("then='{who}': no call"))),
-            None => Continuation::Policy { name: who.to_owned(), seed },
+            None => Continuation::Policy {
+                name: who.to_owned(),
+                seed,
+            },
         },
     })
 }
@@ -321,15 +336,27 @@ pub fn replay_all<'py>(
         }
         let verdict = match files.read(path) {
             Ok(trace) => verify_catching_panics(&files.with_meshes(trace)),
-            Err(error) => Verdict::Refused { reason: error.to_string() },
+            Err(error) => Verdict::Refused {
+                reason: error.to_string(),
+            },
         };
         tell(progress.as_ref(), 1);
         Some(verdict)
     };
     let pool = pool(jobs)?;
-    let verdicts = interruptible(py, || stop.set(), || {
-        pool.install(|| paths.par_iter().with_max_len(1).map(replay).collect::<Vec<_>>())
-    })?;
+    let verdicts = interruptible(
+        py,
+        || stop.set(),
+        || {
+            pool.install(|| {
+                paths
+                    .par_iter()
+                    .with_max_len(1)
+                    .map(replay)
+                    .collect::<Vec<_>>()
+            })
+        },
+    )?;
     let told = verdicts.iter().flatten().map(|verdict| {
         let mut object = serde_json::to_value(verdict).or_raise()?;
         object["text"] = json!(verdict.to_string());

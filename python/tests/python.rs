@@ -12,8 +12,17 @@ use std::{
 fn library() -> PathBuf {
     let program = env::current_exe().unwrap();
     let folder = program.parent().unwrap();
-    let named = |folder: &Path| folder.join(format!("{}_reel{}", env::consts::DLL_PREFIX, env::consts::DLL_SUFFIX));
-    let found = [folder, folder.parent().unwrap()].map(named).into_iter().find(|path| path.is_file());
+    let named = |folder: &Path| {
+        folder.join(format!(
+            "{}_reel{}",
+            env::consts::DLL_PREFIX,
+            env::consts::DLL_SUFFIX
+        ))
+    };
+    let found = [folder, folder.parent().unwrap()]
+        .map(named)
+        .into_iter()
+        .find(|path| path.is_file());
     found.expect("cargo builds the library for this test")
 }
 
@@ -21,7 +30,10 @@ fn library() -> PathBuf {
 fn package() -> PathBuf {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-package");
     let _absent = fs::remove_dir_all(&root);
-    link_all(&Path::new(env!("CARGO_MANIFEST_DIR")).join("reel"), &root.join("reel"));
+    link_all(
+        &Path::new(env!("CARGO_MANIFEST_DIR")).join("reel"),
+        &root.join("reel"),
+    );
     symlink(library(), root.join("reel/_reel.abi3.so")).unwrap();
     root
 }
@@ -33,7 +45,11 @@ fn link_all(from: &Path, to: &Path) {
         let name = path.file_name().unwrap();
         if path.is_dir() && name != "__pycache__" {
             link_all(&path, &to.join(name));
-        } else if path.extension().is_some_and(|kind| kind == "py" || kind == "pyi") || name == "py.typed" {
+        } else if path
+            .extension()
+            .is_some_and(|kind| kind == "py" || kind == "pyi")
+            || name == "py.typed"
+        {
             symlink(&path, to.join(name)).unwrap();
         }
     }
@@ -41,16 +57,29 @@ fn link_all(from: &Path, to: &Path) {
 
 #[test]
 fn the_package_passes_its_tests() {
-    let Some(python) = reel_vectors::python("pytest, tqdm, polars, gymnasium, nbclient, anywidget") else {
+    let Some(python) = reel_vectors::python("pytest, tqdm, polars, gymnasium, nbclient, anywidget")
+    else {
         return;
     };
     let package = package();
-    println!("PYTHONPATH={} {} -m pytest python/tests", package.display(), python.display());
+    println!(
+        "PYTHONPATH={} {} -m pytest python/tests",
+        package.display(),
+        python.display()
+    );
     let mut pytest = Command::new(python);
     pytest
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .env("PYTHONPATH", &package)
         .env("PYTHONDONTWRITEBYTECODE", "1")
-        .args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "--ignore=tests/long", "tests"]);
+        .args([
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--ignore=tests/long",
+            "tests",
+        ]);
     reel_vectors::run(&mut pytest);
 }

@@ -27,7 +27,7 @@ def test_the_command_line_comes_along(planner: reel.Episode) -> None:
 def test_a_recorder_stands_between_agent_and_server(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
     folder = tmp_path / "tasks"
     reel.Tasks.generate(1, folder, seed=5)
-    server = [sys.executable, "-m", "reel", "mcp", "--tasks", str(folder), "--out", str(tmp_path / "served")]
+    server = [sys.executable, "-m", "reel", "mcp", "--tasks", str(folder), "--data", str(tmp_path / "served")]
     with reel.record(server, tmp_path / "recorded") as recorder:
         assert recorder.url.startswith("http://127.0.0.1:")
         request = urllib.request.Request(

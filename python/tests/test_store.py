@@ -17,7 +17,8 @@ def test_an_answer_goes_to_every_library(store: reel.Store) -> None:
     assert table.rows() == rows == list(table)
     assert pl.DataFrame(table).to_dicts() == rows == table.to_polars().to_dicts()
     duckdb = pytest.importorskip("duckdb")
-    assert duckdb.sql("SELECT sum(episodes) FROM table").fetchone() == (8,)
+    answer = table
+    assert duckdb.sql("SELECT sum(episodes) FROM answer").fetchall() == [(8,)] and answer is table
     pytest.importorskip("pyarrow")
     assert table.to_pyarrow().to_pylist() == rows
     pytest.importorskip("pandas")
@@ -63,7 +64,7 @@ def test_a_scan_equals_the_question(store: reel.Store) -> None:
     key = ["episode_id", "step"]
     predicates = [
         pl.col("policy") == "oracle",
-        (pl.col("step") > 3) & pl.col("error").is_null(),
+        (pl.col("step") > 3) & pl.col("error_code").is_null(),
         pl.col("tool").is_in(["pick", "place"]) | (pl.col("reward") < 0),
         ~pl.col("tool").str.starts_with("nav") & (pl.col("step") != 2),
         # SQL cannot check these: Polars does

@@ -7,7 +7,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_episode::{Briefing, Detail, Episode, EpisodeConfig, Observation, StepOutput, user::UserQuestion};
+use reel_episode::{
+    Briefing, Detail, Episode, EpisodeConfig, Observation, StepOutput, user::UserQuestion,
+};
 use reel_world::{
     Frame, HORIZON, InstanceId, Scene, Task, Tool, WorldGraph,
     record::{EpisodeHeader, StartRecord, StepInput, StepRecord},

@@ -407,10 +407,11 @@ impl Inner {
         }
         match step_fields(&context.state().optimize(&plan)?)? {
             StepFields::All => Ok((context, plan)),
-            fields => Ok(self
-                .planned(sql, parameters, &fields)
-                .await
-                .unwrap_or((context, plan))),
+            // an answer without rows reads nothing, and has its columns all the same
+            fields => match self.planned(sql, parameters, &fields).await {
+                Ok(narrow) if columns(&narrow.1).eq(columns(&plan)) => Ok(narrow),
+                _ => Ok((context, plan)),
+            },
         }
     }
 
@@ -713,6 +714,11 @@ pub(crate) fn equip(context: &SessionContext, control: &Arc<Control>) {
     functions::all(control)
         .into_iter()
         .for_each(|function| context.register_udf(function));
+}
+
+/// Names of the columns of an answer.
+fn columns(plan: &LogicalPlan) -> impl Iterator<Item = &String> {
+    plan.schema().fields().iter().map(|field| field.name())
 }
 
 /// The flat views and the named queries as views.

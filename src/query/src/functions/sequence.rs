@@ -116,10 +116,14 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
 
 /// The function of a name.
 fn by_name(name: &str) -> Result<ScalarUDF> {
-    let found = functions().into_iter().find(|function| function.name() == name);
+    let found = functions()
+        .into_iter()
+        .find(|function| function.name() == name);
     found.ok_or_else(|| {
         let known = KINDS.map(|(_, name)| name).join(", ");
-        DataFusionError::Plan(format!("no function on steps is called {name}; there are {known}"))
+        DataFusionError::Plan(format!(
+            "no function on steps is called {name}; there are {known}"
+        ))
     })
 }
 
@@ -134,8 +138,15 @@ pub(crate) fn apply(name: &str, steps: &ArrayRef, text: Option<&str>) -> Result<
     let steps = cast(steps, &plain(steps.data_type()))?;
     let rows = steps.len();
     let text = text.map(ScalarValue::from);
-    let mut fields = vec![Arc::new(Field::new("steps", steps.data_type().clone(), true))];
-    fields.extend(text.iter().map(|text| Arc::new(Field::new("text", text.data_type(), false))));
+    let mut fields = vec![Arc::new(Field::new(
+        "steps",
+        steps.data_type().clone(),
+        true,
+    ))];
+    fields.extend(
+        text.iter()
+            .map(|text| Arc::new(Field::new("text", text.data_type(), false))),
+    );
     let scalars = [None, text.as_ref()];
     let return_field = function.return_field_from_args(ReturnFieldArgs {
         arg_fields: &fields,
@@ -156,7 +167,12 @@ pub(crate) fn apply(name: &str, steps: &ArrayRef, text: Option<&str>) -> Result<
 /// Lists with large offsets and text views, as Polars has them, as the types of the store.
 fn plain(data_type: &DataType) -> DataType {
     let field = |field: &FieldRef| {
-        Arc::new(field.as_ref().clone().with_data_type(plain(field.data_type())))
+        Arc::new(
+            field
+                .as_ref()
+                .clone()
+                .with_data_type(plain(field.data_type())),
+        )
     };
     match data_type {
         DataType::LargeList(item) | DataType::List(item) => DataType::List(field(item)),

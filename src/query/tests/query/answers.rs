@@ -120,6 +120,22 @@ fn parameters_are_bound_as_their_defaults_are_written_in() {
 }
 
 #[test]
+fn an_answer_without_rows_has_every_column() {
+    let dir = TempDir::new().unwrap();
+    let session = QuerySession::new(rich_store(dir.path())).unwrap();
+    let columns = |sql: &str| session.run(sql).unwrap()[0].num_columns();
+    let all = columns("SELECT * FROM steps");
+    assert!(all > 50, "{all}");
+    for none in ["LIMIT 0", "WHERE FALSE", "WHERE step < -1"] {
+        assert_eq!(
+            columns(&format!("SELECT * FROM steps {none}")),
+            all,
+            "{none}"
+        );
+    }
+}
+
+#[test]
 fn questions_are_judged_by_what_comes_of_them() {
     let dir = TempDir::new().unwrap();
     let session = QuerySession::new(store(dir.path(), &varied())).unwrap();

@@ -175,7 +175,12 @@ impl CommonArguments {
             tokenizer: self.tokenizer.clone(),
             name: name.to_owned(),
             licence: self.licence.clone(),
-            command: command(crate::words().iter().skip(1).map(|word| word.to_string_lossy().into_owned())),
+            command: command(
+                crate::words()
+                    .iter()
+                    .skip(1)
+                    .map(|word| word.to_string_lossy().into_owned()),
+            ),
         })
     }
 
