@@ -144,7 +144,7 @@ class Store:
         """Asks a question in SQL, read-only.
 
         Args:
-            query: the question; docs/tables.md has the tables and functions.
+            query: the question; docs/query.md has the tables and functions.
             parameters: values of its `$parameters`.
             memory: bytes that sorts, joins and aggregations may take before they spill to disk.
             timeout: seconds after which it is stopped; None: never.

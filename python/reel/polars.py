@@ -1,7 +1,7 @@
 """Polars: stores and traces as LazyFrames, and functions on sequences of steps as expressions.
 
 Importing `reel` makes the namespace known: `pl.col("steps").reel.match("^ !ask* pick")` is true for
-episodes whose steps match a pattern (docs/tables.md), of a store's `episodes` table.
+episodes whose steps match a pattern (docs/query.md), of a store's `episodes` table.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _library() -> Path:
 
 
 class StepsNamespace:
-    """Functions on a column of steps (list of records), as in SQL (docs/tables.md)."""
+    """Functions on a column of steps (list of records), as in SQL (docs/query.md)."""
 
     def __init__(self, steps: pl.Expr) -> None:
         self._steps = steps

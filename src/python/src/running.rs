@@ -72,7 +72,7 @@ pub fn interruptible<T: Send>(
 
 /// Calls a Python function from a worker thread with the number of items that are done; what it
 /// raises is printed as Python prints what nobody can catch.
-pub fn tell(progress: Option<&Py<PyAny>>, done: usize) {
+pub fn report_progress(progress: Option<&Py<PyAny>>, done: usize) {
     if let Some(progress) = progress {
         Python::attach(|py| {
             if let Err(error) = progress.call1(py, (done,)) {

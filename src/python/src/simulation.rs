@@ -71,7 +71,7 @@ impl Recording {
     }
 }
 
-/// A running episode.
+/// A running episode of the simulator, played call by call.
 #[pyclass(frozen, module = "reel._reel")]
 pub struct Simulation {
     running: Mutex<Option<RunningEpisode>>,

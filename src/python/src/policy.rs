@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::{
     convert,
-    running::{Stop, interruptible, tell},
+    running::{Stop, interruptible, report_progress},
     simulation::{Recording, config, input},
     tasks::TaskSet,
 };
@@ -165,7 +165,7 @@ pub fn run<'py>(
     let results = interruptible(
         py,
         || stop.set(),
-        || run_all(jobs_to_play, jobs, seat, |_| tell(progress.as_ref(), 1)),
+        || run_all(jobs_to_play, jobs, seat, |_| report_progress(progress.as_ref(), 1)),
     )?;
     let mut reports = Vec::new();
     for result in results {

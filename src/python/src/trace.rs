@@ -21,7 +21,7 @@ use serde_json::json;
 use crate::{
     convert,
     error::{DivergenceError, OrRaise as _, not_executed, raise, refuse},
-    running::{Stop, interruptible, pool, tell},
+    running::{Stop, interruptible, pool, report_progress},
     simulation::ForkPoint,
 };
 
@@ -340,7 +340,7 @@ pub fn replay_all<'py>(
                 reason: error.to_string(),
             },
         };
-        tell(progress.as_ref(), 1);
+        report_progress(progress.as_ref(), 1);
         Some(verdict)
     };
     let pool = pool(jobs)?;

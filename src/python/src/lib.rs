@@ -18,7 +18,7 @@ mod trace;
 
 use pyo3::prelude::*;
 
-/// The module `reel._reel`.
+/// The native module of the package, `reel._reel`.
 #[pymodule]
 mod _reel {
     #[pymodule_export]

@@ -26,6 +26,11 @@ fn library() -> PathBuf {
     found.expect("cargo builds the library for this test")
 }
 
+/// The folder of the package's Python.
+fn sources() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../python")
+}
+
 /// A folder to import the package from, without installing it: links to its files and the library.
 fn package() -> PathBuf {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-package");
@@ -69,7 +74,7 @@ fn the_package_passes_its_tests() {
     );
     let mut pytest = Command::new(python);
     pytest
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .current_dir(sources())
         .env("PYTHONPATH", &package)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args([
