@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Mapping
 from typing import Any
 
-from ._program import program
+from ._program import environment, program
 from ._reel import ReelError
 
 Argument = str | os.PathLike[str] | int | float | bool | None | list[Any] | tuple[Any, ...]
@@ -42,6 +42,7 @@ def command(*words: str | os.PathLike[str], **options: Argument) -> str:
     """
     said = subprocess.run(
         [*program(), *(os.fspath(word) for word in words), *flags(options)],
+        env=environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ._command import Argument, flags
 from ._episode import Episode, open, trace_paths
-from ._program import program
+from ._program import environment, program
 from ._reel import ReelError
 from ._types import PathLike
 
@@ -99,6 +99,7 @@ def record(
         words += ["--stdio", "--", *upstream]
     process = subprocess.Popen(
         words,
+        env=environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -9,8 +9,12 @@ use std::{
 };
 
 use arrow::{
-    array::{ArrayRef, RecordBatch, RecordBatchIterator, RecordBatchReader, StructArray},
-    datatypes::{Field, Schema, SchemaRef},
+    array::{
+        ArrayRef, RecordBatch, RecordBatchIterator, RecordBatchOptions, RecordBatchReader,
+        StructArray,
+    },
+    compute::cast,
+    datatypes::{DataType, Field, Schema, SchemaRef},
     error::ArrowError,
 };
 use pyo3::{exceptions::PyStopIteration, prelude::*, types::PyCapsule};
@@ -121,6 +125,7 @@ pub struct Table {
 
 impl Table {
     fn of(batches: Vec<RecordBatch>) -> PyResult<Self> {
+        let batches = batches.into_iter().map(with_views).collect::<Result<Vec<_>, _>>().or_raise()?;
         let schema = batches
             .first()
             .map_or_else(|| Arc::new(Schema::empty()), RecordBatch::schema);
@@ -192,6 +197,26 @@ impl Table {
     }
 }
 
+/// A batch whose texts are views, as Polars and DuckDB hold them: they take these over, and would
+/// make views of offsets anew.
+fn with_views(batch: RecordBatch) -> Result<RecordBatch, ArrowError> {
+    let schema = batch.schema();
+    let mut fields = Vec::with_capacity(schema.fields().len());
+    let mut columns = Vec::with_capacity(schema.fields().len());
+    for (field, column) in schema.fields().iter().zip(batch.columns()) {
+        if field.data_type() == &DataType::Utf8 {
+            fields.push(Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)));
+            columns.push(cast(column, &DataType::Utf8View)?);
+        } else {
+            fields.push(field.clone());
+            columns.push(column.clone());
+        }
+    }
+    let schema = Schema::new_with_metadata(fields, schema.metadata().clone());
+    let options = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
+    RecordBatch::try_new_with_options(Arc::new(schema), columns, &options)
+}
+
 /// An answer that comes batch by batch. Taken once.
 #[pyclass(frozen, module = "reel._reel")]
 pub struct Stream {
@@ -218,7 +243,7 @@ impl Stream {
         let wait = move || (receiver.recv(), receiver);
         let (first, receiver) = interruptible(py, || control.cancel(), wait)?;
         let first = match first {
-            Ok(Ok(batch)) => batch,
+            Ok(Ok(batch)) => with_views(batch).or_raise()?,
             Ok(Err(error)) => return Err(raise(&error)),
             // the thread died without an answer
             Err(gone) => return Err(raise(&gone)),
@@ -297,7 +322,8 @@ struct Batches {
 
 impl Batches {
     fn next_batch(&mut self) -> Option<Result<RecordBatch, QueryError>> {
-        self.first.take().map(Ok).or_else(|| self.rest.recv().ok())
+        let next = || Some(self.rest.recv().ok()?.and_then(|batch| Ok(with_views(batch)?)));
+        self.first.take().map(Ok).or_else(next)
     }
 }
 
