@@ -9,6 +9,7 @@ mod convert;
 mod error;
 mod polars_plugin;
 mod policy;
+mod rows;
 mod running;
 mod sequence;
 mod simulation;

@@ -165,7 +165,11 @@ pub fn run<'py>(
     let results = interruptible(
         py,
         || stop.set(),
-        || run_all(jobs_to_play, jobs, seat, |_| report_progress(progress.as_ref(), 1)),
+        || {
+            run_all(jobs_to_play, jobs, seat, |_| {
+                report_progress(progress.as_ref(), 1)
+            })
+        },
     )?;
     let mut reports = Vec::new();
     for result in results {

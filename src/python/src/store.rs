@@ -17,13 +17,17 @@ use arrow::{
     datatypes::{DataType, Field, Schema, SchemaRef},
     error::ArrowError,
 };
-use pyo3::{exceptions::PyStopIteration, prelude::*, types::PyCapsule};
+use pyo3::{
+    exceptions::PyStopIteration,
+    prelude::*,
+    types::{PyCapsule, PyList},
+};
 use pyo3_arrow::ffi::{ArrayIterator, to_schema_pycapsule, to_stream_pycapsule};
 use reel_query::{Control, Format, Limits, Parameters, QueryError, QuerySession, format};
 
 use crate::{
-    convert,
     error::{OrRaise as _, raise},
+    rows::dictionaries,
     running::interruptible,
 };
 
@@ -125,7 +129,11 @@ pub struct Table {
 
 impl Table {
     fn of(batches: Vec<RecordBatch>) -> PyResult<Self> {
-        let batches = batches.into_iter().map(with_views).collect::<Result<Vec<_>, _>>().or_raise()?;
+        let batches = batches
+            .into_iter()
+            .map(with_views)
+            .collect::<Result<Vec<_>, _>>()
+            .or_raise()?;
         let schema = batches
             .first()
             .map_or_else(|| Arc::new(Schema::empty()), RecordBatch::schema);
@@ -175,20 +183,18 @@ impl Table {
     }
 
     /// Rows `start` to `end` as dictionaries.
-    fn rows<'py>(&self, py: Python<'py>, start: usize, end: usize) -> PyResult<Bound<'py, PyAny>> {
-        let mut wanted = Vec::new();
+    fn rows<'py>(&self, py: Python<'py>, start: usize, end: usize) -> PyResult<Bound<'py, PyList>> {
+        let mut rows = Vec::new();
         let mut before = 0;
         for batch in &self.batches {
             let count = batch.num_rows();
             let (from, to) = (start.max(before), end.min(before + count));
             if from < to {
-                wanted.push(batch.slice(from - before, to - from));
+                rows.extend(dictionaries(py, &batch.slice(from - before, to - from))?);
             }
             before += count;
         }
-        let text = format(&wanted, Format::Json).or_raise()?;
-        let rows: serde_json::Value = serde_json::from_str(&text).or_raise()?;
-        convert::object(py, &rows)
+        PyList::new(py, rows)
     }
 
     /// The table as the command line prints it.
@@ -205,7 +211,9 @@ fn with_views(batch: RecordBatch) -> Result<RecordBatch, ArrowError> {
     let mut columns = Vec::with_capacity(schema.fields().len());
     for (field, column) in schema.fields().iter().zip(batch.columns()) {
         if field.data_type() == &DataType::Utf8 {
-            fields.push(Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)));
+            fields.push(Arc::new(
+                field.as_ref().clone().with_data_type(DataType::Utf8View),
+            ));
             columns.push(cast(column, &DataType::Utf8View)?);
         } else {
             fields.push(field.clone());
@@ -322,7 +330,14 @@ struct Batches {
 
 impl Batches {
     fn next_batch(&mut self) -> Option<Result<RecordBatch, QueryError>> {
-        let next = || Some(self.rest.recv().ok()?.and_then(|batch| Ok(with_views(batch)?)));
+        let next = || {
+            Some(
+                self.rest
+                    .recv()
+                    .ok()?
+                    .and_then(|batch| Ok(with_views(batch)?)),
+            )
+        };
         self.first.take().map(Ok).or_else(next)
     }
 }
