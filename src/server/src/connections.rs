@@ -12,10 +12,13 @@ use hyper_util::{
 };
 use tokio::{
     io::{AsyncRead, AsyncWrite},
-    sync::Semaphore,
+    sync::{OwnedSemaphorePermit, Semaphore},
 };
 use tokio_io_timeout::TimeoutStream;
-use tokio_util::{sync::CancellationToken, task::TaskTracker};
+use tokio_util::{
+    sync::CancellationToken,
+    task::{TaskTracker, task_tracker::TaskTrackerToken},
+};
 use tower::ServiceExt as _;
 
 use crate::{service::App, tls::Certificate};
@@ -26,6 +29,21 @@ const GRACE: Duration = Duration::from_secs(10);
 /// The address of a client.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Client(pub SocketAddr);
+
+/// The place of a connection among all, for what goes on after its request was answered: held
+/// until the last clone is dropped.
+#[derive(Clone)]
+pub(crate) struct ConnectionPlace {
+    _held: Arc<Held>,
+}
+
+/// What a connection takes up.
+struct Held {
+    _place: OwnedSemaphorePermit,
+    _counted: Counted,
+    /// The server waits for it when it stops.
+    _task: TaskTrackerToken,
+}
 
 /// A connection in the metrics, as long as it lives.
 struct Counted(Arc<App>);
@@ -71,11 +89,18 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
         };
         let (router, app, closing) = (router.clone(), app.clone(), closing.clone());
         let acceptor = acceptor.clone();
+        let place = ConnectionPlace {
+            _held: Arc::new(Held {
+                _place: place,
+                _counted: Counted::new(&app),
+                _task: tasks.token(),
+            }),
+        };
         tasks.spawn(async move {
-            let _place = place;
-            let _counted = Counted::new(&app);
+            let held = place.clone();
             let service = tower::service_fn(move |mut request: Request<Incoming>| {
                 request.extensions_mut().insert(Client(address));
+                request.extensions_mut().insert(place.clone());
                 router.clone().oneshot(request.map(Body::new))
             });
             let mut builder = Builder::new(TokioExecutor::new()).http1_only();
@@ -105,8 +130,8 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
                     }
                 }
             };
-            let connection =
-                builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+            let service = TowerToHyperService::new(service);
+            let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
             tokio::pin!(connection);
             let ended = tokio::select! {
                 ended = &mut connection => ended,
@@ -118,6 +143,7 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
             if let Err(error) = ended {
                 tracing::debug!(%error, client = %address, "a connection broke off");
             }
+            drop(held);
         });
     }
     tasks.close();
