@@ -39,13 +39,15 @@ def play_sync(url, episode):
             "episode_id": "from-python", "step_count": 0, "status": "playing", "task_id": episode["task_id"],
             "trace": seen["metadata"]["trace"],
         }, env.state()
-        texts = []
+        texts, told = [], json.dumps(seen)
         for call in episode["calls"]:
             result = env.step(call)
             rewards.append(result.reward)
             texts.append(result.observation["text"])
+            told += json.dumps(result.observation)
             assert result.done == (call["name"] == "finish"), result
         assert texts == episode["texts"]
+        assert episode["instances"] and not [name for name in episode["instances"] if name in told], told
         assert env.state()["step_count"] == len(rewards) and env.state()["status"] == "ended"
         assert "reset()" in refused(lambda: env.step(call), "EXECUTION_ERROR")
         # The session goes on after an error, and after an episode.

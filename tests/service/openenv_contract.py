@@ -32,7 +32,7 @@ def recorded(path):
         "calls": [step["input"]["call"] for step in steps], "texts": [step["outcome"]["text"] for step in steps],
         "rewards": [sum(term["value"] for term in step.get("reward", [])) for step in steps],
         "success": trace["end"]["metrics"]["success"], "total_reward": trace["end"]["metrics"]["total_reward"],
-        "header": trace["header"],
+        "header": trace["header"], "instances": sorted({body["body"] for step in steps for body in step["bodies"]}),
     }
 
 

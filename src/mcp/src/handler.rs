@@ -257,7 +257,7 @@ impl ToolServer {
             Err(_) => "refused",
         };
         let result = match said {
-            Ok(said) => response::say(profile, &said),
+            Ok(said) => response::tool_result(profile, &said),
             Err(error) => {
                 // Not in its own words: they may hold the policy's. The disk's do not.
                 match &error {

@@ -149,11 +149,11 @@ impl Session {
             ..self.setup.options
         };
         let mut recorder = self.recorder(&episode, &path, options)?;
-        let first = frames.get(&None).map(stored);
+        let first = frames.get(&None).map(|rgb| stored(rgb));
         recorder.start(episode.start_record(), first.as_ref())?;
         for step in episode.steps() {
             recorder.input(step.step, &step.input)?;
-            let frame = frames.get(&Some(step.step)).map(stored);
+            let frame = frames.get(&Some(step.step)).map(|rgb| stored(rgb));
             recorder.step(step, frame.as_ref())?;
         }
         let taken_over = episode.steps().last().cloned().map(Box::new);
@@ -249,9 +249,9 @@ impl Session {
 }
 
 /// An image of which only RGB is known.
-fn stored(rgb: &Vec<u8>) -> Frame {
+fn stored(rgb: &[u8]) -> Frame {
     Frame {
-        rgb: rgb.clone(),
+        rgb: rgb.to_vec(),
         ids: Vec::new(),
         depth_mm: Vec::new(),
     }

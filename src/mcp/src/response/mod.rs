@@ -24,7 +24,7 @@ pub enum Response {
 }
 
 /// What a policy is told.
-pub fn say(profile: Profile, said: &Response) -> CallToolResult {
+pub fn tool_result(profile: Profile, said: &Response) -> CallToolResult {
     match profile {
         Profile::Paper => paper::say(said),
         Profile::RealRepo | Profile::RealGspo => published::say(profile, said),

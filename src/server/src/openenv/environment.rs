@@ -4,7 +4,9 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use reel_live::{CallResult, LiveError, OwnSession, Session, StartedEpisode};
-use reel_mcp::{AnsweredInput, Caller, OutsideAnswers, Response, ToolServerOptions, say, task_ids};
+use reel_mcp::{
+    AnsweredInput, Caller, OutsideAnswers, Response, ToolServerOptions, task_ids, tool_result,
+};
 use reel_world::{
     Lifecycle, Profile, Scene, Tool, ToolCall,
     record::{PolicyOutput, StepInput},
@@ -38,9 +40,9 @@ pub(super) struct Environment {
     label: Option<String>,
 }
 
-/// What came of a call: what the profile says, and what the contract has beside that.
+/// The result of a call by the profile, and what the contract has beside it.
 pub(super) struct Outcome {
-    pub said: CallToolResult,
+    pub result: CallToolResult,
     pub reward: Option<f64>,
     pub done: bool,
     pub facts: Option<EpisodeFacts>,
@@ -144,7 +146,7 @@ impl Environment {
             .map(|(id, category, room)| json!({"id": id, "category": category, "room": room}))
             .collect();
         let response = Response::EpisodeStarted(Box::new(begun), scene);
-        let said = say(self.profile(), &response);
+        let said = tool_result(self.profile(), &response);
         let mut observation = observation::of_call(&said, self.image, Some(facts), &self.label);
         if self.profile() == Profile::Paper {
             observation.insert("receptacles".to_owned(), json!(receptacles));
@@ -165,11 +167,11 @@ impl Environment {
         };
         let tool = call.name.clone();
         let Outcome {
-            said,
+            result: said,
             reward,
             done,
             facts,
-        } = self.call(call, policy).await?;
+        } = self.call(call, policy.map(|it| *it)).await?;
         let observation = match form {
             Form::Call => observation::of_call(&said, self.image, facts.as_ref(), &self.label),
             Form::Tool => {
@@ -212,7 +214,7 @@ impl Environment {
             _ => (None, false),
         };
         Ok(Outcome {
-            said: say(self.profile(), &response),
+            result: tool_result(self.profile(), &response),
             reward: reward.filter(|_| reads(&self.app, &self.caller)),
             done,
             facts,

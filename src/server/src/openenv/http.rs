@@ -35,7 +35,7 @@ pub(crate) struct EnvironmentMetadata {
     name: &'static str,
     /// What an agent does in it.
     description: &'static str,
-    /// Version of Reel.
+    /// Version of Reel that serves it.
     version: &'static str,
 }
 

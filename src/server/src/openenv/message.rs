@@ -67,7 +67,7 @@ pub(super) enum Action {
     /// A call of a tool.
     Call {
         call: ToolCall,
-        policy: Option<PolicyOutput>,
+        policy: Option<Box<PolicyOutput>>,
         form: Form,
     },
 }
@@ -133,7 +133,7 @@ fn one<T>(left: Option<T>, right: Option<T>) -> Option<Option<T>> {
     }
 }
 
-/// Reads a message.
+/// Reads a message of the WebSocket.
 pub(super) fn parse(text: &str) -> Result<Message, Refusal> {
     let value: Value =
         serde_json::from_str(text).map_err(|error| Refusal::Json(error.to_string()))?;
@@ -224,7 +224,7 @@ pub(super) fn action(data: Value, place: &str) -> Result<Action, Refusal> {
         .map_err(|why| Refusal::invalid("value_error", &[place, "metadata"], why))?;
     Ok(Action::Call {
         call: ToolCall::new(name, Value::Object(arguments)),
-        policy,
+        policy: policy.map(Box::new),
         form,
     })
 }

@@ -1,7 +1,7 @@
 //! Sessions for clients of [OpenEnv](https://github.com/meta-pytorch/OpenEnv), by the contract of
 //! `openenv-core` 0.3.0: a WebSocket is a session (`/ws`), and there are HTTP routes beside it.
 //! An action is a call of a tool; what an agent observes is what the profile says of the call
-//! (`reel_mcp::say`), nothing else. Simulates nothing: sessions are those of the pool.
+//! (`reel_mcp::tool_result`), nothing else. Simulates nothing: sessions are those of the pool.
 
 mod branch;
 mod environment;

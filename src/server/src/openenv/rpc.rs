@@ -12,7 +12,7 @@ const METHOD_NOT_FOUND: i32 = -32_601;
 const INVALID_PARAMS: i32 = -32_602;
 const SERVER_ERROR: i32 = -32_000;
 
-/// Answers a request.
+/// Answers a request of JSON-RPC.
 pub(super) async fn answer(environment: &Environment, request: Value) -> Value {
     let id = request.get("id").cloned().unwrap_or_default();
     let mut answer = json!({"jsonrpc": "2.0", "id": id});
@@ -75,7 +75,7 @@ async fn call(
         Err(refusal) => return Err((INVALID_PARAMS, refusal.message())),
     };
     match environment.call(call, None).await {
-        Ok(outcome) => Ok(observation::result(&outcome.said, true)),
+        Ok(outcome) => Ok(observation::result(&outcome.result, true)),
         Err(refusal) => Err((SERVER_ERROR, refusal.message())),
     }
 }

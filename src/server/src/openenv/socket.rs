@@ -89,24 +89,27 @@ async fn serve(mut socket: WebSocket, visitor: Visitor) {
     };
     let patience = Duration::from_secs(app.config.limits.close_after_s);
     let mut idle = Instant::now() + patience;
-    loop {
+    let (code, why) = loop {
         let answer = match next(&mut socket, &visitor, idle).await {
             Event::Text(text) if app.rates.admits(&visitor.key) => {
                 match answer(&mut environment, &text).await {
                     Some(answer) => answer,
-                    None => return farewell(socket, close_code::NORMAL, "").await,
+                    None => break (close_code::NORMAL, ""),
                 }
             }
             Event::Text(_) => Refusal::TooFast.to_message(),
             Event::Binary => Refusal::Json("the frame is binary".to_owned()).to_message(),
-            Event::Close(code, why) => return farewell(socket, code, why).await,
+            Event::Close(code, why) => break (code, why),
             Event::Gone => return,
         };
         if !send(&mut socket, answer).await {
             return;
         }
         idle = Instant::now() + patience;
-    }
+    };
+    // Its place is free for others before the client is told.
+    drop(environment);
+    farewell(socket, code, why).await;
 }
 
 /// Waits for what the socket brings next.

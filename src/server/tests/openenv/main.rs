@@ -62,8 +62,12 @@ impl Client {
     }
 }
 
-/// Serves a folder while `client` talks to the server.
-fn serving<C: Future<Output = ()>>(folder: &Path, client: impl FnOnce(SocketAddr) -> C) {
+/// Serves a folder while `client` talks to the server, which has room for so many sessions.
+fn serving<C: Future<Output = ()>>(
+    folder: &Path,
+    sessions: usize,
+    client: impl FnOnce(SocketAddr) -> C,
+) {
     let config = Config {
         listen: SocketAddr::from(([127, 0, 0, 1], 0)),
         data: folder.to_owned(),
@@ -73,7 +77,7 @@ fn serving<C: Future<Output = ()>>(folder: &Path, client: impl FnOnce(SocketAddr
             ..Play::default()
         },
         limits: Limits {
-            sessions: 2,
+            sessions,
             ..Limits::default()
         },
         ..Config::default()
@@ -146,7 +150,7 @@ fn every_route_but_health_wants_the_role_act() {
     let folder = folder();
     let act = token(folder.path(), "actor", &[Role::Act]);
     let read = token(folder.path(), "reader", &[Role::Read]);
-    serving(folder.path(), |address| async move {
+    serving(folder.path(), 20, |address| async move {
         assert_eq!(status(address, "GET /health", None).await, 200);
         let routes = [
             "GET /ws",
@@ -177,7 +181,7 @@ fn rewards_and_recorded_episodes_want_the_role_read() {
     let folder = folder();
     let act = token(folder.path(), "actor", &[Role::Act]);
     let both = token(folder.path(), "trainer", &[Role::Act, Role::Read]);
-    serving(folder.path(), |address| async move {
+    serving(folder.path(), 20, |address| async move {
         let mut trace = Value::Null;
         for (token, sees) in [(&act, false), (&both, true)] {
             let mut client = Client::connect(address, Some(token)).await.unwrap();
@@ -194,14 +198,15 @@ fn rewards_and_recorded_episodes_want_the_role_read() {
         assert!(message.contains("role 'read'"), "{refused}");
         drop(client);
         let mut client = Client::connect(address, Some(&both)).await.unwrap();
-        assert_eq!(client.ask(begin).await["type"], "observation");
+        let begun = client.ask(begin).await;
+        assert_eq!(begun["type"], "observation", "{begun}");
     });
 }
 
 #[test]
 fn broken_messages_are_answered_and_the_session_goes_on() {
     let folder = folder();
-    serving(folder.path(), |address| async move {
+    serving(folder.path(), 20, |address| async move {
         let mut client = Client::connect(address, None).await.unwrap();
         client.reset(json!({"seed": 1})).await;
         let messages = [
@@ -256,7 +261,7 @@ fn broken_messages_are_answered_and_the_session_goes_on() {
 #[test]
 fn a_session_ends_with_its_socket_and_its_trace_replays() {
     let folder = folder();
-    serving(folder.path(), |address| async move {
+    serving(folder.path(), 2, |address| async move {
         let mut clients = Vec::new();
         for _ in 0..2 {
             let mut client = Client::connect(address, None).await.unwrap();
@@ -299,7 +304,7 @@ fn a_session_ends_with_its_socket_and_its_trace_replays() {
 #[test]
 fn episodes_start_from_a_recorded_call_and_are_branches() {
     let folder = folder();
-    serving(folder.path(), |address| async move {
+    serving(folder.path(), 20, |address| async move {
         let mut client = Client::connect(address, None).await.unwrap();
         let begun = client.reset(json!({"seed": 2})).await;
         let trace = begun["observation"]["metadata"]["trace"].clone();
