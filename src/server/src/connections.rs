@@ -15,6 +15,7 @@ use tokio::{
     sync::{OwnedSemaphorePermit, Semaphore},
 };
 use tokio_io_timeout::TimeoutStream;
+use tokio_rustls::TlsAcceptor;
 use tokio_util::{
     sync::CancellationToken,
     task::{TaskTracker, task_tracker::TaskTrackerToken},
@@ -113,22 +114,8 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(app.read_patience()));
             let stream = Box::pin(stream);
-            let stream: Box<dyn Stream> = match acceptor {
-                None => Box::new(stream),
-                Some(acceptor) => {
-                    let shaken = tokio::select! {
-                        shaken = tokio::time::timeout(app.read_patience(), acceptor.accept(stream)) => shaken,
-                        () = closing.cancelled() => return,
-                    };
-                    match shaken {
-                        Ok(Ok(stream)) => Box::new(stream),
-                        Ok(Err(error)) => {
-                            tracing::debug!(%error, client = %address, "no TLS handshake");
-                            return;
-                        }
-                        Err(_) => return,
-                    }
-                }
+            let Some(stream) = secured(&app, stream, acceptor, address, &closing).await else {
+                return;
             };
             let service = TowerToHyperService::new(service);
             let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
@@ -149,5 +136,31 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
     tasks.close();
     if tokio::time::timeout(GRACE, tasks.wait()).await.is_err() {
         tracing::warn!(open = tasks.len(), "some requests did not finish in time");
+    }
+}
+
+/// The stream of a connection after its TLS handshake, if the service has a certificate; `None` if
+/// the handshake fails, or the service stops before.
+async fn secured<S: AsyncRead + AsyncWrite + Send + Unpin + 'static>(
+    app: &App,
+    stream: S,
+    acceptor: Option<TlsAcceptor>,
+    address: SocketAddr,
+    closing: &CancellationToken,
+) -> Option<Box<dyn Stream>> {
+    let Some(acceptor) = acceptor else {
+        return Some(Box::new(stream));
+    };
+    let shaken = tokio::select! {
+        shaken = tokio::time::timeout(app.read_patience(), acceptor.accept(stream)) => shaken,
+        () = closing.cancelled() => return None,
+    };
+    match shaken {
+        Ok(Ok(stream)) => Some(Box::new(stream)),
+        Ok(Err(error)) => {
+            tracing::debug!(%error, client = %address, "no TLS handshake");
+            None
+        }
+        Err(_) => None,
     }
 }
