@@ -129,7 +129,7 @@ def token(server_data, name, *roles):
 
 #: Requests to what the OpenAPI document does not describe, by the role that it takes.
 OTHERS = {
-    "act": "POST /mcp, GET /mcp, DELETE /mcp, GET /sse, POST /messages/?session_id=x, POST /w/a/mcp, GET /w/a/sse",
+    "act": "POST /mcp, GET /mcp, DELETE /mcp, GET /sse, POST /messages/?session_id=x, POST /w/a/mcp, GET /w/a/sse, GET /ws",
     "read": "POST /analysis/mcp, HEAD /api/traces/x",
 }
 #: What the document must not open to less than an admin without this script being told.
@@ -169,7 +169,7 @@ def fault_tokens():
             document = server.json("GET", "/api/openapi.json")[1]
             routes = routes_of(document)
             unguarded = {path for path, operations in document["paths"].items() for one in operations.values() if not one.get("security")}
-            assert unguarded == {"/healthz", "/readyz"}, unguarded
+            assert unguarded == {"/health", "/healthz", "/readyz"}, unguarded
             assert ADMINS <= {(method, path) for role, method, path in routes if role == "admin"}, routes
             assert {role for role, *_ in routes} == {"read", "act", "admin"} and len(routes) > 50, routes
             good = f"Bearer {tokens['admin']}"

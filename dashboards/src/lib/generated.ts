@@ -110,6 +110,16 @@ export type End = {
   steps: number;
 };
 
+/** What the environment is, for people. */
+export type EnvironmentMetadata = { description: string; name: string; version: string };
+
+/** JSON schemas of what goes in and comes out. */
+export type EnvironmentSchemas = {
+  action: Record<string, unknown>;
+  observation: Record<string, unknown>;
+  state: Record<string, unknown>;
+};
+
 /** A part of the episodes. */
 export type Episodes = { episodes: Record<string, unknown>[]; next?: string | null };
 
@@ -189,6 +199,9 @@ export type Header = {
 
 /** What a living server says. */
 export type Health = { status: string; version: string };
+
+/** Whether an environment can be had. */
+export type Healthy = { status: string };
 
 /** What the instance ids in masks stand for, by id. */
 export type Instances = ({ category: string; id: number; kind: "shell" | "receptacle" | "object" | "robot"; name: string })[];
@@ -295,6 +308,13 @@ export type NamedQuery = {
   summary: string;
 };
 
+/** An observation with its reward. */
+export type Observed = {
+  done: boolean;
+  observation: Record<string, unknown>;
+  reward?: number | null;
+};
+
 /** A question and what led to it, for the person who answers; holds the goal. */
 export type OpenQuestion = {
   decisions: ({ arguments: string[];
@@ -361,6 +381,25 @@ export type Rect = { max: [number, number]; min: [number, number] };
 
 /** Verdict of a replay. */
 export type ReplayVerdict = { exact: boolean; message: string; trace: string; verdict: string };
+
+/** What an episode is to be. Without parameters: the next task of the server, at the server's seed. */
+export type ResetBody = {
+  call?: number | null;
+  episode_id?: string | null;
+  image?: boolean | null;
+  options?: null | ResetOptions;
+  seed?: number | null;
+  task?: string | null;
+  trace?: string | null;
+};
+
+/** Parameters of a reset that are Reel's own. */
+export type ResetOptions = {
+  call?: number | null;
+  image?: boolean | null;
+  task?: string | null;
+  trace?: string | null;
+};
 
 /** Rewards of an episode under a preset. */
 export type RewardReport = {
@@ -440,6 +479,15 @@ export type Step = {
   step: number;
   tool?: string;
   visible: VisibleObject[];
+};
+
+/** An action of an episode. */
+export type StepBody = {
+  action: Record<string, unknown>;
+  episode_id?: string | null;
+  image?: boolean;
+  request_id?: string | null;
+  timeout_s?: number | null;
 };
 
 /** Cost to go around a step, in decisions; null if success is out of reach. */
@@ -562,8 +610,12 @@ export type GetAnswer<P extends string> =
   P extends `/api/questions${Query}` ? Questions :
   P extends `/api/sessions${Query}` ? Sessions :
   P extends `/api/traces${Query}` ? Traces :
+  P extends `/health${Query}` ? Healthy :
   P extends `/healthz${Query}` ? Health :
+  P extends `/metadata${Query}` ? EnvironmentMetadata :
   P extends `/readyz${Query}` ? Health :
+  P extends `/schema${Query}` ? EnvironmentSchemas :
+  P extends `/state${Query}` ? Record<string, unknown> :
   never;
 
 /** What POST to a path answers. */
@@ -575,4 +627,6 @@ export type PostAnswer<P extends string> =
   P extends `/api/labels${Query}` ? LabelBody :
   P extends `/api/leases${Query}` ? Leased :
   P extends `/api/sql${Query}` ? Record<string, unknown>[] :
+  P extends `/reset${Query}` ? Observed :
+  P extends `/step${Query}` ? Observed :
   never;

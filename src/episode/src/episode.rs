@@ -102,6 +102,11 @@ impl Suspended {
         &self.config.task
     }
 
+    /// The scene that the suspended episode plays in.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.config.scene
+    }
+
     /// The calls so far, and what came of them.
     pub fn steps(&self) -> &[StepRecord] {
         &self.steps

@@ -72,6 +72,9 @@ pub enum LiveError {
     /// What runs here broke down, and was left.
     #[error("the episode failed and was ended: {0}; call 'finish' to begin the next one")]
     Broken(String),
+    /// A recorded episode cannot be continued from the call that was asked for.
+    #[error("no episode can start from that call: {0}")]
+    Branch(String),
     /// The simulator could not start the episode or restore its snapshot.
     #[error(transparent)]
     Episode(#[from] EpisodeError),

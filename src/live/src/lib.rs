@@ -7,6 +7,7 @@
 
 mod error;
 mod host;
+mod own;
 mod pool;
 mod restore;
 mod session;
@@ -16,11 +17,13 @@ mod turns;
 
 pub use error::LiveError;
 pub use host::{Host, Work, program};
+pub use own::OwnSession;
 pub use pool::{Limits, SessionEntry, SessionPool};
 pub use restore::{restore, restore_on};
 pub use session::{
-    CallResult, EndedEpisode, PrivilegedState, Session, SessionStatus, StartedEpisode,
+    BranchInputs, BranchedEpisode, CallResult, EndedEpisode, PrivilegedState, Session,
+    SessionStatus, StartedEpisode,
 };
-pub use setup::{Lease, PreparedTaskCache, Setup, check_name};
+pub use setup::{EpisodeRequest, Lease, PreparedTaskCache, Setup, check_name};
 pub use situation::{EpisodePosition, Situation};
 pub use turns::{Owner, Turn, Turns};

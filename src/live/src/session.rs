@@ -1,6 +1,8 @@
 //! A session: an exclusive simulator in which one agent plays one episode after another. Never
 //! decides anything, never speaks a protocol.
 
+mod begin;
+
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -14,7 +16,9 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{EpisodePosition, Lease, LiveError, Setup, Situation, restore_on, setup::EpisodeKey};
+use crate::{EpisodePosition, Lease, LiveError, Setup, Situation, restore_on};
+
+pub use begin::{BranchInputs, BranchedEpisode};
 
 /// An exclusive simulator in which one agent plays one episode after another.
 pub struct Session {
@@ -28,6 +32,8 @@ pub struct Session {
     begun: u32,
     /// The last trace that was finished.
     finished: Option<PathBuf>,
+    /// Id of the episode that was begun last.
+    episode_id: Option<String>,
     now: Phase,
 }
 
@@ -75,10 +81,12 @@ pub struct StartedEpisode {
     pub of: usize,
     /// How many episodes were begun here before.
     pub number: u32,
-    /// The head camera's frame before the first call.
+    /// The head camera's frame before the first call of this session.
     pub frame: Frame,
-    /// The state before the first call.
+    /// The state before the first call of this session.
     pub view: PrivilegedState,
+    /// The last call that the episode took over from its parent; `None` if it took over none.
+    pub taken_over: Option<Box<StepRecord>>,
 }
 
 /// A call that was made, and is persisted.
@@ -156,6 +164,7 @@ impl Session {
             next: 0,
             begun: 0,
             finished: None,
+            episode_id: None,
             now,
         }
     }
@@ -173,67 +182,19 @@ impl Session {
     /// The scene of the episode that runs, or of the one that comes next; that of the first task
     /// if all were played.
     pub fn scene(&self) -> Option<&Arc<Scene>> {
-        let task = match &self.now {
-            Phase::Playing(playing) => Some(playing.episode.task()),
-            Phase::Parked(resting) => Some(resting.episode.task()),
-            _ => self.setup.tasks.get(self.next).or(self.setup.tasks.first()),
-        };
-        task.map(|task| self.setup.scene(task))
+        match &self.now {
+            Phase::Playing(playing) => Some(playing.episode.scene()),
+            Phase::Parked(resting) => Some(resting.episode.scene()),
+            _ => {
+                let next = self.setup.tasks.get(self.next).or(self.setup.tasks.first());
+                next.map(|task| self.setup.scene(task))
+            }
+        }
     }
 
     /// Whether an episode runs, so that a call can be made.
     pub fn is_running(&self) -> bool {
         matches!(self.now, Phase::Playing(_) | Phase::Parked(_))
-    }
-
-    /// Ends what runs and begins the next episode; none when all were played.
-    ///
-    /// # Errors
-    /// When the episode cannot start or its trace cannot be written.
-    pub fn begin_next(&mut self) -> Result<Option<StartedEpisode>, LiveError> {
-        self.abort()?;
-        let task = match &self.lease {
-            Some(lease) if self.begun >= lease.rollouts => return Ok(None),
-            Some(lease) => Some(
-                self.setup
-                    .task(&lease.task_id)
-                    .cloned()
-                    .ok_or_else(|| LiveError::UnknownTask(lease.task_id.clone()))?,
-            ),
-            None => self.setup.tasks.get(self.next).cloned(),
-        };
-        let Some(task) = task else {
-            self.now = Phase::Empty;
-            return Ok(None);
-        };
-        let begun = self.start(task)?;
-        self.next += usize::from(self.lease.is_none());
-        Ok(Some(begun))
-    }
-
-    /// Ends what runs and begins the episode of a certain task, by its id or by the part after the
-    /// family where no other task is called so.
-    ///
-    /// # Errors
-    /// When the task is unknown, the episode cannot start or its trace cannot be written.
-    pub fn begin(&mut self, task_id: &str) -> Result<StartedEpisode, LiveError> {
-        let unknown = || LiveError::UnknownTask(task_id.to_owned());
-        let index = self.setup.find(task_id).ok_or_else(unknown)?;
-        let task = self.setup.tasks[index].clone();
-        let elsewhere = self
-            .lease
-            .as_ref()
-            .is_some_and(|lease| lease.task_id != task.task_id);
-        if elsewhere {
-            return Err(unknown());
-        }
-        self.abort()?;
-        let begun = self.start(task)?;
-        self.next = index + 1;
-        Ok(StartedEpisode {
-            requested: Some(task_id.to_owned()),
-            ..begun
-        })
     }
 
     /// Makes a call. It is persisted when this returns.
@@ -275,7 +236,10 @@ impl Session {
     /// When no episode runs.
     pub fn briefing(&self) -> Result<Briefing, LiveError> {
         let task = self.task()?;
-        Ok(Briefing::new(task, self.setup.scene(task)))
+        Ok(Briefing::new(
+            task,
+            self.scene().ok_or(LiveError::NoEpisode)?,
+        ))
     }
 
     /// The trace that the running episode becomes; `None` if no episode runs.
@@ -285,6 +249,11 @@ impl Session {
             Phase::Parked(resting) => Some(&resting.path),
             _ => None,
         }
+    }
+
+    /// Id of the episode that was begun last, as its trace has it; `None` if none was.
+    pub fn episode_id(&self) -> Option<&str> {
+        self.episode_id.as_deref()
     }
 
     /// The task of the episode.
@@ -327,7 +296,7 @@ impl Session {
         Ok(Situation {
             position,
             task: task.clone(),
-            scene: self.setup.scene(task).clone(),
+            scene: self.scene().ok_or(LiveError::NoEpisode)?.clone(),
             initial: start.graphs.physics.clone(),
             seen_at_start: start.visible.iter().map(|it| it.object.clone()).collect(),
             steps: steps.to_vec(),
@@ -452,61 +421,6 @@ impl Session {
             ended,
             trace: self.finished.clone(),
         }
-    }
-
-    fn start(&mut self, task: Arc<Task>) -> Result<StartedEpisode, LiveError> {
-        let place = EpisodeKey {
-            session: &self.name,
-            number: self.begun,
-            policy: &self.policy,
-            lease: self.lease.as_ref(),
-        };
-        let (path, before) = self.setup.path(&task, &place);
-        let config = self.setup.config(&task, &place, before);
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let disk = &self.setup.host.disk;
-        disk.create_dir_all(folder)
-            .map_err(|source| LiveError::Folder {
-                path: folder.display().to_string(),
-                source,
-            })?;
-        let number = self.begun;
-        self.begun += 1;
-        self.now = Phase::Broken {
-            part: part(&path),
-            reason: "it could not be started".to_owned(),
-        };
-        let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config);
-        let mut recorder = Recorder::create_on(
-            disk.clone(),
-            &path,
-            (episode.header(), episode.task(), episode.scene()),
-            self.setup.options,
-        )?;
-        recorder.start(&start, Some(&frame))?;
-        let index = self
-            .setup
-            .tasks
-            .iter()
-            .position(|other| Arc::ptr_eq(other, &task))
-            .unwrap_or(0);
-        let (of, view) = (self.setup.tasks.len(), view(&episode));
-        let begun = StartedEpisode {
-            briefing: episode.briefing(),
-            task,
-            requested: None,
-            index,
-            of,
-            number,
-            frame,
-            view,
-        };
-        self.now = Phase::Playing(Box::new(RunningEpisode {
-            episode,
-            recorder,
-            path,
-        }));
-        Ok(begun)
     }
 
     fn close(

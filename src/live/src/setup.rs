@@ -62,6 +62,17 @@ pub struct Lease {
     pub rollouts: u32,
 }
 
+/// What a client asks of its next episode; where it asks nothing, the session decides.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EpisodeRequest {
+    /// Id of the task, or its part after the family; `None` if the seed or the list decides.
+    pub task_id: Option<String>,
+    /// Seed of everything random in the episode; `None` if the server's.
+    pub seed: Option<u64>,
+    /// What the client calls the episode, for the trace.
+    pub label: Option<String>,
+}
+
 /// What tells an episode of a session from all others.
 pub(crate) struct EpisodeKey<'a> {
     pub session: &'a str,
@@ -69,6 +80,10 @@ pub(crate) struct EpisodeKey<'a> {
     pub number: u32,
     pub policy: &'a str,
     pub lease: Option<&'a Lease>,
+    /// The seed that the client asked for, if it did.
+    pub seed: Option<u64>,
+    /// What the client calls the episode, if it says.
+    pub label: Option<&'a str>,
 }
 
 impl PreparedTaskCache {
@@ -141,6 +156,30 @@ impl Setup {
         place: &EpisodeKey<'_>,
         before: u32,
     ) -> EpisodeConfig {
+        let rollout = place.lease.map(|lease| Rollout {
+            group_id: lease.group_id.clone(),
+            index: place.number,
+        });
+        EpisodeConfig {
+            task: task.clone(),
+            scene: self.scene(task).clone(),
+            seed: match place.lease {
+                Some(lease) => lease.seed,
+                None => place.seed.unwrap_or(self.seed),
+            },
+            profile: self.profile,
+            skills: self.skills,
+            meshes: self.meshes(task),
+            preset: self.preset.clone(),
+            run_id: self.run_id.clone(),
+            policy: self.policy(place, before),
+            rollout,
+            parent: None,
+        }
+    }
+
+    /// Who plays, for the header. `before` episodes had the name that the trace wanted.
+    pub(crate) fn policy(&self, place: &EpisodeKey<'_>, before: u32) -> PolicyInfo {
         // Which session it was is part of the inputs: two agents that play the same task do not
         // play the same episode.
         let mut parameters = vec![
@@ -150,30 +189,17 @@ impl Setup {
         if before > 0 {
             parameters.push(("before", json!(before)));
         }
-        let rollout = place.lease.map(|lease| Rollout {
-            group_id: lease.group_id.clone(),
-            index: place.number,
-        });
-        EpisodeConfig {
-            task: task.clone(),
-            scene: self.scene(task).clone(),
-            seed: place.lease.map_or(self.seed, |lease| lease.seed),
-            profile: self.profile,
-            skills: self.skills,
-            meshes: self.meshes(task),
-            preset: self.preset.clone(),
-            run_id: self.run_id.clone(),
-            policy: PolicyInfo {
-                name: place.policy.to_owned(),
-                checkpoint: None,
-                parameters: parameters
-                    .into_iter()
-                    .map(|(key, value)| (key.to_owned(), value))
-                    .chain(self.answer_settings.clone())
-                    .collect(),
-            },
-            rollout,
-            parent: None,
+        if let Some(label) = place.label {
+            parameters.push(("episode_id", json!(label)));
+        }
+        PolicyInfo {
+            name: place.policy.to_owned(),
+            checkpoint: None,
+            parameters: parameters
+                .into_iter()
+                .map(|(key, value)| (key.to_owned(), value))
+                .chain(self.answer_settings.clone())
+                .collect(),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::{
     borrow::Cow,
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     error::Error,
     sync::Arc,
     time::{Duration, Instant},
@@ -10,11 +10,11 @@ use std::{
 
 use axum::http::request::Parts;
 use reel_live::{
-    EpisodePosition, LiveError, Owner, Session, SessionPool, Situation, StartedEpisode,
+    EpisodePosition, LiveError, OwnSession, Owner, Session, SessionPool, Situation, StartedEpisode,
 };
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
-    record::{Lookup, StepInput, UserReply, UserSource},
+    record::{Lookup, StepInput, UserReply},
 };
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
@@ -29,15 +29,15 @@ use rmcp::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use tokio::{runtime::Handle, sync::oneshot, task::spawn_blocking};
+use tokio::sync::oneshot;
 
 use crate::{
-    Caller, Questions, VERSIONS, Withdrawn, Worker, catalogue, methods::WITH_SESSIONS,
-    policy_output, response, tools_only, waiting,
+    AnsweredInput, Caller, OutsideAnswers, Questions, VERSIONS, Withdrawn, Worker,
+    answers::persons, catalogue, methods::WITH_SESSIONS, policy_output, response, tools_only,
+    waiting,
 };
-use policy_output::policy_output;
 use response::Response;
-use waiting::{WaitingSessions, WaitingTurn};
+use waiting::WaitingSessions;
 
 /// Who answers the questions that a policy asks with `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -126,37 +126,11 @@ pub struct ToolServer {
 #[derive(Clone)]
 enum SessionOwner {
     /// That of the connection, closed with it.
-    Own(Arc<Own>),
+    Own(Arc<OwnSession>),
     /// A worker's, which outlives connections.
     Worker(Worker),
     /// That of the worker whom the path of each request names.
     Named,
-}
-
-struct Own {
-    name: String,
-    pool: Arc<SessionPool>,
-}
-
-impl Drop for Own {
-    fn drop(&mut self) {
-        let (pool, name) = (self.pool.clone(), std::mem::take(&mut self.name));
-        // Without a runtime the process ends, and whoever ends it closes the pool.
-        if let Ok(runtime) = Handle::try_current() {
-            runtime.spawn(async move {
-                match pool.close(&name).await {
-                    Ok(state) => tracing::info!(
-                        session = name,
-                        episodes = state.episodes,
-                        "closed with its connection"
-                    ),
-                    // Nothing was called, or it was closed before.
-                    Err(LiveError::Unknown(_) | LiveError::Closing) => {}
-                    Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
-                }
-            });
-        }
-    }
 }
 
 /// What the person at the client fills in.
@@ -167,13 +141,6 @@ struct Reply {
     answer: String,
 }
 elicit_safe!(Reply);
-
-/// The inputs of a call, and the position of the episode for which somebody outside answered, if
-/// anybody did.
-struct AnsweredInput {
-    step: StepInput,
-    position: Option<EpisodePosition>,
-}
 
 /// Why a question has no answer yet.
 enum Unanswered {
@@ -194,10 +161,7 @@ impl ToolServer {
         options: Arc<ToolServerOptions>,
         name: String,
     ) -> Self {
-        let home = SessionOwner::Own(Arc::new(Own {
-            name,
-            pool: pool.clone(),
-        }));
+        let home = SessionOwner::Own(Arc::new(OwnSession::new(name, pool.clone())));
         Self {
             pool,
             questions,
@@ -267,7 +231,7 @@ impl ToolServer {
     fn session(&self, context: &RequestContext<RoleServer>) -> Result<String, ErrorData> {
         match (self.worker(context), &self.home) {
             (Some(worker), _) => Ok(worker.session_name()),
-            (None, SessionOwner::Own(own)) if !stateless(context) => Ok(own.name.clone()),
+            (None, SessionOwner::Own(own)) if !stateless(context) => Ok(own.name().to_owned()),
             _ => {
                 let text = "protocol 2026-07-28 has no sessions, so nothing here says which world is yours: use /w/<name>/mcp \
                             with a name of your own";
@@ -293,7 +257,7 @@ impl ToolServer {
             Err(_) => "refused",
         };
         let result = match said {
-            Ok(said) => response::say(profile, &said),
+            Ok(said) => response::tool_result(profile, &said),
             Err(error) => {
                 // Not in its own words: they may hold the policy's. The disk's do not.
                 match &error {
@@ -326,25 +290,19 @@ impl ToolServer {
         let published = self.profile().is_published();
         match &tool {
             Some(Tool::Lifecycle(Lifecycle::ListReceptacles))
-                if (!published || !self.runs(session))
+                if (!published || !self.outside(session, &self.owner).is_running())
                     && let Some(scene) = setup.scenes.only() =>
             {
                 return Ok(Response::Receptacles(scene.clone()));
             }
             Some(Tool::Lifecycle(Lifecycle::ListTasks)) => {
-                return Ok(Response::Tasks(response::ids(&setup.tasks)));
+                return Ok(Response::Tasks(response::task_ids(&setup.tasks)));
             }
             _ => {}
         }
-        let input = match &tool {
-            Some(Tool::ShowObjectByCategory { category }) => {
-                self.look_up(session, category, input, context).await?
-            }
-            Some(Tool::Ask { question }) => {
-                self.ask_model(session, question, input, context).await?
-            }
-            _ => input,
-        };
+        let owner = self.owner(context);
+        let outside = self.outside(session, &owner);
+        let input = outside.complete(tool.as_ref(), input).await?;
         let (questions, asked) = (self.questions.clone(), session.to_owned());
         let (begun, on_begin) = oneshot::channel();
         let policy = self.policy(context);
@@ -378,16 +336,11 @@ impl ToolServer {
                     session.begin(&task_id).map(said_begun)
                 }
                 _ => {
-                    // Calls of one session that are sent at once may overtake an answer.
-                    if input.position.is_some() && input.position != session.position() {
-                        return Err(LiveError::Overtaken);
-                    }
-                    let made = session.call(input.step)?;
+                    let made = input.call(session)?;
                     Ok(Response::CallMade(Box::new(made)))
                 }
             }
         };
-        let owner = self.owner(context);
         let mut done = Box::pin(self.pool.with_own_session(session, &owner, work));
         let Some(token) = context.meta.get_progress_token() else {
             return done.await?;
@@ -421,14 +374,8 @@ impl ToolServer {
         request: &CallToolRequestParams,
         context: &RequestContext<RoleServer>,
     ) -> Result<(Option<UserReply>, Option<EpisodePosition>), Unanswered> {
-        let nobody = || UserReply {
-            text: "Nobody answers.".to_owned(),
-            source: UserSource::Human,
-        };
-        let human = |text: String| UserReply {
-            text,
-            source: UserSource::Human,
-        };
+        let owner = self.owner(context);
+        let outside = self.outside(session, &owner);
         let asks_client = || {
             context
                 .peer
@@ -438,7 +385,7 @@ impl ToolServer {
         match self.options.ask {
             AskResponder::Rules | AskResponder::Model => Ok((None, None)),
             // A question in an episode that does not run is refused, and nobody is bothered with it.
-            _ if !self.runs(session) => Ok((None, None)),
+            _ if !outside.is_running() => Ok((None, None)),
             AskResponder::Client if stateless(context) => {
                 let answered = request
                     .input_responses
@@ -451,13 +398,12 @@ impl ToolServer {
                 let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
                 let reply = accepted
                     .and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
-                let reply = reply.map_or_else(nobody, |reply| human(reply.answer));
-                Ok((Some(reply), None))
+                Ok((Some(persons(reply.map(|reply| reply.answer))), None))
             }
             AskResponder::Client if !asks_client() => Ok((None, None)),
             AskResponder::Client | AskResponder::Rest => {
                 // Without a situation there is no episode, and the call says so.
-                let Ok(situation) = self.situation(session, context).await else {
+                let Ok(situation) = outside.situation().await else {
                     return Ok((None, None));
                 };
                 let position = Some(situation.position.clone());
@@ -472,106 +418,20 @@ impl ToolServer {
                         .await;
                     answer.ok().flatten().map(|reply| reply.answer)
                 };
-                Ok((Some(answer.map_or_else(nobody, human)), position))
+                Ok((Some(persons(answer)), position))
             }
         }
     }
 
-    /// What there is to know of the episode of a session now.
-    async fn situation(
-        &self,
-        session: &str,
-        context: &RequestContext<RoleServer>,
-    ) -> Result<Situation, LiveError> {
-        let (owner, pool) = (self.owner(context), &self.pool);
-        pool.with_own_session(session, &owner, |session| session.situation())
-            .await?
-    }
-
-    /// Lets a session wait for an answer from outside.
-    async fn waiting_turn(&self, session: &str) -> Result<WaitingTurn, LiveError> {
-        let patience = self.pool.limits().worker_timeout;
-        let waiting = self.options.sources.waiting.clone();
-        waiting.wait(session, patience).await
-    }
-
-    /// Asks the model that plays the user, where one does and nobody else answered.
-    async fn ask_model(
-        &self,
-        session: &str,
-        question: &str,
-        input: AnsweredInput,
-        context: &RequestContext<RoleServer>,
-    ) -> Result<AnsweredInput, LiveError> {
-        let user = self.options.sources.user.clone();
-        let asks = self.options.ask == AskResponder::Model && input.step.user_reply.is_none();
-        let Some(user) = user.filter(|_| asks && self.runs(session)) else {
-            return Ok(input);
-        };
-        // Whose session it is not is told so here.
-        let situation = self.situation(session, context).await?;
-        let turn = self.waiting_turn(session).await?;
-        let (mut step, question) = (input.step, question.to_owned());
-        let answered = spawn_blocking(move || {
-            // Until the endpoint is done, whoever stops waiting.
-            let _turn = turn;
-            let position = Some(situation.position.clone());
-            user(&situation, &question, &mut step).map(|()| AnsweredInput { step, position })
-        });
-        answered
-            .await
-            .map_err(Into::into)
-            .flatten()
-            .map_err(|error| {
-                tracing::error!(session, %error, "the user model does not answer");
-                LiveError::NoUser
-            })
-    }
-
-    /// Looks up what a query means, where that is decided outside of the simulator.
-    async fn look_up(
-        &self,
-        session: &str,
-        query: &str,
-        input: AnsweredInput,
-        context: &RequestContext<RoleServer>,
-    ) -> Result<AnsweredInput, LiveError> {
-        let matcher = self.options.sources.matcher.clone();
-        let Some(matcher) = matcher.filter(|_| self.runs(session)) else {
-            return Ok(input);
-        };
-        let (owner, profile) = (self.owner(context), self.profile());
-        let facts = |session: &mut Session| {
-            let task = session.task().cloned();
-            task.map(|task| (task, session.position()))
-        };
-        let facts = self.pool.with_own_session(session, &owner, facts).await?;
-        let (task, position) = facts?;
-        let turn = self.waiting_turn(session).await?;
-        let (mut step, query) = (input.step, query.to_owned());
-        let looked_up = spawn_blocking(move || {
-            let _turn = turn;
-            let objects = task.objects.iter();
-            let categories: BTreeSet<&str> = objects.map(|it| it.category.as_str()).collect();
-            let categories: Vec<&str> = categories.into_iter().collect();
-            if !profile.takes_literally(&query, &categories) {
-                step.lookup = Some(matcher(&query, &categories)?);
-            }
-            Ok(AnsweredInput { step, position })
-        });
-        looked_up.await.map_err(Into::into).flatten().map_err(
-            |error: Box<dyn Error + Send + Sync>| {
-                tracing::error!(session, %error, "a category could not be looked up");
-                LiveError::NoLookUp
-            },
-        )
-    }
-
-    /// Whether an episode runs.
-    fn runs(&self, session: &str) -> bool {
-        self.pool
-            .entry(session)
-            .is_ok_and(|entry| matches!(entry.state.state, "playing" | "suspended"))
+    /// Who answers the calls of a session from outside.
+    fn outside<'a>(&'a self, session: &'a str, owner: &'a Owner) -> OutsideAnswers<'a> {
+        OutsideAnswers {
+            pool: &self.pool,
+            questions: &self.questions,
+            options: &self.options,
+            session,
+            owner,
+        }
     }
 
     fn policy(&self, context: &RequestContext<RoleServer>) -> String {
@@ -646,7 +506,8 @@ impl ServerHandler for ToolServer {
             .clone()
             .map_or_else(|| json!({}), Value::Object);
         let call = ToolCall::new(request.name.clone(), arguments);
-        let policy = policy_output(&context)?;
+        let policy = policy_output(&context.meta.0)
+            .map_err(|why| ErrorData::invalid_params(format!("_meta{why}"), None))?;
         let work = async {
             let tool = self.profile().tool(&call).ok();
             let (user_reply, position) = match &tool {

@@ -4,6 +4,7 @@
 //! Carries calls to the pool and says what came of them; never decides, never simulates. What a
 //! profile shows is in `response`, and nothing else reaches a policy.
 
+mod answers;
 mod caller;
 mod catalogue;
 mod event_store;
@@ -18,6 +19,7 @@ mod router;
 mod sessions;
 mod waiting;
 
+pub use answers::{AnsweredInput, OutsideAnswers};
 pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
@@ -25,6 +27,8 @@ pub use handler::{
     AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
 };
 pub use methods::{VERSIONS, agreed_version, refusal};
+pub use policy_output::policy_output;
 pub use questions::{Decision, OpenQuestion, Question, Questions, Wish, Withdrawn};
+pub use response::{Response, refuse, task_ids, tool_result};
 pub use router::{Worker, router, stdio, streamable_http};
 pub use waiting::WaitingSessions;

@@ -1,9 +1,8 @@
 //! What came with a decision, as far as a client says it in the `_meta` of a call.
 
 use reel_world::record::PolicyOutput;
-use rmcp::{ErrorData, RoleServer, service::RequestContext};
 use serde::Deserialize as _;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 /// The key of `_meta` under which a client says what its policy thought: an object with any of
 /// [`POLICY_FIELDS`].
@@ -12,15 +11,14 @@ const POLICY_FIELDS: [&str; 7] = reel_world::words! {
     reasoning history plan raw tokens latency_ns logprobs
 };
 
-/// What came with a decision, where the client says it.
-pub(crate) fn policy_output(
-    context: &RequestContext<RoleServer>,
-) -> Result<Option<PolicyOutput>, ErrorData> {
-    let wrong = |what: &str| {
-        let text = format!("_meta[\"{POLICY}\"] is not what came with a decision: {what}");
-        ErrorData::invalid_params(text, None)
-    };
-    let fields = match context.meta.0.get(POLICY) {
+/// What came with a decision, where the client says it: `meta` is what the protocol lets a client
+/// add to a call.
+///
+/// # Errors
+/// When the client says it in another way.
+pub fn policy_output(meta: &Map<String, Value>) -> Result<Option<PolicyOutput>, String> {
+    let wrong = |what: &str| format!("[\"{POLICY}\"] is not what came with a decision: {what}");
+    let fields = match meta.get(POLICY) {
         None | Some(Value::Null) => return Ok(None),
         Some(Value::Object(fields)) => fields,
         Some(_) => return Err(wrong("it is no object")),

@@ -1,7 +1,9 @@
 //! Moments of a recorded episode from which another future can be played, as often as wanted, and
 //! whether a trace branches from another. What is played from there is somebody else's decision.
 
-use reel_episode::{Episode, EpisodeConfig};
+use std::collections::{BTreeMap, BTreeSet};
+
+use reel_episode::{Episode, EpisodeConfig, Rollout};
 use reel_sim::{Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
@@ -11,8 +13,8 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Divergence, EpisodePosition, Replay, SnapshotCache, Verdict, difference, player, seek,
-    verify_trace,
+    Divergence, EpisodePosition, Replay, SnapshotCache, Verdict, difference, frames_at, player,
+    seek, verify_trace,
 };
 
 /// The moment before a call of a recorded episode: the state there, and all that led to it,
@@ -75,9 +77,51 @@ impl<'t> Fork<'t> {
     /// # Errors
     /// Why nothing can be executed.
     pub fn open(&self, policy: PolicyInfo, detail: Detail) -> Result<Episode, Verdict> {
+        let run_id = format!("branch-{}", self.parent.header.episode_id);
+        let rollout = Rollout::of(&self.parent.header);
+        self.open_in(run_id, policy, rollout, detail)
+    }
+
+    /// [`Fork::open`] in a run and a prompt group of its own, to be recorded.
+    ///
+    /// # Errors
+    /// As [`Fork::open`].
+    pub fn open_rollout(
+        &self,
+        run_id: String,
+        policy: PolicyInfo,
+        rollout: Rollout,
+    ) -> Result<Episode, Verdict> {
+        self.open_in(run_id, policy, Some(rollout), Detail::Full)
+    }
+
+    /// RGB of the images that the agent got up to here, by call (`None`: before the first): those
+    /// that the parent holds, or rendered again.
+    ///
+    /// # Errors
+    /// Why an image cannot be had.
+    pub fn frames_before(&self) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
+        let with_frame = self.parent.steps[..self.call]
+            .iter()
+            .filter(|step| step.digests.frame.is_some());
+        let moments: BTreeSet<Option<u32>> = with_frame
+            .map(|step| Some(step.step))
+            .chain([None])
+            .collect();
+        frames_at(self.parent, &moments)
+    }
+
+    fn open_in(
+        &self,
+        run_id: String,
+        policy: PolicyInfo,
+        rollout: Option<Rollout>,
+        detail: Detail,
+    ) -> Result<Episode, Verdict> {
         let mut config = player::config(self.parent)?;
-        config.run_id = format!("branch-{}", self.parent.header.episode_id);
+        config.run_id = run_id;
         config.policy = policy;
+        config.rollout = rollout;
         let call = u32::try_from(self.call).unwrap_or(u32::MAX);
         config.parent = Some(Parent {
             trace: self.parent.chain(),

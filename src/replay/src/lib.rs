@@ -35,6 +35,7 @@ pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, 
 pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch};
+pub use reel_episode::Rollout;
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};

@@ -12,10 +12,14 @@ use hyper_util::{
 };
 use tokio::{
     io::{AsyncRead, AsyncWrite},
-    sync::Semaphore,
+    sync::{OwnedSemaphorePermit, Semaphore},
 };
 use tokio_io_timeout::TimeoutStream;
-use tokio_util::{sync::CancellationToken, task::TaskTracker};
+use tokio_rustls::TlsAcceptor;
+use tokio_util::{
+    sync::CancellationToken,
+    task::{TaskTracker, task_tracker::TaskTrackerToken},
+};
 use tower::ServiceExt as _;
 
 use crate::{service::App, tls::Certificate};
@@ -26,6 +30,21 @@ const GRACE: Duration = Duration::from_secs(10);
 /// The address of a client.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Client(pub SocketAddr);
+
+/// The place of a connection among all, for what goes on after its request was answered: held
+/// until the last clone is dropped.
+#[derive(Clone)]
+pub(crate) struct ConnectionPlace {
+    _held: Arc<Held>,
+}
+
+/// What a connection takes up.
+struct Held {
+    _place: OwnedSemaphorePermit,
+    _counted: Counted,
+    /// The server waits for it when it stops.
+    _task: TaskTrackerToken,
+}
 
 /// A connection in the metrics, as long as it lives.
 struct Counted(Arc<App>);
@@ -71,11 +90,18 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
         };
         let (router, app, closing) = (router.clone(), app.clone(), closing.clone());
         let acceptor = acceptor.clone();
+        let place = ConnectionPlace {
+            _held: Arc::new(Held {
+                _place: place,
+                _counted: Counted::new(&app),
+                _task: tasks.token(),
+            }),
+        };
         tasks.spawn(async move {
-            let _place = place;
-            let _counted = Counted::new(&app);
+            let held = place.clone();
             let service = tower::service_fn(move |mut request: Request<Incoming>| {
                 request.extensions_mut().insert(Client(address));
+                request.extensions_mut().insert(place.clone());
                 router.clone().oneshot(request.map(Body::new))
             });
             let mut builder = Builder::new(TokioExecutor::new()).http1_only();
@@ -88,25 +114,11 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(app.read_patience()));
             let stream = Box::pin(stream);
-            let stream: Box<dyn Stream> = match acceptor {
-                None => Box::new(stream),
-                Some(acceptor) => {
-                    let shaken = tokio::select! {
-                        shaken = tokio::time::timeout(app.read_patience(), acceptor.accept(stream)) => shaken,
-                        () = closing.cancelled() => return,
-                    };
-                    match shaken {
-                        Ok(Ok(stream)) => Box::new(stream),
-                        Ok(Err(error)) => {
-                            tracing::debug!(%error, client = %address, "no TLS handshake");
-                            return;
-                        }
-                        Err(_) => return,
-                    }
-                }
+            let Some(stream) = secured(&app, stream, acceptor, address, &closing).await else {
+                return;
             };
-            let connection =
-                builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+            let service = TowerToHyperService::new(service);
+            let connection = builder.serve_connection_with_upgrades(TokioIo::new(stream), service);
             tokio::pin!(connection);
             let ended = tokio::select! {
                 ended = &mut connection => ended,
@@ -118,10 +130,37 @@ pub(crate) async fn serve<L: Listener<Addr = SocketAddr>>(
             if let Err(error) = ended {
                 tracing::debug!(%error, client = %address, "a connection broke off");
             }
+            drop(held);
         });
     }
     tasks.close();
     if tokio::time::timeout(GRACE, tasks.wait()).await.is_err() {
         tracing::warn!(open = tasks.len(), "some requests did not finish in time");
+    }
+}
+
+/// The stream of a connection after its TLS handshake, if the service has a certificate; `None` if
+/// the handshake fails, or the service stops before.
+async fn secured<S: AsyncRead + AsyncWrite + Send + Unpin + 'static>(
+    app: &App,
+    stream: S,
+    acceptor: Option<TlsAcceptor>,
+    address: SocketAddr,
+    closing: &CancellationToken,
+) -> Option<Box<dyn Stream>> {
+    let Some(acceptor) = acceptor else {
+        return Some(Box::new(stream));
+    };
+    let shaken = tokio::select! {
+        shaken = tokio::time::timeout(app.read_patience(), acceptor.accept(stream)) => shaken,
+        () = closing.cancelled() => return None,
+    };
+    match shaken {
+        Ok(Ok(stream)) => Some(Box::new(stream)),
+        Ok(Err(error)) => {
+            tracing::debug!(%error, client = %address, "no TLS handshake");
+            None
+        }
+        Err(_) => None,
     }
 }

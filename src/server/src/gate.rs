@@ -44,6 +44,12 @@ impl Rates {
         Self(RateLimiter::keyed(quota))
     }
 
+    /// Counts a request of a client, by the name of its token or by its address; whether it may
+    /// make it.
+    pub fn admits(&self, client: &String) -> bool {
+        self.0.check_key(client).is_ok()
+    }
+
     /// Forgets clients that were not here lately.
     pub fn tidy(&self) {
         self.0.retain_recent();
@@ -59,6 +65,9 @@ pub(crate) struct Demand {
     streamed: bool,
     /// Whether requests that are not safe are on the audit log.
     audited: bool,
+    /// Whether the token may also come as the password of the scheme Basic: all that clients can
+    /// send who know nothing but a URL.
+    basic: bool,
 }
 
 impl Demand {
@@ -67,6 +76,7 @@ impl Demand {
         role: None,
         streamed: false,
         audited: false,
+        basic: false,
     };
 
     /// A token with this role.
@@ -82,6 +92,14 @@ impl Demand {
     pub fn audited(self) -> Self {
         Self {
             audited: true,
+            ..self
+        }
+    }
+
+    /// The same, with the token also as a password in the URL.
+    pub fn basic(self) -> Self {
+        Self {
+            basic: true,
             ..self
         }
     }
@@ -197,7 +215,7 @@ async fn admitted(
 ) -> Result<Response, ApiError> {
     let address = audited.client.clone().unwrap_or_default();
     let entry = match demand.role {
-        Some(role) => authorize(app, role, request.headers(), audited),
+        Some(role) => authorize(app, (role, demand.basic), request.headers(), audited),
         None => Ok(None),
     };
     // Who guesses tokens is counted, too.
@@ -205,7 +223,7 @@ async fn admitted(
         Ok(Some(entry)) => &entry.name,
         Ok(None) | Err(_) => &address,
     };
-    if app.rates.0.check_key(key).is_err() {
+    if !app.rates.admits(key) {
         return Err(ApiError::too_many(
             "rate limit exceeded (limits.requests_per_s); wait a moment",
         ));
@@ -278,7 +296,7 @@ const AUDITED_BODY_MAX: usize = 4 << 10;
 
 fn authorize(
     app: &App,
-    role: Role,
+    (role, basic): (Role, bool),
     headers: &HeaderMap,
     audited: &mut AuditEntry,
 ) -> Result<Option<TokenEntry>, ApiError> {
@@ -288,15 +306,17 @@ fn authorize(
     let given = headers
         .get(header::AUTHORIZATION)
         .and_then(|value| value.to_str().ok());
-    let token = given
-        .and_then(|value| value.split_once(' '))
-        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
-    let Some((_, token)) = token else {
+    let token = given.and_then(|value| match value.split_once(' ')? {
+        (scheme, token) if scheme.eq_ignore_ascii_case("bearer") => Some(token.trim().to_owned()),
+        (scheme, pair) if basic && scheme.eq_ignore_ascii_case("basic") => password(pair.trim()),
+        _ => None,
+    });
+    let Some(token) = token else {
         return Err(ApiError::unauthorized(
             "no token: send `Authorization: Bearer <token>`; whoever runs this server gives one",
         ));
     };
-    let Some(entry) = app.tokens.find(token.trim()) else {
+    let Some(entry) = app.tokens.find(&token) else {
         return Err(ApiError::unauthorized("unknown or revoked token"));
     };
     audited.token = Some(entry.name.clone());
@@ -307,6 +327,13 @@ fn authorize(
         "role",
         format!("token '{}' lacks role '{}'", entry.name, role.name()),
     ))
+}
+
+/// The password of the scheme Basic (RFC 7617); `None` if it is not in its form.
+fn password(pair: &str) -> Option<String> {
+    let decoded = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, pair).ok()?;
+    let (_, password) = std::str::from_utf8(&decoded).ok()?.split_once(':')?;
+    Some(password.to_owned())
 }
 
 /// Takes the body in before anything is done for it: within a size and a time.

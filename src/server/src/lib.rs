@@ -17,6 +17,7 @@ mod in_memory;
 mod jobs;
 mod metrics;
 mod mock_llm;
+mod openenv;
 #[cfg(feature = "tables")]
 mod pages;
 mod rest;

@@ -56,9 +56,8 @@ impl Routes {
         self.documented(Demand::role(role).streamed(), route)
     }
 
-    /// Routes of other protocols, and pages; none: they demand nothing.
-    pub fn other(mut self, role: Option<Role>, routes: Router) -> Self {
-        let demand = role.map_or(Demand::OPEN, Demand::role);
+    /// Routes of other protocols, and pages.
+    pub fn other(mut self, demand: Demand, routes: Router) -> Self {
         let Some(app) = &self.app else {
             return self;
         };

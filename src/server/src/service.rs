@@ -17,7 +17,7 @@ use axum::{
     serve::{Listener, ListenerExt as _, TapIo},
 };
 use reel_live::{Host, Owner, SessionPool, Turn, Turns, restore_on};
-use reel_mcp::{AnswerSources, Guard, Questions};
+use reel_mcp::{AnswerSources, Guard, Questions, ToolServerOptions};
 use reel_trace::TraceFiles;
 use reel_world::Assets;
 use tokio::{
@@ -35,6 +35,7 @@ use crate::{
     connections,
     gate::{self, Demand, Rates},
     metrics::Metrics,
+    openenv::SiblingCounts,
     rest::{self, ApiError},
     snapshots::SnapshotFolder,
     tls::{Certificate, TlsError},
@@ -57,6 +58,8 @@ pub(crate) struct App {
     pub sources: AnswerSources,
     pub archive: Archive,
     pub snapshots: SnapshotFolder,
+    /// How many OpenEnv episodes began at each call of a trace.
+    pub siblings: SiblingCounts,
     #[cfg(feature = "tables")]
     pub jobs: Jobs,
     #[cfg(feature = "tables")]
@@ -91,6 +94,14 @@ impl App {
         tokio::time::timeout(patience, self.analyses.take(owner))
             .await
             .map_err(|_| ApiError::busy("too many requests are waiting; try again in a moment"))
+    }
+
+    /// How sessions of policies behave, with the metrics told of every call.
+    pub fn tool_server_options(&self) -> ToolServerOptions {
+        let metrics = self.metrics.clone();
+        let watch = move |tool, outcome, took| metrics.call(tool, outcome, took);
+        self.config
+            .options(self.sources.clone(), Some(Arc::new(watch)))
     }
 
     /// How long a client may take to send something.
@@ -231,6 +242,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
             sql,
             archive,
             snapshots: moments,
+            siblings: SiblingCounts::default(),
             tokens,
             audit: AuditLog::at(config.audit()),
             certificate,
@@ -335,27 +347,25 @@ pub fn start_logs(config: &Config) -> WorkerGuard {
 }
 
 fn router(app: &Arc<App>) -> Router {
-    let metrics = app.metrics.clone();
-    let options = app.config.options(
-        app.sources.clone(),
-        Some(Arc::new(move |tool, outcome, took| {
-            metrics.call(tool, outcome, took)
-        })),
-    );
     let max_body = app.config.limits.body_mib << 20;
     let policies = reel_mcp::router(
         app.pool.clone(),
         app.questions.clone(),
-        Arc::new(options),
+        Arc::new(app.tool_server_options()),
         app.closing.clone(),
         max_body,
     );
     let router = rest::router(app, |routes| {
-        let routes = routes.other(Some(Role::Act), policies);
+        let routes = routes.other(Demand::role(Role::Act), policies);
+        let sockets = crate::openenv::router(app);
+        let routes = routes.other(Demand::role(Role::Act).basic(), sockets);
         #[cfg(feature = "rerun")]
-        let routes = routes.other(None, crate::viewer::router());
+        let routes = routes.other(Demand::OPEN, crate::viewer::router());
         #[cfg(feature = "tables")]
-        let routes = routes.other(Some(Role::Read), crate::analysis::router(app, max_body));
+        let routes = routes.other(
+            Demand::role(Role::Read),
+            crate::analysis::router(app, max_body),
+        );
         routes
     });
     let open = middleware::from_fn_with_state((app.clone(), Demand::OPEN), gate::admit);

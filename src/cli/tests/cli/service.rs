@@ -38,6 +38,12 @@ fn the_published_contract_to_the_letter() {
     script("service/real_repo_texts.py", &[]);
 }
 
+/// The unmodified client of OpenEnv, and clients that are rude.
+#[test]
+fn openenv_clients_reset_and_step() {
+    script("service/openenv_contract.py", &[]);
+}
+
 #[test]
 fn nothing_privileged_reaches_a_policy() {
     script("service/leaks.py", &["--episodes", "40"]);

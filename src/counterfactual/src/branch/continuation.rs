@@ -1,10 +1,10 @@
 //! What is substituted in an episode, and playing it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use reel_agents::{EpisodeReport, Policy, RecordTo, RunningEpisode, policy};
 use reel_episode::Episode;
-use reel_replay::{Fork, frames_at};
+use reel_replay::Fork;
 use reel_sim::render::Detail;
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -230,16 +230,8 @@ fn witness(heir: &mut Option<Box<dyn Policy + Send>>) -> Option<&mut dyn Policy>
 
 /// The images that the agent got up to there: as the parent holds them, or drawn again.
 fn frames_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, BranchError> {
-    let parent = fork.parent();
-    let with_frame = parent.steps[..fork.call()]
-        .iter()
-        .filter(|step| step.digests.frame.is_some());
-    let moments: BTreeSet<Option<u32>> = with_frame
-        .map(|step| Some(step.step))
-        .chain([None])
-        .collect();
-    frames_at(parent, &moments).map_err(|verdict| BranchError::Frames {
-        path: parent.path.clone(),
+    fork.frames_before().map_err(|verdict| BranchError::Frames {
+        path: fork.parent().path.clone(),
         call: fork.call(),
         verdict: Box::new(verdict),
     })

@@ -10,7 +10,7 @@ use rmcp::model::{CallToolResult, ContentBlock};
 use std::sync::Arc;
 
 /// What came of a request to a session.
-pub(crate) enum Response {
+pub enum Response {
     /// A call was made.
     CallMade(Box<CallResult>),
     /// An episode began in the given scene.
@@ -24,7 +24,7 @@ pub(crate) enum Response {
 }
 
 /// What a policy is told.
-pub(crate) fn say(profile: Profile, said: &Response) -> CallToolResult {
+pub fn tool_result(profile: Profile, said: &Response) -> CallToolResult {
     match profile {
         Profile::Paper => paper::say(said),
         Profile::RealRepo | Profile::RealGspo => published::say(profile, said),
@@ -32,7 +32,7 @@ pub(crate) fn say(profile: Profile, said: &Response) -> CallToolResult {
 }
 
 /// What a policy is told when a request failed. `tool` is the name it used.
-pub(crate) fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult {
+pub fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult {
     match profile {
         Profile::Paper => paper::refuse(error),
         Profile::RealRepo | Profile::RealGspo => published::refuse(tool, error),
@@ -51,13 +51,14 @@ fn image(frame: &Frame) -> ContentBlock {
     )
 }
 
-fn task_ids(tasks: &[String]) -> String {
+fn task_list(tasks: &[String]) -> String {
     serde_json::to_string(tasks).expect("texts are JSON")
 }
 
 /// The end text of the published server.
 const COMPLETED: &str = "All evaluation episodes completed.";
 
-pub(crate) fn ids(tasks: &[Arc<Task>]) -> Vec<String> {
+/// The ids of tasks, in their order.
+pub fn task_ids(tasks: &[Arc<Task>]) -> Vec<String> {
     tasks.iter().map(|task| task.task_id.clone()).collect()
 }

@@ -2,18 +2,21 @@
 //! no instances, poses, goals.
 
 use reel_live::{CallResult, LiveError, StartedEpisode};
-use reel_world::{HORIZON, record::EndReason};
+use reel_world::{
+    HORIZON,
+    record::{EndReason, StepRecord},
+};
 use rmcp::model::{CallToolResult, ContentBlock};
 use serde_json::{Value, json};
 
-use super::{COMPLETED, Response, image, task_ids};
+use super::{COMPLETED, Response, image, task_list};
 
 pub(super) fn say(said: &Response) -> CallToolResult {
     match said {
         Response::CallMade(made) => call(made),
         Response::EpisodeStarted(begun, _) => briefing(begun),
         Response::Completed => text(COMPLETED),
-        Response::Tasks(tasks) => text(&task_ids(tasks)),
+        Response::Tasks(tasks) => text(&task_list(tasks)),
         Response::Receptacles(scene) => text(&scene.room_listing()),
     }
 }
@@ -40,9 +43,7 @@ fn call(made: &CallResult) -> CallToolResult {
     if let Some(code) = outcome.error {
         said["error"] = json!({"code": code, "class": code.class()});
     }
-    let mut markers: Vec<u32> = step.markers.iter().map(|marker| marker.id).collect();
-    markers.sort_unstable();
-    said["markers"] = json!(markers);
+    said["markers"] = json!(marker_ids(step));
     said["decision"] = json!(step.step + 1);
     said["decisions_left"] = json!(if made.ended.is_some() {
         0
@@ -73,20 +74,39 @@ fn briefing(begun: &StartedEpisode) -> CallToolResult {
     for (id, category, room) in &briefing.receptacles {
         lines.push_str(&format!("  - {id} ({category}) in {room}\n"));
     }
+    let before = begun.taken_over.as_ref().map_or(0, |last| last.step + 1);
+    let left = HORIZON.saturating_sub(before);
     lines.push_str(&format!(
-        "\nYou have {HORIZON} decisions. Call 'finish' when the task is done."
+        "\nYou have {left} decisions. Call 'finish' when the task is done."
     ));
+    if let Some(last) = &begun.taken_over {
+        let (call, text) = (&last.input.call, &last.outcome.text);
+        lines.push_str(&format!(
+            "\n\n{before} decisions were made before. The last was {call}:\n{text}"
+        ));
+    }
     let entry = |(id, category, room): &_| json!({"id": id, "category": category, "room": room});
     let receptacles: Vec<Value> = briefing.receptacles.iter().map(entry).collect();
-    let said = json!({
+    let mut said = json!({
         "ok": true,
         "text": lines,
-        "decisions_left": HORIZON,
+        "decisions_left": left,
         "episode": {"task_id": begun.task.task_id, "instruction": briefing.instruction, "receptacles": receptacles},
     });
+    if let Some(last) = &begun.taken_over {
+        said["decision"] = json!(before);
+        said["markers"] = json!(marker_ids(last));
+    }
     let mut result = CallToolResult::success(vec![ContentBlock::text(lines), image(&begun.frame)]);
     result.structured_content = Some(said);
     result
+}
+
+/// The numbers of the marker map after a call, in their order.
+fn marker_ids(step: &StepRecord) -> Vec<u32> {
+    let mut ids: Vec<u32> = step.markers.iter().map(|marker| marker.id).collect();
+    ids.sort_unstable();
+    ids
 }
 
 fn text(text: &str) -> CallToolResult {

@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 use super::{
     COMPLETED, Response, image,
     payload::{self, OrderedGraph},
-    task_ids,
+    task_list,
 };
 
 /// A failure of the domain is text and no protocol error: the trainer would take that
@@ -21,11 +21,17 @@ use super::{
 pub(super) fn say(profile: Profile, said: &Response) -> CallToolResult {
     CallToolResult::success(match said {
         Response::CallMade(made) => call(made),
-        Response::EpisodeStarted(begun, scene) => vec![ContentBlock::text(
-            payload::payload(profile, begun, scene).to_string(),
-        )],
+        Response::EpisodeStarted(begun, scene) => {
+            let payload = payload::payload(profile, begun, scene).to_string();
+            let taken_over = begun.taken_over.iter();
+            let last = taken_over.map(|last| ContentBlock::text(&last.outcome.text));
+            [ContentBlock::text(payload)]
+                .into_iter()
+                .chain(last)
+                .collect()
+        }
         Response::Completed => vec![ContentBlock::text(COMPLETED)],
-        Response::Tasks(tasks) => vec![ContentBlock::text(task_ids(tasks))],
+        Response::Tasks(tasks) => vec![ContentBlock::text(task_list(tasks))],
         // Only before the first episode; in an episode it is a call like others.
         Response::Receptacles(scene) => {
             let before = json!({

@@ -152,6 +152,16 @@ impl ApiError {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", message)
     }
 
+    /// What a person reads.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// The same error in other words.
+    pub fn with_message(self, message: String) -> Self {
+        Self { message, ..self }
+    }
+
     /// The same without the way to the data folder.
     pub fn with_path_redacted(mut self, archive: &Archive) -> Self {
         self.message = archive.redact_path(&self.message);
@@ -235,6 +245,7 @@ impl From<LiveError> for ApiError {
             LiveError::Quota { .. } => Self::new(StatusCode::TOO_MANY_REQUESTS, "quota", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
             LiveError::Overtaken => Self::conflict("overtaken", message),
+            LiveError::Branch(_) => Self::unprocessable("bad_branch", message),
             LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {
                 Self::conflict("no_episode", message)
             }

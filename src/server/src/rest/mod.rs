@@ -40,9 +40,10 @@ use utoipa::{
 };
 use utoipa_axum::routes;
 
-pub(crate) use error::ApiError;
+pub(crate) use error::{ApiError, ErrorBody};
 #[cfg(feature = "tables")]
 pub(crate) use error::{OVER_LIMIT, SentError};
+pub(crate) use extract::{Body, QueryParams};
 #[cfg(feature = "tables")]
 pub(crate) use frames::{Camera, FrameRequest};
 #[cfg(feature = "tables")]
@@ -51,6 +52,7 @@ pub(crate) use {sql::asked_rows, tables::rows};
 use crate::{
     Role,
     gate::{self, Demand},
+    openenv::http,
     routes::{Routes, TOKEN, operations},
     service::App,
 };
@@ -67,6 +69,7 @@ const RECORDS: &str = include_str!("records.json");
         (name = "tables", description = "Episodes in the tables, SQL, named queries, labels"),
         (name = "jobs", description = "Long work: ingest, exports, replays"),
         (name = "sessions", description = "Live sessions of policies, prompt groups, questions to people"),
+        (name = "openenv", description = "Environments for clients of OpenEnv; their WebSocket is /ws"),
         (name = "service", description = "Health and metrics"),
     ),
     modifiers(&Security),
@@ -172,7 +175,13 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Admin, routes!(sessions::question))
         .for_role(Admin, routes!(sessions::answer))
         .for_role(Act, routes!(sessions::lease))
-        .audited(Act, routes!(sessions::release));
+        .audited(Act, routes!(sessions::release))
+        .open(routes!(http::health))
+        .for_role(Act, routes!(http::metadata))
+        .for_role(Act, routes!(http::schema))
+        .for_role(Act, routes!(http::reset))
+        .for_role(Act, routes!(http::step))
+        .for_role(Act, routes!(http::state));
     #[cfg(feature = "rerun")]
     let routes = routes.for_role(Read, routes!(traces::recording));
     #[cfg(feature = "tables")]
@@ -224,7 +233,12 @@ pub(crate) fn router(app: &Arc<App>, others: impl FnOnce(Routes) -> Routes) -> R
     let document = get(|| async move { Json(document.as_ref().clone()) });
     let open = middleware::from_fn_with_state((app.clone(), Demand::OPEN), gate::admit);
     router
-        .route("/api/openapi.json", document.route_layer(open.clone()))
+        .route(
+            "/api/openapi.json",
+            document.clone().route_layer(open.clone()),
+        )
+        // Where clients of OpenEnv look for it.
+        .route("/openapi.json", document.route_layer(open.clone()))
         .with_state(app.clone())
         .merge(others)
         .method_not_allowed_fallback(other_method.layer(open))
