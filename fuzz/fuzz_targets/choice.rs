@@ -5,7 +5,7 @@ use std::{env, panic, sync::LazyLock};
 use crate::parsers::Parser;
 
 /// Libraries that panic on what they should refuse, and whose callers catch that.
-const CAUGHT: &[&str] = &["/prost-reflect-"];
+const CAUGHT: &[&str] = &["/prost-reflect-", "/openusd-"];
 
 /// The name of the parser.
 static NAME: LazyLock<String> =

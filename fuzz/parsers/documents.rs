@@ -74,6 +74,11 @@ pub fn mesh_obj(bytes: &[u8]) {
     mesh(MeshFormat::Obj, bytes);
 }
 
+/// Text, binary layers and packages, by how they start.
+pub fn mesh_usd(bytes: &[u8]) {
+    mesh(MeshFormat::Usd, bytes);
+}
+
 fn mesh(format: MeshFormat, bytes: &[u8]) {
     let _ = reel_tasks::assets::parse(format, bytes, &NoSiblings);
 }

@@ -36,6 +36,7 @@ pub const PARSERS: &[(&str, Parser)] = &[
     ("mesh_glb", documents::mesh_glb),
     ("mesh_gltf", documents::mesh_gltf),
     ("mesh_obj", documents::mesh_obj),
+    ("mesh_usd", documents::mesh_usd),
     ("model_body", texts::model_body),
     ("notes", texts::notes),
     ("preset", documents::preset),

@@ -63,7 +63,7 @@ class Tasks(Sequence[Record]):
             scene: the scene for all of them: a file, or the name of one that comes with Reel (`S1` to
                 `S7`, `home`). None: the one that each task names.
             scene_dirs: folders to find scenes in by their ids.
-            assets: folder of meshes (glTF, OBJ) for the objects.
+            assets: folder of meshes (glTF, OBJ, USD) for the objects.
         """
         return cls(_reel.TaskSet.load(path, scene, list(scene_dirs), assets))
 

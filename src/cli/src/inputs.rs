@@ -276,7 +276,7 @@ pub fn store(location: &str, version: Option<u64>) -> anyhow::Result<Store> {
 /// Where the meshes of objects are.
 #[derive(clap::Args, Clone, Default)]
 pub struct Assets {
-    /// Folder of meshes, .glb, .gltf or .obj, each named by the asset it shows; assets without one
+    /// Folder of meshes, as glTF, OBJ or USD, each named by the asset it shows; assets without one
     /// are primitives. What was recorded with meshes is executed again with the same
     #[arg(
         id = "assets",

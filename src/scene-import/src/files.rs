@@ -1,8 +1,9 @@
 //! The files of an import: the one that is named, and those beside and below it that it names.
 //! Opens nothing outside of its folder.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+pub(crate) use reel_tasks::assets::usd::values::is_sane;
 use reel_tasks::assets::{AssetFolder, SiblingFiles};
 
 use crate::ImportError;
@@ -15,8 +16,6 @@ pub(crate) const DEPTH_MAX: usize = 100;
 /// A file to import, and the folder that it may name files of.
 pub(crate) struct ImportFiles {
     folder: AssetFolder,
-    /// Canonical path of the folder.
-    path: PathBuf,
     /// Name of the file to import, within its folder.
     pub(crate) name: String,
 }
@@ -34,17 +33,14 @@ impl ImportFiles {
             _ => Path::new("."),
         };
         Ok(Self {
-            path: folder
-                .canonicalize()
-                .map_err(|error| unreadable(error.to_string()))?,
             folder: AssetFolder::open(folder).map_err(|error| unreadable(error.to_string()))?,
             name: name.to_owned(),
         })
     }
 
-    /// Canonical path of the folder.
-    pub(crate) fn folder(&self) -> &Path {
-        &self.path
+    /// The folder of the file.
+    pub(crate) fn folder(&self) -> &AssetFolder {
+        &self.folder
     }
 
     /// The bytes of a file of the folder.
@@ -122,9 +118,4 @@ pub(crate) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 pub(crate) fn number_list(text: &str) -> Option<Vec<f64>> {
     let value = |word: &str| word.parse().ok().filter(|value| is_sane(*value));
     text.split_ascii_whitespace().map(value).collect()
-}
-
-/// Whether a number may be a length, an angle or a factor.
-pub(crate) fn is_sane(value: f64) -> bool {
-    value.is_finite() && value.abs() <= 1e6
 }

@@ -352,7 +352,7 @@ fn origin(of: &Element) -> Result<Affine, ImportError> {
     let turn = Affine::turned(2, yaw)
         .after(&Affine::turned(1, pitch))
         .after(&Affine::turned(0, roll));
-    Ok(Affine::moved(at).after(&turn))
+    Ok(Affine::translation(at).after(&turn))
 }
 
 /// The box of a mesh that is given by its points.

@@ -59,6 +59,7 @@ mod tables;
 mod taxonomy;
 #[cfg(feature = "analytics")]
 mod training;
+mod usd_meshes;
 #[cfg(feature = "analytics")]
 mod user_model;
 #[cfg(feature = "analytics")]

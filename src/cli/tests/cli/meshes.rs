@@ -8,7 +8,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::{expect, first_trace};
+use crate::{expect, first_trace, usd_meshes::assets};
 
 /// A tetrahedron of one unit.
 const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -31,30 +31,6 @@ fn episodes(folder: &Path) {
             "run --tasks tasks --policy {policy} --assets meshes --out traces --no-images"
         );
     }
-}
-
-/// The assets of the objects of the tasks, from the task files.
-fn assets(folder: &Path) -> Vec<String> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.join("tasks")];
-    while let Some(next) = folders.pop() {
-        for entry in fs::read_dir(next).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "yaml") {
-                let text = fs::read_to_string(path).unwrap();
-                let assets = text.lines().filter_map(|line| {
-                    line.trim()
-                        .trim_start_matches("- ")
-                        .strip_prefix("original_id:")
-                });
-                found.extend(assets.map(|asset| asset.trim().trim_matches(['"', '\'']).to_owned()));
-            }
-        }
-    }
-    assert!(!found.is_empty(), "no assets in the tasks");
-    found
 }
 
 #[test]

@@ -114,7 +114,9 @@ impl Reader<'_> {
             let (from, to) = ([ends[0], ends[1], ends[2]], [ends[3], ends[4], ends[5]]);
             let along: Vector = std::array::from_fn(|axis| to[axis] - from[axis]);
             let middle: Vector = std::array::from_fn(|axis| (to[axis] + from[axis]) * 0.5);
-            pose = pose.after(&Affine::moved(middle)).after(&upright_to(along));
+            pose = pose
+                .after(&Affine::translation(middle))
+                .after(&upright_to(along));
             half_length = Some(length(along) * 0.5);
         }
         let is_visual = ["contype", "conaffinity"]

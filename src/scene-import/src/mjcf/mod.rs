@@ -206,7 +206,7 @@ impl Compiler {
         } else {
             Affine::IDENTITY
         };
-        Ok(Affine::moved(at).after(&turn))
+        Ok(Affine::translation(at).after(&turn))
     }
 
     /// Turned axes (small letters) are applied after what came before, fixed ones before it.

@@ -1,15 +1,14 @@
 //! USD: a composed stage of layers, as text, binary or archive. Prims become rooms, walls and
 //! furniture by their semantic labels and names, physics joints become drawers and doors.
 
+mod labels;
 mod layout;
 mod shapes;
-mod stage;
-mod values;
-mod xform;
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
-use openusd::usd::Prim;
+use reel_tasks::assets::{
+    MeshError,
+    usd::{self, FileRequests, Prim, values, xform},
+};
 
 use crate::{
     ImportError,
@@ -59,27 +58,45 @@ struct Content {
 
 /// Reads a stage of the folder.
 pub(crate) fn read(files: &ImportFiles) -> Result<House, ImportError> {
-    // The library that reads USD is young: where it panics on a torn file, that file is refused.
-    let outcome = catch_unwind(AssertUnwindSafe(|| content(files)));
-    let gave_up = || {
-        ImportError::invalid(
+    let read = usd::contained(files.folder(), |requests| {
+        content(&files.name, requests).map_err(Failure::Import)
+    });
+    match read {
+        Ok(content) => Ok(layout::house(content)),
+        Err(Failure::Import(error)) => Err(error),
+        Err(Failure::Stage(problem)) => Err(ImportError::invalid(
             &files.name,
             "the file",
-            "its reader gave up: is it whole? `usdchecker` says more, `usdcat FILE -o FILE.usda` writes it as text",
-        )
-    };
-    Ok(layout::house(outcome.unwrap_or_else(|_| Err(gave_up()))?))
+            problem.to_string(),
+        )),
+    }
 }
 
-fn content(files: &ImportFiles) -> Result<Content, ImportError> {
-    let stage = stage::open(files)?;
+/// Why a stage is not read: by our reader, or by what contains it.
+enum Failure {
+    Import(ImportError),
+    Stage(MeshError),
+}
+
+impl From<MeshError> for Failure {
+    fn from(problem: MeshError) -> Self {
+        Failure::Stage(problem)
+    }
+}
+
+fn content(file: &str, requests: FileRequests) -> Result<Content, ImportError> {
+    let of_stage =
+        |problem: MeshError| ImportError::invalid(file, "the stage", problem.to_string());
+    // A house is of many layers, each no larger than a file may be.
+    let (stage, _) = usd::open(file, None, requests, u64::MAX).map_err(of_stage)?;
+    let frame = usd::frame(&stage).map_err(of_stage)?;
     let mut walk = Walk {
-        file: &files.name,
+        file,
+        frame,
         content: Content::default(),
         placed: Vec::new(),
         joints: Vec::new(),
     };
-    let frame = stage::frame(&stage, &files.name)?;
     for prim in walk.known(stage.prim("/").children())? {
         walk.prim(&prim, &frame, 0)?;
     }
@@ -96,6 +113,8 @@ fn content(files: &ImportFiles) -> Result<Content, ImportError> {
 /// What is gathered on the way through a stage.
 struct Walk<'a> {
     file: &'a str,
+    /// From the stage to metres with z up.
+    frame: Affine,
     content: Content,
     /// The frames of all prims, for joints.
     placed: Vec<(String, Affine)>,
@@ -113,13 +132,10 @@ impl Walk<'_> {
             let problem = format!("over {PRIMS_MAX} prims, or nested deeper than {DEPTH_MAX}");
             return Err(ImportError::invalid(self.file, path, problem));
         }
-        if !self.is_shown(prim)? {
+        if !self.known(usd::is_shown(prim))? {
             return Ok(());
         }
-        let kind = self
-            .known(prim.type_name())?
-            .map(|kind| kind.as_str().to_owned())
-            .unwrap_or_default();
+        let kind = self.known(usd::type_name(prim))?;
         if kind.starts_with("Physics") && kind.ends_with("Joint") {
             self.joints.push(prim.clone());
             return Ok(());
@@ -131,14 +147,14 @@ impl Walk<'_> {
         {
             return Ok(());
         }
-        let frame = xform::frame(prim, outer, &mut self.content.notes)
+        let frame = xform::frame(prim, outer, &self.frame)
             .map_err(|problem| ImportError::invalid(self.file, &path, problem))?;
         self.placed.push((path.clone(), frame));
         let children = self.known(prim.children())?;
         let name = prim.path().name().unwrap_or_default().to_owned();
         self.content.prims.push(PrimItem {
-            label: values::label(prim).unwrap_or_else(|| name.clone()),
-            is_model: values::is_model(prim, &name),
+            label: labels::label(prim).unwrap_or_else(|| name.clone()),
+            is_model: labels::is_model(prim, &name),
             children: children.len(),
             path: path.clone(),
             name,
@@ -154,23 +170,10 @@ impl Walk<'_> {
         Ok(())
     }
 
-    fn is_shown(&self, prim: &Prim) -> Result<bool, ImportError> {
-        let is_there = self.known(prim.is_active())?
-            && self.known(prim.is_defined())?
-            && !self.known(prim.is_abstract())?;
-        let hidden = values::token(prim, "visibility").is_some_and(|value| value == "invisible");
-        let helper = values::token(prim, "purpose")
-            .is_some_and(|value| value == "guide" || value == "proxy");
-        Ok(is_there && !hidden && !helper)
-    }
-
     /// Joints come last: the prims they join may stand after them.
     fn place_joints(&mut self) -> Result<(), ImportError> {
         for prim in std::mem::take(&mut self.joints) {
-            let kind = self
-                .known(prim.type_name())?
-                .map(|kind| kind.as_str().to_owned())
-                .unwrap_or_default();
+            let kind = self.known(usd::type_name(&prim))?;
             let path = prim.path().as_str().to_owned();
             match kind.as_str() {
                 "PhysicsPrismaticJoint" | "PhysicsRevoluteJoint" => {}
@@ -208,7 +211,7 @@ impl Walk<'_> {
         };
         let local = values::numbers::<3>(prim, at).unwrap_or_default();
         let turn = values::numbers::<4>(prim, turn).map_or(Affine::IDENTITY, Affine::of_quaternion);
-        let frame = body.after(&Affine::moved(local)).after(&turn);
+        let frame = body.after(&Affine::translation(local)).after(&turn);
         let axis = match values::token(prim, "physics:axis").as_deref() {
             Some("Y") => 1,
             Some("Z") => 2,

@@ -1,9 +1,8 @@
 //! Shapes of prims as solids, with their colours.
 
-use openusd::usd::Prim;
+use reel_tasks::assets::usd::{Prim, plain_color, values};
 use reel_world::{Solid, SolidShape};
 
-use super::values;
 use crate::{
     affine::{Affine, Bounds},
     files::is_sane,
@@ -121,20 +120,5 @@ fn mesh(prim: &Prim) -> Result<Option<Bounds>, String> {
 fn color(prim: &Prim) -> Option<[u8; 3]> {
     let shown = values::value(prim, "primvars:displayColor").and_then(|value| values::list(&value));
     let first = shown.and_then(|list| list.first_chunk::<3>().copied());
-    first.or_else(|| material_color(prim)).map(bytes_of)
-}
-
-fn material_color(prim: &Prim) -> Option<[f64; 3]> {
-    let path = values::target(prim, "material:binding")?;
-    let material = prim.stage().prim(path.as_str());
-    let shaders = material.children().ok()?;
-    shaders.iter().find_map(|shader| {
-        [
-            "inputs:diffuseColor",
-            "inputs:diffuse_color_constant",
-            "inputs:base_color",
-        ]
-        .iter()
-        .find_map(|name| values::numbers::<3>(shader, name))
-    })
+    first.or_else(|| plain_color(prim)).map(bytes_of)
 }

@@ -11,7 +11,9 @@ use std::{
 use reel_world::{AssetId, Assets, Mesh};
 use serde::Serialize;
 
-use crate::assets::{MeshError, MeshFormat, SiblingFiles, Survey, limits::FILE_BYTES_MAX, parse};
+use crate::assets::{
+    MeshError, MeshFormat, SiblingFiles, Survey, limits::FILE_BYTES_MAX, parse_file,
+};
 
 /// A folder of meshes, each file named by its asset. Only the folder itself is looked into, not
 /// what lies in folders below.
@@ -164,7 +166,7 @@ impl AssetFolder {
 
     fn read_file(&self, kind: MeshFormat, file: &Path) -> Result<Mesh, MeshError> {
         let name = file.file_name().unwrap_or_default().to_string_lossy();
-        parse(kind, &self.bytes(&name)?, self)
+        parse_file(kind, &name, &self.bytes(&name)?, self)
     }
 
     /// The bytes of a file, which may lie in a folder below.

@@ -7,5 +7,7 @@ pub const FILE_BYTES_MAX: u64 = 64 << 20;
 pub const LINE_BYTES_MAX: usize = 64 << 10;
 /// Most pixels of one side of a texture.
 pub const TEXTURE_SIDE_MAX: u32 = 4096;
-/// Most nodes that a glTF file is walked through.
+/// Most nodes of glTF, or prims of USD, that a file is walked through.
 pub const NODES_MAX: usize = 10_000;
+/// Deepest nesting of prims in a USD stage.
+pub const USD_DEPTH_MAX: usize = 100;

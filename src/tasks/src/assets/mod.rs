@@ -1,10 +1,11 @@
-//! Meshes of objects from a folder of glTF and OBJ files, each named by the asset it shows: read,
+//! Meshes of objects from a folder of glTF, OBJ and USD files, each named by the asset it shows: read,
 //! checked, and refused with a reason where they are not sound. Never changes a mesh: what has too
 //! many triangles is refused, not decimated.
 //!
 //! [`AssetFolder`] is the one place that opens files, and only files of the folder itself.
 //! The parsers believe nothing.
 
+pub mod affine;
 mod color;
 mod folder;
 mod gltf;
@@ -12,6 +13,7 @@ pub mod limits;
 mod obj;
 mod survey;
 mod texture;
+pub mod usd;
 
 use reel_world::mesh::{Mesh, MeshDefect, TRIANGLES_MAX};
 
@@ -49,6 +51,8 @@ pub enum MeshFormat {
     Gltf,
     /// Wavefront OBJ text, in files that end with `.obj`.
     Obj,
+    /// A USD layer or package, in files that end with `.usd`, `.usda`, `.usdc` or `.usdz`.
+    Usd,
 }
 
 impl MeshFormat {
@@ -58,6 +62,7 @@ impl MeshFormat {
             "glb" => Some(MeshFormat::Glb),
             "gltf" => Some(MeshFormat::Gltf),
             "obj" => Some(MeshFormat::Obj),
+            "usd" | "usda" | "usdc" | "usdz" => Some(MeshFormat::Usd),
             _ => None,
         }
     }
@@ -68,9 +73,20 @@ impl MeshFormat {
 /// # Errors
 /// Why it is refused.
 pub fn parse(kind: MeshFormat, bytes: &[u8], beside: &dyn SiblingFiles) -> Result<Mesh, MeshError> {
+    parse_file(kind, usd::name_of(bytes), bytes, beside)
+}
+
+/// Reads a mesh from a file of that name, which layers of USD may refer to.
+fn parse_file(
+    kind: MeshFormat,
+    name: &str,
+    bytes: &[u8],
+    beside: &dyn SiblingFiles,
+) -> Result<Mesh, MeshError> {
     let data = match kind {
         MeshFormat::Glb | MeshFormat::Gltf => gltf::read(bytes, beside)?,
         MeshFormat::Obj => obj::read(bytes, beside)?,
+        MeshFormat::Usd => usd::read(name, bytes, beside)?,
     };
     Ok(Mesh::new(data)?)
 }
@@ -90,6 +106,13 @@ pub enum MeshError {
     Line {
         /// Number of the line in the file, from 1.
         line: usize,
+        problem: String,
+    },
+    /// A prim of a USD stage, or a layer.
+    #[error("{prim}: {problem}")]
+    Prim {
+        /// The path of the prim in the stage.
+        prim: String,
         problem: String,
     },
     /// The mesh or a file that it needs exceeds a limit.
@@ -161,7 +184,7 @@ impl MeshError {
 
 const DECIMATE: &str = "decimate it, in Blender with the modifier of that name";
 
-/// Both formats have y up and look along z; we have z up.
+/// glTF and OBJ have y up and look along z; we have z up.
 fn upright([x, y, z]: [f32; 3]) -> [f32; 3] {
     [x, -z, y]
 }

@@ -2,6 +2,7 @@
 //! reason, and nothing panics.
 
 mod samples;
+mod usd;
 
 use std::{
     fs,

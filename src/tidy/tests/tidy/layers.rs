@@ -147,7 +147,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
     ("ureq", &["llm"]),
     ("gltf*", &["tasks"]),
-    ("openusd", &["scene-import"]),
+    ("openusd", &["tasks"]),
     ("roxmltree", &["scene-import", "taxonomy"]),
     ("zune*", &["import", "tasks"]),
     ("rand", &[]),

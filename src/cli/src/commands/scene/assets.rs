@@ -15,7 +15,7 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
     let listed = folder.check();
     if listed.is_empty() {
         bail!(
-            "no .glb, .gltf or .obj file in {}; each is named by the asset it shows, e.g. mug_01.glb",
+            "no .glb, .gltf, .obj, .usd, .usda, .usdc or .usdz file in {}; each is named by the asset it shows, e.g. mug_01.glb",
             path.display()
         );
     }

@@ -161,7 +161,7 @@ enum Command {
     ///
     /// Exit code 1: a file is refused.
     CheckAssets {
-        /// Folder of .glb, .gltf and .obj files, each named by the asset it shows
+        /// Folder of glTF, OBJ and USD files, each named by the asset it shows
         #[arg(value_name = "DIR")]
         folder: PathBuf,
         /// Print one JSON object per file

@@ -5,10 +5,13 @@ use openusd::{
     usd::{Prim, TimeCode},
 };
 
-use crate::files::is_sane;
+/// Whether a number may be a length, an angle or a factor.
+pub fn is_sane(value: f64) -> bool {
+    value.is_finite() && value.abs() <= 1e6
+}
 
 /// The value of an attribute; of an animated one the first.
-pub(super) fn value(prim: &Prim, name: &str) -> Option<Value> {
+pub fn value(prim: &Prim, name: &str) -> Option<Value> {
     let attribute = prim.attribute(name);
     let fixed = attribute.get::<Value>().ok().flatten();
     fixed.or_else(|| {
@@ -21,13 +24,13 @@ pub(super) fn value(prim: &Prim, name: &str) -> Option<Value> {
 }
 
 /// An attribute of exactly so many finite numbers.
-pub(super) fn numbers<const N: usize>(prim: &Prim, name: &str) -> Option<[f64; N]> {
+pub fn numbers<const N: usize>(prim: &Prim, name: &str) -> Option<[f64; N]> {
     let list: [f64; N] = list(&value(prim, name)?)?.try_into().ok()?;
     list.into_iter().all(is_sane).then_some(list)
 }
 
 /// The numbers of a value, flat; quaternions as x, y, z, w.
-pub(super) fn list(value: &Value) -> Option<Vec<f64>> {
+pub fn list(value: &Value) -> Option<Vec<f64>> {
     let single = f64::from;
     Some(match value {
         Value::Half(number) => vec![number.to_f64()],
@@ -35,6 +38,16 @@ pub(super) fn list(value: &Value) -> Option<Vec<f64>> {
         Value::Double(number) => vec![*number],
         Value::Int(number) => vec![f64::from(*number)],
         Value::Int64(number) => vec![*number as f64],
+        Value::FloatVec(all) => all.iter().copied().map(single).collect(),
+        Value::DoubleVec(all) => all.clone(),
+        Value::Vec2f(v) => [v.x, v.y].map(single).into(),
+        Value::Vec2hVec(all) => all
+            .iter()
+            .flat_map(|v| [v.x, v.y].map(|part| part.to_f64()))
+            .collect(),
+        Value::Vec2fVec(all) => all.iter().flat_map(|v| [v.x, v.y].map(single)).collect(),
+        Value::Vec2dVec(all) => all.iter().flat_map(|v| [v.x, v.y]).collect(),
+        Value::Vec4f(v) => [v.x, v.y, v.z, v.w].map(single).into(),
         Value::Vec3h(v) => [v.x, v.y, v.z].map(|part| part.to_f64()).into(),
         Value::Vec3f(v) => [v.x, v.y, v.z].map(single).into(),
         Value::Vec3d(v) => vec![v.x, v.y, v.z],
@@ -56,12 +69,24 @@ pub(super) fn list(value: &Value) -> Option<Vec<f64>> {
     })
 }
 
+/// The integers of a value.
+pub fn integers(value: &Value) -> Option<Vec<i64>> {
+    Some(match value {
+        Value::Int(number) => vec![i64::from(*number)],
+        Value::IntVec(all) => all.iter().copied().map(i64::from).collect(),
+        Value::UintVec(all) => all.iter().copied().map(i64::from).collect(),
+        Value::Int64Vec(all) => all.clone(),
+        Value::ValueVec(all) if all.is_empty() => Vec::new(),
+        _ => return None,
+    })
+}
+
 /// A token or text.
-pub(super) fn token(prim: &Prim, name: &str) -> Option<String> {
+pub fn token(prim: &Prim, name: &str) -> Option<String> {
     word(&value(prim, name)?)
 }
 
-fn word(value: &Value) -> Option<String> {
+pub(super) fn word(value: &Value) -> Option<String> {
     match value {
         Value::Token(token) => Some(token.as_str().to_owned()),
         Value::String(text) => Some(text.clone()),
@@ -72,7 +97,7 @@ fn word(value: &Value) -> Option<String> {
 }
 
 /// The tokens of an attribute.
-pub(super) fn tokens(prim: &Prim, name: &str) -> Vec<String> {
+pub fn tokens(prim: &Prim, name: &str) -> Vec<String> {
     match value(prim, name) {
         Some(Value::TokenVec(tokens)) => tokens
             .iter()
@@ -84,27 +109,12 @@ pub(super) fn tokens(prim: &Prim, name: &str) -> Vec<String> {
 }
 
 /// The first target of a relationship.
-pub(super) fn target(prim: &Prim, name: &str) -> Option<String> {
+pub fn target(prim: &Prim, name: &str) -> Option<String> {
     let targets = prim.relationship(name).targets().ok()?;
     targets.first().map(|path| path.as_str().to_owned())
 }
 
-/// What a prim is labelled as: `semantics:labels:*` of UsdSemantics, or `semanticData` of Isaac Sim
-/// for the type `class`.
-pub(super) fn label(prim: &Prim) -> Option<String> {
-    let names = prim.property_names().ok()?;
-    let mut named = names.iter().map(|name| name.as_str());
-    let found = named.find(|name| {
-        name.starts_with("semantics:labels:")
-            || (name.starts_with("semantic:") && name.ends_with(":params:semanticData"))
-    })?;
-    token(prim, found).filter(|label| !label.is_empty())
-}
-
-/// Whether a prim is a model of its own.
-pub(super) fn is_model(prim: &Prim, name: &str) -> bool {
-    let kind = prim.kind().ok().flatten();
-    kind.is_some_and(|kind| kind.as_str() == "component")
-        || prim.has_composition_arc().unwrap_or(false)
-        || name.starts_with("model_")
+/// The numbers of an attribute, flat.
+pub(super) fn list_of(prim: &Prim, name: &str) -> Option<Vec<f64>> {
+    list(&value(prim, name)?)
 }

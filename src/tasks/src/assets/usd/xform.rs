@@ -3,14 +3,17 @@
 use openusd::usd::Prim;
 
 use super::values;
-use crate::{affine::Affine, notes::Notes};
+use crate::assets::affine::Affine;
 
-/// The frame of a prim in that of its parent, or what is wrong with it.
-pub(super) fn frame(prim: &Prim, outer: &Affine, notes: &mut Notes) -> Result<Affine, String> {
+/// The frame of a prim from that of its parent and that of the stage, or what is wrong with it.
+///
+/// # Errors
+/// The operation that is not read.
+pub fn frame(prim: &Prim, outer: &Affine, stage: &Affine) -> Result<Affine, String> {
     let mut frame = *outer;
     for name in values::tokens(prim, "xformOpOrder") {
         if name == "!resetXformStack!" {
-            notes.left_out("transform that starts anew (!resetXformStack!)");
+            frame = *stage;
             continue;
         }
         if name.starts_with("!invert!") {
@@ -34,7 +37,7 @@ fn operation(prim: &Prim, name: &str) -> Result<Affine, String> {
             .ok_or_else(missing)
     };
     Ok(match kind {
-        "translate" => Affine::moved(three()?),
+        "translate" => Affine::translation(three()?),
         "scale" => Affine::scaled(three()?),
         "rotateX" => Affine::turned(0, angle()?),
         "rotateY" => Affine::turned(1, angle()?),
@@ -63,7 +66,7 @@ fn inverse(prim: &Prim, name: &str) -> Result<Affine, String> {
         ));
     }
     let Affine { origin, .. } = operation(prim, name)?;
-    Ok(Affine::moved(origin.map(|value| -value)))
+    Ok(Affine::translation(origin.map(|value| -value)))
 }
 
 /// Rows are the images of the axes, the last one the origin.
