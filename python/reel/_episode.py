@@ -400,6 +400,17 @@ class Episode:
         """The episode as readable text."""
         return self._trace.transcript()
 
+    def save_rerun(self, path: PathLike, layers: str = "") -> Path:
+        """Writes a recording for the Rerun viewer (`pip install 'reel[rerun]'`, then `rerun PATH`).
+
+        Args:
+            path: the `.rrd` file to write.
+            layers: `depth`, `masks`, or `depth,masks` besides the images.
+        """
+        to = Path(path)
+        to.write_bytes(self._trace.rerun_recording(layers))
+        return to
+
     # --- as an object
 
     def _call(self, call: int | None) -> int | None:
