@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _reel
-from ._reel import Image, Layer, ReelError
+from ._reel import ReelError
 from ._simulation import Action, Simulation, as_call
 
 if TYPE_CHECKING:
     from ._play import Policy
+    from ._reel import Image, Layer
 
 Record = dict[str, Any]
 PathLike = str | os.PathLike[str]
@@ -464,7 +465,7 @@ class Fork:
                 time; everything else is the same.
             group: prompt group and index in it, for the trace.
         """
-        recording = None if record is None else _reel.Recording(path=record, images=images, fsync=False)
+        recording: _reel.Recording | None = None if record is None else {"path": record, "images": images, "fsync": False}
         return Simulation(
             self._point.open(policy=policy, group=group, images=images, record=recording), record
         )

@@ -122,7 +122,7 @@ class Tasks(Sequence[Record]):
             group: prompt group and index in it, for the trace.
         """
         index = self.index(task) if isinstance(task, str) else task
-        recording = None if record is None else _reel.Recording(path=record, images=images, fsync=False)
+        recording: _reel.Recording | None = None if record is None else {"path": record, "images": images, "fsync": False}
         started = _reel.Simulation.start(
             self._native, index, seed, profile, preset, skills, policy, None, group, images, recording
         )
@@ -192,9 +192,9 @@ def run(
         folder.mkdir(parents=True, exist_ok=True)
         # the name of the policy as the name of a file
         file_name = re.sub(r"[^\w.-]", "_", called)
+        stems = [re.sub(r"[/\\]", "_", id) for id in loaded.ids]
         recordings = [
-            _reel.Recording(path=folder / f"{re.sub(r'[/\\]', '_', id)}--{file_name}--{seed}.mcap", images=images, fsync=False)
-            for id in loaded.ids
+            {"path": folder / f"{stem}--{file_name}--{seed}.mcap", "images": images, "fsync": False} for stem in stems
         ]
     with bar(len(loaded), called, progress) as tell:
         reports = _reel.run(
