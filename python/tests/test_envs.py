@@ -191,6 +191,19 @@ def test_forks_go_on_bit_for_bit_as_their_parent_did(images: bool) -> None:
     env.close()
 
 
+def test_a_fork_shows_the_image_of_the_call_before() -> None:
+    env, other = HouseholdEnv(images=True), HouseholdEnv(images=True)
+    trace = traces()[0]
+    observation, _ = env.reset(options={"trace": trace, "call": 0})
+    for call, action in enumerate(calls(trace)[:-1]):
+        forked, _ = other.reset(options={"trace": trace, "call": call})
+        assert forked["has_image"] == observation["has_image"], call
+        assert np.array_equal(forked["image"], observation["image"]), call
+        observation, *_ = env.step(action)
+    env.close()
+    other.close()
+
+
 def test_a_fork_opens_in_milliseconds(record_property: Any) -> None:
     env = HouseholdEnv(images=False)
     path = traces()[0]

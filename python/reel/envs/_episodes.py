@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .. import _reel
 from .._episode import Episode, Fork, open
 from .._play import Tasks
@@ -53,6 +56,7 @@ class Cache(Generic[V]):
 
 _traces: Cache[Episode] = Cache(32)
 _forks: Cache[Fork] = Cache(256)
+_frames: Cache[NDArray[np.uint8] | None] = Cache(64)
 _tasks: Cache[Tasks] = Cache(32)
 _counts: dict[tuple[str, str], int] = {}
 _counts_lock = threading.Lock()
@@ -89,9 +93,17 @@ def fork_at(trace: PathLike | Episode, call: int) -> Fork:
     return _forks.get((episode.digest, at), lambda: episode.at(at))
 
 
+def frame_at(fork: Fork) -> NDArray[np.uint8] | None:
+    """The image that the agent had before a call (480 x 640 x 3, uint8, RGB); None if the call before
+    gave none. The 64 used last are kept; it is the caller's copy."""
+    episode, call = fork.episode, fork.call
+    frame = _frames.get((episode.digest, call), lambda: episode.frame(call - 1 if call else None))
+    return None if frame is None else frame.copy()
+
+
 def clear_cache() -> None:
     """Forgets the traces, moments and tasks that are kept for the next `reset`."""
-    for cache in (_traces, _forks, _tasks):
+    for cache in (_traces, _forks, _frames, _tasks):
         cache.clear()
 
 
@@ -129,6 +141,8 @@ class Opened:
     path: Path | None
     """The trace; None if the episode is not recorded."""
     group: Group | None
+    frame: NDArray[np.uint8] | None = None
+    """The image before the first call here, where the simulation does not hold it: a fork's."""
 
 
 class EpisodeSource:
@@ -202,7 +216,8 @@ class EpisodeSource:
         opened = point.open(
             policy=self.policy, run_id=self.run, group=group, images=self.images or self.draw, record=self._recording(path)
         )
-        return Opened(Simulation(opened, path), header["task_id"], int(header["seed"]), path, group)
+        frame = frame_at(fork) if self.images else None
+        return Opened(Simulation(opened, path), header["task_id"], int(header["seed"]), path, group, frame)
 
     def group_of_task(self, task: int | str, seed: int) -> str:
         """Name of the prompt group of the episodes of a task and seed."""

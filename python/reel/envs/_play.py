@@ -34,6 +34,9 @@ class Episode:
         self.id: str = opened.simulation.header["episode_id"]
         """Id of the episode: equal inputs give equal ids."""
         self.observation: Observation = opened.simulation.observe()
+        self.image: NDArray[np.uint8] | None = self.observation.image if opened.frame is None else opened.frame
+        """The image that the last call gave (480 x 640 x 3, uint8, RGB); None if it gave none. Black
+        where images are not rendered."""
         self.receptacles = self.observation.receptacles
         self.scene = scene_text(self.receptacles)
         self.report: Record | None = None
@@ -55,6 +58,7 @@ class Episode:
             keep_image: whether the last view is kept for `render`.
         """
         self.observation = result.observation
+        self.image = self.observation.image
         self.total_reward += float(result.reward)
         self._rendered = None
         if result.terminated or result.truncated:

@@ -72,7 +72,7 @@ def observe(episode: Episode, images: bool) -> Record:
         "step": seen.step,
     }
     if images:
-        image = seen.image
+        image = episode.image
         observation["has_image"] = int(image is not None)
         # black rather than an earlier image, which would pass for the current view
         observation["image"] = np.zeros(IMAGE_SHAPE, np.uint8) if image is None else image
@@ -187,7 +187,7 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
         terms = episode.reward_terms()
         episode.advance(result, keep_image=self.render_mode is not None)
         info = {"reward_terms": terms} | step_info(episode)
-        return observe(episode, self.images), float(result.reward), result.terminated, result.truncated, info
+        return observe(episode, self.images), float(result.reward) + 0.0, result.terminated, result.truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """What the robot's head sees: 480 x 640 x 3, uint8, RGB, without markers; None without a
