@@ -48,7 +48,7 @@ def register() -> None:
     import gymnasium
 
     if ENV_ID not in gymnasium.registry:
-        gymnasium.register(
+        gymnasium.register(  # pyright: ignore[reportUnknownMemberType]
             ENV_ID,
             entry_point="reel.envs.gymnasium:HouseholdEnv",
             vector_entry_point="reel.envs.vector:HouseholdVectorEnv",

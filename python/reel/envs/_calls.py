@@ -120,7 +120,7 @@ class ToolSet:
             return *NO_CALL, said or {"raw": as_text(action)}
         if isinstance(action, (tuple, list)) and len(pair := cast("Sequence[Any]", action)) == 2:
             first, second = pair
-            if isinstance(first, numbers.Integral) and not isinstance(first, bool):
+            if isinstance(first, numbers.Integral):
                 return *self.call_at(int(first), second), said
             if isinstance(first, str):
                 return *call(first, second), said

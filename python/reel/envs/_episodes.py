@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _reel
+from .. import _reel  # pyright: ignore[reportPrivateUsage]
 from .._episode import Episode, Fork, open
 from .._play import Tasks
 from .._reel import ReelError

@@ -179,7 +179,7 @@ def memory_of(body: str) -> tuple[Any, Any]:
         action = fields
     elif not isinstance(action, dict):
         action = None
-    return fields.get("summary", fields.get("Summary")), action
+    return fields.get("summary", fields.get("Summary")), cast("Any", action)
 
 
 def ask_limit(max_turns: int) -> int:

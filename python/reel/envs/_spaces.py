@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import string
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -42,7 +42,7 @@ class UnicodeText(spaces.Text):
             return super().sample(mask, probability)
         length = int(self.np_random.integers(min(self.max_length, SAMPLE_MAX) + 1))
         picked = self.np_random.integers(len(self.character_list), size=length)
-        return "".join(self.character_list[index] for index in picked)
+        return "".join(self.character_list[int(index)] for index in cast("list[int]", picked.tolist()))
 
     def character_index(self, char: str) -> np.int32:
         """The index of a character; that of the question mark for those that are not listed."""
@@ -70,7 +70,9 @@ class ToolCallSpace(spaces.Dict):
         self._arguments = list(tools.arguments)
         self._receptacles: list[str] = []
         self._words: list[str] = []
-        super().__init__({"tool": spaces.Discrete(len(self.names)), "argument": UnicodeText()}, seed=seed)
+        super().__init__(  # pyright: ignore[reportUnknownMemberType]
+            {"tool": spaces.Discrete(len(self.names)), "argument": UnicodeText()}, seed=seed
+        )
 
     def set_vocabulary(self, receptacles: Sequence[str], instruction: str) -> None:
         """What samples are made of, of the episode that runs.

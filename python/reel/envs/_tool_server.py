@@ -1,5 +1,8 @@
 """The tools of an episode as an MCP server of verifiers, for harnesses that run elsewhere."""
 
+# pyright: reportMissingTypeStubs=false, reportMissingTypeArgument=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import asyncio

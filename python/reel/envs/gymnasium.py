@@ -143,7 +143,7 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
         self.render_mode = render_mode
         self.tools = ToolSet(profile)
         self.observation_space = observation_space(images)
-        self.action_space = ToolCallSpace(self.tools)
+        self.action_space = self._tool_calls = ToolCallSpace(self.tools)
         self._episode: Episode | None = None
 
     def reset(self, *, seed: int | None = None, options: Record | None = None) -> tuple[Record, Record]:
@@ -167,7 +167,7 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
         simulator_seed = int(self.np_random.integers(2**31)) if seed is None else seed
         self._episode = open_episode(self.source, options or {}, task, simulator_seed)
         names = [name for name, _, _ in self._episode.receptacles]
-        self.action_space.set_vocabulary(names, self._episode.observation.instruction)
+        self._tool_calls.set_vocabulary(names, self._episode.observation.instruction)
         return observe(self._episode, self.images), start_info(self._episode)
 
     def step(self, action: Any) -> tuple[Record, float, bool, bool, Record]:

@@ -17,7 +17,6 @@ import asyncio
 import base64
 import io
 import json
-import os
 import re
 import zlib
 from collections.abc import Mapping, Sequence
@@ -100,14 +99,14 @@ def answer_text(action: Any) -> str:
     if isinstance(action, Mapping):
         content: Any = cast("Mapping[str, Any]", action).get("content", "")
         if isinstance(content, list):
-            blocks = [block for block in cast("list[Any]", content) if isinstance(block, Mapping)]
-            return "".join(str(cast("Mapping[str, Any]", block).get("text", "")) for block in blocks)
+            blocks: list[Mapping[str, Any]] = [it for it in cast("list[Any]", content) if isinstance(it, Mapping)]
+            return "".join(str(block.get("text", "")) for block in blocks)
         return str(content or "")
     if isinstance(action, Sequence) and action:
         messages = [cast("Mapping[str, Any]", it) for it in cast("Sequence[Any]", action) if isinstance(it, Mapping)]
         said = [message for message in messages if message.get("role") == "assistant"]
         return answer_text(said[-1]) if said else answer_text(messages[-1]) if messages else ""
-    return str(action)
+    return str(cast("Any", action))
 
 
 class HouseholdGym:
@@ -264,12 +263,13 @@ def register() -> type[Any]:
         MissingPackageError: ms-swift is not installed.
     """
     try:
-        from swift.rollout.gym_env import Env, envs
+        from swift.rollout.gym_env import Env, envs  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
         raise missing("swift", error) from error
-    if NAME not in envs:
-        envs[NAME] = type("HouseholdGym", (HouseholdGym, Env), {"__doc__": HouseholdGym.__doc__})
-    return envs[NAME]
+    registry: dict[str, type[Any]] = envs  # pyright: ignore[reportAssignmentType]
+    if NAME not in registry:
+        registry[NAME] = type("HouseholdGym", (HouseholdGym, Env), {"__doc__": HouseholdGym.__doc__})
+    return registry[NAME]
 
 
 def plugin_path() -> Path:

@@ -14,6 +14,9 @@
 The model calls the tools natively; the chat template gets them from the methods below.
 """
 
+# pyright: reportMissingTypeStubs=false, reportMissingTypeArgument=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import os

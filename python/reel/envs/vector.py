@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _reel
+from .. import _reel  # pyright: ignore[reportPrivateUsage]
 from .._play import Tasks
 from .._reel import ReelError, StepResult
 from ._calls import ToolSet
@@ -84,7 +84,7 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         }
         self.tools = ToolSet(profile)
         self.single_observation_space = observation_space(images)
-        self.single_action_space = ToolCallSpace(self.tools)
+        self.single_action_space = self._tool_calls = ToolCallSpace(self.tools)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes: list[Episode | None] = [None] * num_envs
@@ -178,8 +178,8 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
             results |= zip(plain, stepped, strict=True)
         if talking:
             with ThreadPoolExecutor(min(len(talking), os.cpu_count() or 1)) as pool:
-                stepped = pool.map(lambda index: natives[index].step(*calls[index]), talking)
-                results |= zip(talking, stepped, strict=True)
+                stepping = [pool.submit(natives[index].step, *calls[index]) for index in talking]
+                results |= {index: step.result() for index, step in zip(talking, stepping, strict=True)}
         return [results[index] for index in range(len(episodes))]
 
     def _running(self, index: int) -> Episode:
@@ -191,7 +191,7 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
     def _each(self, actions: Any) -> list[Any]:
         """One action for each episode."""
         if isinstance(actions, Mapping):
-            each = list(iterate(self.action_space, actions))
+            each = list(iterate(self.action_space, actions))  # pyright: ignore
         elif isinstance(actions, Iterable) and not isinstance(actions, (str, bytes)):
             each = list(actions)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
         else:
@@ -244,7 +244,7 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         self._ended[index] = False
         if index == 0:
             names = [name for name, _, _ in episode.receptacles]
-            self.single_action_space.set_vocabulary(names, episode.observation.instruction)
+            self._tool_calls.set_vocabulary(names, episode.observation.instruction)
         self._add_info(infos, start_info(episode), index)
 
     def _observe(self) -> Record:

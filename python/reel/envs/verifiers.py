@@ -16,6 +16,9 @@ native functions, and makes the calls in the simulator. Other harnesses get the 
 `--env.taskset.task.tool-server true`.
 """
 
+# pyright: reportMissingTypeStubs=false, reportMissingTypeArgument=false, reportUnknownMemberType=false
+# pyright: reportUnknownParameterType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import asyncio
@@ -110,7 +113,7 @@ class HouseholdTask(vf.Task[HouseholdData, HouseholdState, HouseholdTaskConfig])
     async def household(self, trace: vf.Trace) -> float:
         """The sum of the step rewards, or 1 for a success."""
         state = cast(HouseholdState, trace.state)
-        return float(state.success) if self.config.reward == "success" else state.total_reward
+        return float(state.success) if cast(HouseholdTaskConfig, self.config).reward == "success" else state.total_reward
 
     @vf.metric
     async def outcome(self, trace: vf.Trace) -> dict[str, float]:
@@ -139,7 +142,8 @@ class HouseholdTask(vf.Task[HouseholdData, HouseholdState, HouseholdTaskConfig])
             return []
         from ._tool_server import HouseholdToolset
 
-        return [HouseholdToolset(vf.ToolsetConfig())]
+        # the generics of verifiers are invariant in the state
+        return [HouseholdToolset(vf.ToolsetConfig())]  # pyright: ignore[reportReturnType]
 
 
 class HouseholdConfig(vf.TasksetConfig):
@@ -177,7 +181,7 @@ class HouseholdConfig(vf.TasksetConfig):
         return {name: getattr(self, name) for name in names}
 
 
-class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):
+class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):  # pyright: ignore[reportInvalidTypeArguments]
     """A task for each task file and seed, and for each start."""
 
     def load(self) -> Iterator[HouseholdTask]:
@@ -192,7 +196,7 @@ class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):
             source.tasks, profile=config.profile, preset=config.preset, policy=config.policy, images=False, run="load"
         )
         prompts: dict[str, str] = {}
-        shared = {"settings": settings, "system_prompt": SYSTEM, "group_size": config.group_size}
+        shared: Record = {"settings": settings, "system_prompt": SYSTEM, "group_size": config.group_size}
         for seed in config.seeds:
             for task in source.task_ids:
                 if task not in prompts:
@@ -293,7 +297,8 @@ _run = unique_run("verifiers")
 def source_of(settings: Record) -> EpisodeSource:
     """The settings as an opener of episodes, the same for equal ones."""
     key = json.dumps(settings, sort_keys=True, default=str)
-    return _sources.get(key, lambda: EpisodeSource(**{**settings, "run": settings.get("run") or _run}))
+    named: Record = {**settings, "run": settings.get("run") or _run}
+    return _sources.get(key, lambda: EpisodeSource(**named))
 
 
 def open_rollout(data: HouseholdData) -> Episode:
@@ -371,7 +376,8 @@ def load_environment(
         task=HouseholdTaskConfig(reward=reward),
         **paths,
     )
-    return HouseholdVerifiersEnv(HouseholdEnvConfig(taskset=config))
+    # pydantic fills in the rest
+    return HouseholdVerifiersEnv(HouseholdEnvConfig(taskset=config))  # pyright: ignore[reportCallIssue]
 
 
 __all__ = [
