@@ -93,38 +93,38 @@ class ToolSet:
         return self.names[index], {name: value}
 
     def answer(self, action: Any) -> tuple[str, Any, Record | None]:
-        """The call of an action in any form, and what a model said with it.
+        """The call of an action in any form, and what the model wrote with it.
 
         Args:
             action: a sample of `ToolCallSpace`; `(name, arguments)` or `(index, argument)`; a mapping
                 with `name` (or `tool_name`) and `arguments` (or `args`, `parameters`), which may hold
-                what a model said (`raw`, `reasoning`, `history`, `plan`, `tokens`, `latency_ns`); any
+                what the model wrote (`raw`, `reasoning`, `history`, `plan`, `tokens`, `latency_ns`); any
                 of them as JSON text. Anything else is an answer without a call.
 
         Returns:
-            Name, arguments, and what was said for the trace (None if nothing was).
+            Name, arguments, and what the model wrote, for the trace (None if nothing).
         """
-        said: Record | None = None
+        output: Record | None = None
         if isinstance(action, str):
-            said = {"raw": as_text(action)}
+            output = {"raw": as_text(action)}
             action = parsed(action)
         if isinstance(action, Mapping):
             fields = {str(key): value for key, value in cast("Mapping[Any, Any]", action).items()}
             found = {key: plain(fields[key]) for key in OUTPUT_KEYS if fields.get(key) is not None}
-            said = found or said
+            output = found or output
             if isinstance(fields.get("tool"), numbers.Integral):
-                return *self.call_at(int(fields["tool"]), fields.get("argument", "")), said
+                return *self.call_at(int(fields["tool"]), fields.get("argument", "")), output
             name = fields.get("name", fields.get("tool_name"))
             if isinstance(name, str):
-                return *call(name, fields.get("arguments", fields.get("args", fields.get("parameters")))), said
-            return *NO_CALL, said or {"raw": as_text(action)}
+                return *call(name, fields.get("arguments", fields.get("args", fields.get("parameters")))), output
+            return *NO_CALL, output or {"raw": as_text(action)}
         if isinstance(action, (tuple, list)) and len(pair := cast("Sequence[Any]", action)) == 2:
             first, second = pair
             if isinstance(first, numbers.Integral):
-                return *self.call_at(int(first), second), said
+                return *self.call_at(int(first), second), output
             if isinstance(first, str):
-                return *call(first, second), said
-        return *NO_CALL, said or {"raw": as_text(action)}
+                return *call(first, second), output
+        return *NO_CALL, output or {"raw": as_text(action)}
 
 
 def call(name: str, arguments: Any) -> Call:

@@ -126,30 +126,30 @@ def open_episode(
     wanted: str | Group | None = options.get("group")
     if trace is not None:
         at = 0 if call is None else int(call)
-        group = place(source, wanted if wanted is not None else source.group_of_fork(trace, at))
+        group = resolve_group(source, wanted if wanted is not None else source.group_of_fork(trace, at))
         return Episode(source.fork(trace, at, group=group, record=record))
     chosen: int | str = options.get("task", task)
     if isinstance(chosen, (int, np.integer)):
         chosen = int(chosen)
     group = None
     if wanted is not None:
-        group = place(source, wanted)
+        group = resolve_group(source, wanted)
     elif siblings or record is not None or source.record_dir is not None:
         # also keeps the ids of recorded episodes apart: equal inputs give equal ids
-        group = place(source, source.group_of_task(chosen, seed))
+        group = resolve_group(source, source.group_of_task(chosen, seed))
     return Episode(source.start(chosen, seed, group=group, record=record))
 
 
-def place(source: EpisodeSource, group: str | Group) -> Group:
+def resolve_group(source: EpisodeSource, group: str | Group) -> Group:
     """The place in a prompt group: as given, or the next one of that name."""
     return source.sibling(group) if isinstance(group, str) else (str(group[0]), int(group[1]))
 
 
 def step_episode(episode: Episode, tools: ToolSet, action: Any) -> StepResult:
     """Makes the call of an action in any form (`ToolSet.answer`)."""
-    name, arguments, said = tools.answer(action)
+    name, arguments, output = tools.answer(action)
     native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
-    return native.step(name, arguments, said)
+    return native.step(name, arguments, output)
 
 
 __all__ = ["IMAGE_SHAPE", "Episode", "open_episode", "scene_text", "step_episode"]

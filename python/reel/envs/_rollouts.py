@@ -51,7 +51,7 @@ def checked_reward(reward: str) -> str:
     return reward
 
 
-class GroupBook:
+class GroupCounter:
     """Gives each rollout its prompt group and index there.
 
     Trainers reset the rollouts of a group one after the other, with the same task and seed, or the
@@ -72,8 +72,8 @@ class GroupBook:
             raise ReelError(f"a group of {size} cannot be played in parts of {self.part}; give a divisor of {size}")
         self.rank = int(os.environ.get("RANK", "0")) % (size // self.part)
 
-    def place(self, name: str) -> Group:
-        """The place of the next rollout that starts like the others of this name."""
+    def next(self, name: str) -> Group:
+        """Group and index of the next rollout that starts like the others of this name."""
         count = next_index(self.source.run, name)
         number, index = divmod(count, self.part)
         return f"{name}--{number}", self.rank * self.part + index
@@ -89,9 +89,9 @@ class GroupBook:
         trace = options.get("trace")
         if trace:
             call = int(options.get("call") or 0)
-            group = self.place(self.source.group_of_fork(trace, call))
+            group = self.next(self.source.group_of_fork(trace, call))
             return open_episode(self.source, {"trace": trace, "call": call, "group": group}, 0, seed)
-        group = self.place(self.source.group_of_task(task, seed))
+        group = self.next(self.source.group_of_task(task, seed))
         return open_episode(self.source, {"task": task, "group": group}, 0, seed)
 
 
@@ -104,4 +104,4 @@ def play(episode: Episode, tools: ToolSet, action: Any) -> float:
     return float(result.reward)
 
 
-__all__ = ["ENDED", "REWARDS", "SYSTEM", "GroupBook", "briefing", "checked_reward", "play", "reward_of", "text_of"]
+__all__ = ["ENDED", "REWARDS", "SYSTEM", "GroupCounter", "briefing", "checked_reward", "play", "reward_of", "text_of"]

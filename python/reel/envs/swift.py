@@ -29,7 +29,7 @@ from ._episodes import Cache, EpisodeSource
 from ._extras import missing
 from ._play import Episode
 from ._published import ANSWER_FORM, Answer, Prompt, read_answer, result_text, scene_lines
-from ._rollouts import ENDED, SYSTEM, GroupBook, briefing, checked_reward
+from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing, checked_reward
 
 Record = dict[str, Any]
 Content = str | list[Record]
@@ -104,8 +104,8 @@ def answer_text(action: Any) -> str:
         return str(content or "")
     if isinstance(action, Sequence) and action:
         messages = [cast("Mapping[str, Any]", it) for it in cast("Sequence[Any]", action) if isinstance(it, Mapping)]
-        said = [message for message in messages if message.get("role") == "assistant"]
-        return answer_text(said[-1]) if said else answer_text(messages[-1]) if messages else ""
+        answers = [message for message in messages if message.get("role") == "assistant"]
+        return answer_text(answers[-1]) if answers else answer_text(messages[-1]) if messages else ""
     return str(cast("Any", action))
 
 
@@ -165,10 +165,10 @@ class HouseholdGym:
             self._episode.close()
         config = self.config
         source = _source(config)
-        book = GroupBook(source, int(config["group_size"]))
+        groups = GroupCounter(source, int(config["group_size"]))
         name = answer_text([message for message in request.messages if message.get("role") == "user"])
         task, seed = self._start(source, name)
-        episode = self._episode = book.start(config, task, seed)
+        episode = self._episode = groups.start(config, task, seed)
         self._turns = 0
         self._paid_by_trainer = episode.opened.simulation.header["reward_preset"] == "real-trainer"
         if config["style"] == "single-turn":
@@ -208,12 +208,12 @@ class HouseholdGym:
             return ENDED, 0.0, True, episode.outcome()
         text = answer_text(action)
         answer = read_answer(text)
-        said = {"raw": text or " "}
+        output = {"raw": text or " "}
         if answer.reasoning:
-            said["reasoning"] = answer.reasoning
+            output["reasoning"] = answer.reasoning
         name, arguments = answer.call
         native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
-        result = native.step(name, arguments, said)
+        result = native.step(name, arguments, output)
         terms = episode.reward_terms()
         episode.advance(result)
         self._turns += 1

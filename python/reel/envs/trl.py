@@ -29,7 +29,7 @@ from ._calls import ToolSet
 from ._episodes import EpisodeSource, load_tasks
 from ._extras import missing
 from ._play import Episode
-from ._rollouts import ENDED, SYSTEM, GroupBook, briefing, checked_reward, play, reward_of
+from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing, checked_reward, play, reward_of
 
 if TYPE_CHECKING:
     from datasets import Dataset
@@ -43,8 +43,8 @@ class _Environment:
     """An episode behind methods that are tools. TRL takes every public method of a subclass for a
     tool, but `reset` and `get_reward`."""
 
-    def __init__(self, book: GroupBook, tools: ToolSet, reward: str) -> None:
-        self._book = book
+    def __init__(self, groups: GroupCounter, tools: ToolSet, reward: str) -> None:
+        self._groups = groups
         self._tools = tools
         self._reward = reward
         self._episode: Episode | None = None
@@ -62,7 +62,7 @@ class _Environment:
             self._episode.close()
         task, seed = row.get("task"), row.get("seed")
         options = {"trace": row.get("trace"), "call": row.get("call")}
-        self._episode = self._book.start(options, 0 if task is None else task, int(seed or 0))
+        self._episode = self._groups.start(options, 0 if task is None else task, int(seed or 0))
         text = briefing(self._episode)
         # an episode that starts at a call goes on from what that call's agent was last told
         last = self._episode.observation.text
@@ -98,7 +98,7 @@ class _Environment:
         return self._content(f"{episode.observation.text}\n{ENDED}" if episode.ended else episode.observation.text)
 
     def _content(self, text: str) -> Content:
-        image = self._episode.image if self._book.source.images and self._episode is not None else None
+        image = self._episode.image if self._groups.source.images and self._episode is not None else None
         if image is None:
             return text
         from PIL import Image
@@ -318,11 +318,11 @@ def household_factory(
         tasks, scene=scene, profile=profile, preset=preset, skills=skills, policy=policy, images=images,
         record_dir=record_dir, run=run,
     )  # fmt: skip
-    book = GroupBook(source, group_size, group_part)
+    groups = GroupCounter(source, group_size, group_part)
     tools = ToolSet(profile)
     kind = HouseholdTools if profile == "paper" else PublishedTools
     paid = checked_reward(reward)
-    return lambda: kind(book, tools, paid)
+    return lambda: kind(groups, tools, paid)
 
 
 def household_dataset(

@@ -167,19 +167,21 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
                 episode.close()
 
     def _step(self, episodes: list[Episode], calls: list[tuple[str, Any, Record | None]]) -> list[StepResult]:
-        """Makes a call in each of these episodes, in one native call; those with words of a model
+        """Makes a call in each of these episodes, in one native call; those with a model's output
         for the trace one by one, at the same time."""
         natives = [episode.opened.simulation._native for episode in episodes]  # pyright: ignore[reportPrivateUsage]
         results: dict[int, StepResult] = {}
-        plain = [index for index, (_, _, said) in enumerate(calls) if said is None]
-        talking = [index for index, (_, _, said) in enumerate(calls) if said is not None]
-        if plain:
-            stepped = _reel.step_all([natives[index] for index in plain], [calls[index][:2] for index in plain])
-            results |= zip(plain, stepped, strict=True)
-        if talking:
-            with ThreadPoolExecutor(min(len(talking), os.cpu_count() or 1)) as pool:
-                stepping = [pool.submit(natives[index].step, *calls[index]) for index in talking]
-                results |= {index: step.result() for index, step in zip(talking, stepping, strict=True)}
+        without_output = [index for index, (_, _, output) in enumerate(calls) if output is None]
+        with_output = [index for index, (_, _, output) in enumerate(calls) if output is not None]
+        if without_output:
+            stepped = _reel.step_all(
+                [natives[index] for index in without_output], [calls[index][:2] for index in without_output]
+            )
+            results |= zip(without_output, stepped, strict=True)
+        if with_output:
+            with ThreadPoolExecutor(min(len(with_output), os.cpu_count() or 1)) as pool:
+                stepping = [pool.submit(natives[index].step, *calls[index]) for index in with_output]
+                results |= {index: step.result() for index, step in zip(with_output, stepping, strict=True)}
         return [results[index] for index in range(len(episodes))]
 
     def _running(self, index: int) -> Episode:

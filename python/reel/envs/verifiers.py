@@ -34,7 +34,7 @@ from ._calls import NO_CALL, Call, ToolSet, as_text, call, parsed
 from ._episodes import Cache, EpisodeSource, unique_run
 from ._extras import missing
 from ._play import Episode
-from ._rollouts import ENDED, SYSTEM, GroupBook, briefing
+from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing
 
 try:
     import openai
@@ -192,7 +192,7 @@ class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):  # pyright: 
         if not source.task_ids and not config.starts:
             raise ReelError("no tasks: give tasks=PATH, or starts=[[TRACE, CALL]]")
         # text of a first message, which neither seed nor image changes
-        quiet = EpisodeSource(
+        text_source = EpisodeSource(
             source.tasks, profile=config.profile, preset=config.preset, policy=config.policy, images=False, run="load"
         )
         prompts: dict[str, str] = {}
@@ -200,11 +200,11 @@ class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):  # pyright: 
         for seed in config.seeds:
             for task in source.task_ids:
                 if task not in prompts:
-                    prompts[task] = first_text(Episode(quiet.start(task, seed)))
+                    prompts[task] = first_text(Episode(text_source.start(task, seed)))
                 data = HouseholdData(name=f"{task}--{seed}", prompt=prompts[task], task=task, seed=seed, **shared)
                 yield HouseholdTask(data, config.task)
         for trace, at in config.starts:
-            prompt = first_text(Episode(quiet.fork(trace, at)))
+            prompt = first_text(Episode(text_source.fork(trace, at)))
             data = HouseholdData(name=f"{trace}@{at}", prompt=prompt, trace=trace, call=at, **shared)
             yield HouseholdTask(data, config.task)
 
@@ -257,11 +257,11 @@ class HouseholdHarness(vf.Harness[HouseholdHarnessConfig]):
                     if trace.stop_condition is not None:
                         break  # a limit of the rollout
                     raise
-                said = reply.choices[0].message.model_dump(exclude_none=True)
-                messages.append({"role": "assistant", "content": "", **said})
-                spoken = words(said, reply.usage, time.monotonic_ns() - started)
-                for answer, id in calls_of(said):
-                    await asyncio.to_thread(make_call, episode, answer, spoken)
+                message = reply.choices[0].message.model_dump(exclude_none=True)
+                messages.append({"role": "assistant", "content": "", **message})
+                output = policy_output(message, reply.usage, time.monotonic_ns() - started)
+                for answer, id in calls_of(message):
+                    await asyncio.to_thread(make_call, episode, answer, output)
                     shown = content(episode.observation.text, episode, household)
                     messages.append(
                         {"role": "user", "content": shown}
@@ -303,8 +303,8 @@ def source_of(settings: Record) -> EpisodeSource:
 
 def open_rollout(data: HouseholdData) -> Episode:
     """Opens the episode of a task, as the next one of its prompt group."""
-    book = GroupBook(source_of(data.settings), data.group_size)
-    return book.start({"trace": data.trace, "call": data.call}, data.task, data.seed)
+    groups = GroupCounter(source_of(data.settings), data.group_size)
+    return groups.start({"trace": data.trace, "call": data.call}, data.task, data.seed)
 
 
 def first_text(episode: Episode) -> str:
@@ -314,14 +314,14 @@ def first_text(episode: Episode) -> str:
     return briefing(episode) + (f"\nLast result: {last}\n" if last else "")
 
 
-def words(message: Record, usage: Any, latency_ns: int) -> Record:
-    """What a model said with its calls, for the trace."""
-    said: Record = {"raw": as_text(json.dumps(message)), "latency_ns": latency_ns}
+def policy_output(message: Record, usage: Any, latency_ns: int) -> Record:
+    """What the model wrote with its calls, for the trace."""
+    output: Record = {"raw": as_text(json.dumps(message)), "latency_ns": latency_ns}
     if reasoning := message.get("reasoning_content") or message.get("reasoning"):
-        said["reasoning"] = str(reasoning)
+        output["reasoning"] = str(reasoning)
     if usage is not None:
-        said["tokens"] = [usage.prompt_tokens, usage.completion_tokens]
-    return said
+        output["tokens"] = [usage.prompt_tokens, usage.completion_tokens]
+    return output
 
 
 def calls_of(message: Record) -> list[tuple[Call, str | None]]:
@@ -334,11 +334,11 @@ def calls_of(message: Record) -> list[tuple[Call, str | None]]:
     return calls or [(NO_CALL, None)]
 
 
-def make_call(episode: Episode, answer: Call, said: Record) -> None:
+def make_call(episode: Episode, answer: Call, output: Record) -> None:
     """Makes a call; after the end nothing happens."""
     if not episode.ended:
         native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
-        episode.advance(native.step(*answer, said))
+        episode.advance(native.step(*answer, output))
 
 
 def content(text: str, episode: Episode, data: HouseholdData) -> str | list[Record]:
