@@ -8,8 +8,6 @@ from pathlib import Path
 
 import reel
 
-GOLDEN = Path(__file__).parents[2] / "traces" / "golden"
-
 
 @functools.cache
 def folder() -> Path:
