@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -20,7 +21,12 @@ def test_the_examples_run(tmp_path: Path) -> None:
     for block in BLOCKS:
         compile(block, str(PAGE), "exec")
         if not re.search(r"from trl|verifiers", block):
-            said = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True)
-            assert said.returncode == 0, f"{block}\n{said.stderr}"
+            # the package of this test, from another folder
+            paths = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
+            ran_block = subprocess.run(
+                [sys.executable, "-c", block], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths},
+                capture_output=True, text=True,
+            )  # fmt: skip
+            assert ran_block.returncode == 0, f"{block}\n{ran_block.stderr}"
             ran += 1
     assert ran == 3
