@@ -146,6 +146,8 @@ class StepResult:
     @property
     def reward(self) -> float: ...
     @property
+    def reward_terms(self) -> dict[str, float]: ...
+    @property
     def terminated(self) -> bool: ...
     @property
     def truncated(self) -> bool: ...
@@ -187,7 +189,7 @@ class Simulation:
 
 def step_all(
     simulations: Sequence[Simulation],
-    calls: Sequence[tuple[str, Mapping[str, Any]]],
+    calls: Sequence[tuple[str, Mapping[str, Any], Mapping[str, Any] | None]],
 ) -> list[StepResult]: ...
 
 class ForkPoint:

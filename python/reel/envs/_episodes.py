@@ -16,13 +16,13 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _reel  # pyright: ignore[reportPrivateUsage]
+from .. import _reel
 from .._episode import Episode, Fork, open
 from .._play import Tasks
 from .._reel import ReelError
+from .._types import PathLike
 from .._simulation import Simulation
 
-PathLike = str | os.PathLike[str]
 Group = tuple[str, int]
 """Prompt group of a rollout and its index there, as `reel export rl` finds them in traces."""
 
@@ -198,7 +198,7 @@ class EpisodeSource:
         index = self.index_of(task)
         task_id = self.task_ids[index]
         path = self._path(record, f"{task_id}--{self.policy}--{seed}", group)
-        native = tasks._native  # pyright: ignore[reportPrivateUsage]
+        native = tasks._native
         started = _reel.Simulation.start(
             native, index, seed, self.profile, self.preset, self.skills, self.policy, self.run, group, self.images or self.draw,
             self._recording(path),
@@ -212,7 +212,7 @@ class EpisodeSource:
         fork = fork_at(trace, call)
         header = fork.episode.header
         path = self._path(record, f"{header['task_id']}--{self.policy}--at-{fork.call}", group)
-        point = fork._point  # pyright: ignore[reportPrivateUsage]
+        point = fork._point
         opened = point.open(
             policy=self.policy, run_id=self.run, group=group, images=self.images or self.draw, record=self._recording(path)
         )

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._types import Record
 from .._reel import Observation, ReelError, StepResult
 from ._calls import ToolSet
 from ._episodes import EpisodeSource, Group, Opened
 
-Record = dict[str, Any]
 
 IMAGE_SHAPE = (480, 640, 3)
 """Height, width and channels (RGB) of an image."""
@@ -65,13 +65,6 @@ class Episode:
             if keep_image:
                 self.render()
             self.close()
-
-    def reward_terms(self) -> dict[str, float]:
-        """The reward of the last call by component (`task`, `prog`, `phys`, `ask`, `time`, `safe`)."""
-        terms: dict[str, float] = {}
-        for term in self.opened.simulation.record(-1)["reward"]:
-            terms[term["component"]] = terms.get(term["component"], 0.0) + float(term["value"])
-        return terms
 
     def render(self) -> NDArray[np.uint8]:
         """What the robot's head sees: 480 x 640 x 3, uint8, RGB. After the end what it saw last."""
@@ -148,7 +141,7 @@ def resolve_group(source: EpisodeSource, group: str | Group) -> Group:
 def step_episode(episode: Episode, tools: ToolSet, action: Any) -> StepResult:
     """Makes the call of an action in any form (`ToolSet.answer`)."""
     name, arguments, output = tools.answer(action)
-    native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
+    native = episode.opened.simulation._native
     return native.step(name, arguments, output)
 
 

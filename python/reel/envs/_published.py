@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+from .._types import Record
 from .._reel import ReelError
 from ._calls import NO_CALL, Call, plain
 from ._rollouts import text_of
 
-Record = dict[str, Any]
 
 LEGACY_TOOLS = {
     "nav_to": "navigate_to",

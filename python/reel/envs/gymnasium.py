@@ -10,12 +10,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._types import PathLike
 from .._play import Tasks
 from .._reel import ReelError
 from ._calls import ToolSet
@@ -31,7 +31,6 @@ try:
 except ImportError as error:
     raise missing("gymnasium", error) from error
 
-PathLike = str | os.PathLike[str]
 
 STEP_MAX = 1000
 """Most calls of an episode: 30 in profile `paper`, 1,000 in the published ones."""
@@ -184,7 +183,7 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
         """
         episode = self._running()
         result = step_episode(episode, self.tools, action)
-        terms = episode.reward_terms()
+        terms = result.reward_terms
         episode.advance(result, keep_image=self.render_mode is not None)
         info = {"reward_terms": terms} | step_info(episode)
         return observe(episode, self.images), float(result.reward) + 0.0, result.terminated, result.truncated, info

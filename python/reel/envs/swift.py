@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from .._types import Record
 from .._reel import ReelError
 from ._calls import ToolSet
 from ._episodes import Cache, EpisodeSource
@@ -31,7 +32,6 @@ from ._play import Episode
 from ._published import ANSWER_FORM, Answer, Prompt, read_answer, result_text, scene_lines
 from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing, checked_reward
 
-Record = dict[str, Any]
 Content = str | list[Record]
 """A message's content: text, or blocks of images and text."""
 
@@ -212,9 +212,9 @@ class HouseholdGym:
         if answer.reasoning:
             output["reasoning"] = answer.reasoning
         name, arguments = answer.call
-        native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
+        native = episode.opened.simulation._native
         result = native.step(name, arguments, output)
-        terms = episode.reward_terms()
+        terms = result.reward_terms
         episode.advance(result)
         self._turns += 1
         # the published trainer is done when no target remains: nothing after it is paid

@@ -23,6 +23,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from .._types import PathLike
 from .._play import Tasks
 from .._reel import ReelError
 from ._calls import ToolSet
@@ -34,7 +35,6 @@ from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing, checked_reward, pl
 if TYPE_CHECKING:
     from datasets import Dataset
 
-PathLike = str | os.PathLike[str]
 Content = str | list[dict[str, Any]]
 """What a model reads: text, or blocks of text and images."""
 

@@ -9,15 +9,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _reel  # pyright: ignore[reportPrivateUsage]
+from .. import _reel
+from .._types import PathLike
 from .._play import Tasks
 from .._reel import ReelError, StepResult
 from ._calls import ToolSet
@@ -34,7 +33,7 @@ try:
 except ImportError as error:
     raise missing("gymnasium", error) from error
 
-PathLike = str | os.PathLike[str]
+
 Results = tuple[Record, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Record]
 
 
@@ -139,7 +138,7 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         for index, episode, result in zip(stepping, running, results, strict=True):
             rewards[index] = result.reward
             terminated[index], truncated[index] = result.terminated, result.truncated
-            terms = episode.reward_terms()
+            terms = result.reward_terms
             episode.advance(result, keep_image=self.render_mode is not None)
             info = {"reward_terms": terms} | step_info(episode)
             if episode.ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -167,22 +166,8 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
                 episode.close()
 
     def _step(self, episodes: list[Episode], calls: list[tuple[str, Any, Record | None]]) -> list[StepResult]:
-        """Makes a call in each of these episodes, in one native call; those with a model's output
-        for the trace one by one, at the same time."""
-        natives = [episode.opened.simulation._native for episode in episodes]  # pyright: ignore[reportPrivateUsage]
-        results: dict[int, StepResult] = {}
-        without_output = [index for index, (_, _, output) in enumerate(calls) if output is None]
-        with_output = [index for index, (_, _, output) in enumerate(calls) if output is not None]
-        if without_output:
-            stepped = _reel.step_all(
-                [natives[index] for index in without_output], [calls[index][:2] for index in without_output]
-            )
-            results |= zip(without_output, stepped, strict=True)
-        if with_output:
-            with ThreadPoolExecutor(min(len(with_output), os.cpu_count() or 1)) as pool:
-                stepping = [pool.submit(natives[index].step, *calls[index]) for index in with_output]
-                results |= {index: step.result() for index, step in zip(with_output, stepping, strict=True)}
-        return [results[index] for index in range(len(episodes))]
+        """Makes a call in each of these episodes, in one native call."""
+        return _reel.step_all([episode.opened.simulation._native for episode in episodes], calls)
 
     def _running(self, index: int) -> Episode:
         episode = self._episodes[index]

@@ -28,6 +28,7 @@ import time
 from collections.abc import Iterator
 from typing import Any, cast
 
+from .._types import PathLike, Record
 from .._play import Tasks
 from .._reel import ReelError
 from ._calls import NO_CALL, Call, ToolSet, as_text, call, parsed
@@ -42,8 +43,6 @@ try:
 except ImportError as error:
     raise missing("verifiers", error) from error
 
-Record = dict[str, Any]
-PathLike = str | os.PathLike[str]
 
 TASKSET_ID = "reel-household"
 """Id of the taskset in configurations."""
@@ -337,7 +336,7 @@ def calls_of(message: Record) -> list[tuple[Call, str | None]]:
 def make_call(episode: Episode, answer: Call, output: Record) -> None:
     """Makes a call; after the end nothing happens."""
     if not episode.ended:
-        native = episode.opened.simulation._native  # pyright: ignore[reportPrivateUsage]
+        native = episode.opened.simulation._native
         episode.advance(native.step(*answer, output))
 
 

@@ -281,7 +281,9 @@ impl Trace {
     #[pyo3(signature = (layers = ""))]
     fn rerun_recording<'py>(&self, py: Python<'py>, layers: &str) -> PyResult<Bound<'py, PyBytes>> {
         let layers = FrameLayers::parse(layers).map_err(refuse)?;
-        let bytes = py.detach(|| reel_view::rrd(&self.inner, layers)).or_raise()?;
+        let bytes = py
+            .detach(|| reel_view::rrd(&self.inner, layers))
+            .or_raise()?;
         Ok(PyBytes::new(py, &bytes))
     }
 
