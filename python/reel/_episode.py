@@ -67,6 +67,11 @@ class Verdict:
         details = {key: value for key, value in record.items() if key not in ("verdict", "text")}
         return cls(record["verdict"], record["text"], details)
 
+    def _repr_html_(self) -> str:
+        from ._display import verdict_html
+
+        return verdict_html(self)
+
 
 @dataclass(frozen=True)
 class RenderedFrame:
@@ -559,6 +564,11 @@ class Comparison:
         first = self.first_difference
         where = "no call differs" if first is None else f"the first difference is at call {first}"
         return f"<Comparison of {self.a.path.name} and {self.b.path.name}: {where}>"
+
+    def _repr_html_(self) -> str:
+        from ._display import comparison_html
+
+        return comparison_html(self)
 
 
 def open(path: PathLike, *, assets: PathLike | None = None) -> Episode:
