@@ -12,6 +12,7 @@ PyTorch and `datasets` are optional: indexing and iteration work without them.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import importlib
 import importlib.util
@@ -792,49 +793,50 @@ def sort_key(row: tuple[Any, ...], episode: int | None, step: int | None) -> tup
     return (named if isinstance(named, str) else "", number if isinstance(number, int) else -2)
 
 
-PLAIN = re.compile(r"decimal|date|time|duration|interval|categorical|enum|dictionary", re.IGNORECASE)
+class ArrowSchema(ctypes.Structure):
+    """The start of a schema as Arrow's C data interface has it."""
+
+
+ArrowSchema._fields_ = [
+    ("format", ctypes.c_char_p),
+    ("name", ctypes.c_char_p),
+    ("metadata", ctypes.c_char_p),
+    ("flags", ctypes.c_int64),
+    ("n_children", ctypes.c_int64),
+    ("children", ctypes.POINTER(ctypes.POINTER(ArrowSchema))),
+]
+
+
+def decimal_columns(table: Any) -> list[bool]:
+    """Which columns are decimals: rows have those as text, which is for seeds of 64 bits."""
+    pointer_of = ctypes.pythonapi.PyCapsule_GetPointer
+    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    # the capsule owns the schema
+    capsule = table.__arrow_c_schema__()
+    schema = ArrowSchema.from_address(pointer_of(capsule, b"arrow_schema"))
+    return [schema.children[at].contents.format.startswith(b"d:") for at in range(schema.n_children)]
 
 
 def tuples(batch: Any) -> list[tuple[Any, ...]]:
-    """The rows of a native table, with values of Python: by Polars or PyArrow if they are there,
-    which are several times as fast as the JSON that Reel makes itself."""
-    if importlib.util.find_spec("polars") is not None:
-        import polars as pl
-
-        frame = pl.DataFrame(batch)
-        special = [PLAIN.search(str(dtype)) is not None for dtype in frame.dtypes]
-        rows = frame.rows()
-    elif importlib.util.find_spec("pyarrow") is not None:
-        import pyarrow as pa  # pyright: ignore[reportMissingTypeStubs]
-
-        table: Any = pa.table(batch)
-        special = [PLAIN.search(str(field.type)) is not None for field in table.schema]
-        rows = list(zip(*(column.to_pylist() for column in table.columns), strict=True))
-    else:
-        columns = batch.columns
-        return [tuple(map(row.get, columns)) for row in batch.rows(0, len(batch))]
-    if any(special):
-        return [tuple(plain(value) if odd else value for value, odd in zip(row, special)) for row in rows]
-    return rows
+    """The rows of a native table; decimals as int, or float where they have a fraction."""
+    columns = batch.columns
+    rows = [tuple(map(row.get, columns)) for row in batch.rows(0, len(batch))]
+    decimal = decimal_columns(batch)
+    if not any(decimal):
+        return rows
+    return [tuple(number(value) if odd else value for value, odd in zip(row, decimal, strict=True)) for row in rows]
 
 
-def plain(value: Any) -> Any:
-    """A value as numbers, texts, lists and dictionaries: whole decimals as int, times as text."""
-    if value is None or isinstance(value, (bool, int, float, str, bytes)):
+def number(value: Any) -> Any:
+    """A decimal that is written as text; anything else as it is."""
+    if not isinstance(value, str):
         return value
-    if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in cast("Mapping[str, Any]", value).items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(each) for each in cast("Sequence[Any]", value)]
-    if hasattr(value, "isoformat"):
-        return value.isoformat()
-    if hasattr(value, "as_integer_ratio"):
-        return int(value) if value == int(value) else float(value)
-    return str(value)
+    return float(value) if "." in value else int(value)
 
 
 def plain_type(kind: Any) -> Any:
-    """The Arrow type that a column has in `datasets`, after `plain`."""
+    """The Arrow type that a column of samples has in `datasets`: whole decimals are integers, times
+    are text."""
     import pyarrow as pa  # pyright: ignore[reportMissingTypeStubs]
 
     types: Any = pa.types
@@ -847,7 +849,7 @@ def plain_type(kind: Any) -> Any:
         return made.uint64() if kind.scale == 0 else made.float64()
     if types.is_dictionary(kind):
         return plain_type(kind.value_type)
-    if PLAIN.search(str(kind)) or re.search("string|utf8", str(kind)):
+    if re.search("string|utf8|date|time|duration|interval", str(kind)):
         return made.string()
     return kind
 
