@@ -69,8 +69,19 @@ def tag(text: str, kind: str = "") -> str:
     return f'<span class="tag {kind}">{text}</span>'
 
 
-STYLE = """
-.reel-view{--paper:#fbfaf7;--card:#fff;--sunk:#f1efe9;--line:#dcd8ce;--ink:#1d2226;--soft:#565f66;--accent:#1f6660;--accent-sunk:#e0efed;--good:#2c6e37;--bad:#a8352b;--bad-sunk:#f9e6e3;--c0:#1f6660;--c1:#7aa6d6;--c2:#a8352b;--c3:#c99a2e;--c4:#7d6aa8;--c5:#7d868c;--scheme:light}
+# The colours of the dashboards (dashboards/src/app.css, palette.ts).
+LIGHT = (
+    "--paper:#fbfaf7;--card:#fff;--sunk:#f1efe9;--line:#dcd8ce;--ink:#1d2226;--soft:#565f66;--accent:#1f6660;"
+    "--accent-sunk:#e0efed;--good:#2c6e37;--bad:#a8352b;--bad-sunk:#f9e6e3;--c0:#1f6660;--c1:#7aa6d6;--c2:#a8352b;"
+    "--c3:#c99a2e;--c4:#7d6aa8;--c5:#7d868c;--scheme:light"
+)
+DARK = (
+    "--paper:#14171a;--card:#1b1f23;--sunk:#101215;--line:#333a41;--ink:#e8e6e1;--soft:#a3abb2;--accent:#6fc3ba;"
+    "--accent-sunk:#1d3330;--good:#7cc489;--bad:#ef8a80;--bad-sunk:#3a211f;--c0:#6fc3ba;--c1:#6f9fd6;--c2:#ef8a80;"
+    "--c3:#e2b55b;--c4:#a998d6;--c5:#8d969c;--scheme:dark"
+)
+RULES = """
+.reel-view{LIGHT}
 @media (prefers-color-scheme:dark){.reel-view{DARK}}
 [data-jp-theme-light="false"] .reel-view,.vscode-dark .reel-view,.vscode-high-contrast .reel-view,html[theme=dark] .reel-view,[data-theme=dark] .reel-view{DARK}
 [data-jp-theme-light="true"] .reel-view,.vscode-light .reel-view,html[theme=light] .reel-view,[data-theme=light] .reel-view{LIGHT}
@@ -137,13 +148,9 @@ STYLE = """
 @media (max-width:700px){.reel-view .stage,.reel-view .pair{grid-template-columns:minmax(0,1fr)}.reel-view .top{flex-wrap:wrap}}
 @media print{.reel-view .strip{flex-wrap:wrap;overflow:visible}}
 """
-LIGHT = re.search(r"\.reel-view\{(--paper.*?)\}", STYLE)[1]  # pyright: ignore[reportOptionalSubscript]
-DARK = (
-    "--paper:#14171a;--card:#1b1f23;--sunk:#101215;--line:#333a41;--ink:#e8e6e1;--soft:#a3abb2;--accent:#6fc3ba;"
-    "--accent-sunk:#1d3330;--good:#7cc489;--bad:#ef8a80;--bad-sunk:#3a211f;--c0:#6fc3ba;--c1:#6f9fd6;--c2:#ef8a80;"
-    "--c3:#e2b55b;--c4:#a998d6;--c5:#8d969c;--scheme:dark"
-)
-STYLE = STYLE.replace("{DARK}", f"{{{DARK}}}").replace("{LIGHT}", f"{{{LIGHT}}}").strip()
+STYLE = RULES.replace("{DARK}", f"{{{DARK}}}").replace("{LIGHT}", f"{{{LIGHT}}}").strip()
+"""The style sheet: everything is scoped to `.reel-view`. Notebooks say in attributes and classes
+whether they are light or dark; elsewhere the system says it."""
 
 
 def page_part(content: str, kind: str, name: str | None = None) -> str:
@@ -175,7 +182,7 @@ def encoded(image: Image, reduce: int = 1, quality: int = 80) -> tuple[str, byte
         out = io.BytesIO()
         picture.save(out, "JPEG", quality=quality)
         return "image/jpeg", out.getvalue()
-    return "image/png", png(reduced(image, reduce) & 0xF8)
+    return "image/png", png(reduced(image, reduce) & np.uint8(0xF8))
 
 
 def reduced(image: Image, factor: int) -> Image:
@@ -233,7 +240,7 @@ def data_uris(images: Mapping[int, Image], bytes_max: int = BYTES_MAX) -> dict[i
     count = len(keys)
     while sum(map(len, made.values())) > bytes_max:
         count = count * 3 // 4
-        wanted = {keys[round(at)] for at in np.linspace(0, len(keys) - 1, count)}
+        wanted = {keys[round(place * (len(keys) - 1) / max(count - 1, 1))] for place in range(count)}
         made = {key: address for key, address in made.items() if key in wanted}
     return made
 
@@ -490,7 +497,8 @@ def explanation_html(explanation: Explanation) -> str:
     better = explanation.better
     if better is not None:
         advised = better.steps[at].call if at < len(better) else ""
-        who = (record.get("alternative") or {}).get("policy") or better.header["policy"]["name"]
+        alternative: Record = record.get("alternative") or {}
+        who = alternative.get("policy") or better.header["policy"]["name"]
         lead = f"Better: <code>{escaped(advised, 300)}</code>. Policy {escaped(who)} plays from here."
         sides.append(side(better, at, "A better future", "better", lead, before=False))
     else:
@@ -783,7 +791,7 @@ def sankey_svg(diagram: Sankey, within_page: bool = False) -> str:
             f"M{x0:g} {y0:.1f}C{middle:g} {y0:.1f} {middle:g} {y1:.1f} {x1:g} {y1:.1f}"
             f"V{y1 + thick:.1f}C{middle:g} {y1 + thick:.1f} {middle:g} {y0 + thick:.1f} {x0:g} {y0 + thick:.1f}Z"
         )
-        shown = target[1] if isinstance(target, tuple) else target
+        shown = target[1] if part == 1 else target
         tip = f"{words_of(source)} → {words_of(shown or NOT_CLASSIFIED)}: {count}"
         shapes.append(f'<path d="{path}" fill="{class_color(class_name)}" fill-opacity=".38"><title>{tip}</title></path>')
     for part, column in enumerate(columns):

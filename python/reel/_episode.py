@@ -507,7 +507,7 @@ class Explanation:
         """The decision after which a competent agent would no longer have succeeded as cheaply; None
         if no single one decided."""
         found = self._decisive
-        return self.episode.steps[found["step"]] if found else None
+        return self.episode.steps[int(found["step"])] if found else None
 
     @property
     def cause(self) -> str | None:

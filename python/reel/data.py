@@ -23,7 +23,7 @@ import re
 import sys
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, cast
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,7 +258,8 @@ class Dataset:
         if self.images == "rendered" and trace.image_count:
             # which calls return an image, the trace says
             given = trace.start() if call is None else trace.step(call)
-            if not (given.get("digests") or {}).get("frame"):
+            digests: Sample = given.get("digests") or {}
+            if not digests.get("frame"):
                 return None
             return episode.render(call=call).rgb
         return episode.frame(call)
@@ -401,14 +402,12 @@ class Dataset:
 
     def _features(self, datasets: Any) -> Any:
         """Types of the samples, from those of the columns."""
-        import pyarrow as pa  # pyright: ignore[reportMissingTypeStubs]
-
+        pa = needed("pyarrow", "datasets")
         from ._store import Store
 
         batches = Store(self.location, self.version).sql(self.query, parameters=self.parameters, stream=True)
-        schema: Any = pa.schema(batches)  # pyright: ignore[reportUnknownMemberType]
-        fields = [(field.name, plain_type(field.type)) for field in schema]
-        features = datasets.Features.from_arrow_schema(pa.schema(fields))  # pyright: ignore
+        fields = [(field.name, plain_type(pa, field.type)) for field in pa.schema(batches)]
+        features = datasets.Features.from_arrow_schema(pa.schema(fields))
         for name in self._added():
             features[name] = datasets.Image() if name == "frame" else datasets.Value("string")
         return features
@@ -661,8 +660,8 @@ def collate(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     batch: dict[str, Any] = {}
     for name in samples[0]:
-        values = [sample[name] for sample in samples]
-        kinds = {type(value) for value in values}
+        values: list[Any] = [sample[name] for sample in samples]
+        kinds: set[type[Any]] = {type(value) for value in values}
         if kinds <= {bool} or kinds <= {int} or kinds <= {int, float}:
             batch[name] = tensor(np.asarray(values))
         elif kinds == {np.ndarray} and len({(value.shape, value.dtype) for value in values}) == 1:
@@ -819,8 +818,9 @@ def decimal_columns(table: Any) -> list[bool]:
 
 def tuples(batch: Any) -> list[tuple[Any, ...]]:
     """The rows of a native table; decimals as int, or float where they have a fraction."""
-    columns = batch.columns
-    rows = [tuple(map(row.get, columns)) for row in batch.rows(0, len(batch))]
+    columns: list[str] = batch.columns
+    records: list[Sample] = batch.rows(0, len(batch))
+    rows: list[tuple[Any, ...]] = [tuple(map(record.get, columns)) for record in records]
     decimal = decimal_columns(batch)
     if not any(decimal):
         return rows
@@ -834,23 +834,20 @@ def number(value: Any) -> Any:
     return float(value) if "." in value else int(value)
 
 
-def plain_type(kind: Any) -> Any:
+def plain_type(pa: Any, kind: Any) -> Any:
     """The Arrow type that a column of samples has in `datasets`: whole decimals are integers, times
-    are text."""
-    import pyarrow as pa  # pyright: ignore[reportMissingTypeStubs]
-
-    types: Any = pa.types
-    made: Any = pa
+    are text. `pa` is PyArrow."""
+    types = pa.types
     if types.is_list(kind) or types.is_large_list(kind):
-        return made.list_(plain_type(kind.value_type))
+        return pa.list_(plain_type(pa, kind.value_type))
     if types.is_struct(kind):
-        return made.struct([(field.name, plain_type(field.type)) for field in kind])
+        return pa.struct([(field.name, plain_type(pa, field.type)) for field in kind])
     if types.is_decimal(kind):
-        return made.uint64() if kind.scale == 0 else made.float64()
+        return pa.uint64() if kind.scale == 0 else pa.float64()
     if types.is_dictionary(kind):
-        return plain_type(kind.value_type)
+        return plain_type(pa, kind.value_type)
     if re.search("string|utf8|date|time|duration|interval", str(kind)):
-        return made.string()
+        return pa.string()
     return kind
 
 

@@ -149,7 +149,7 @@ class EpisodePlayer(anywidget.AnyWidget):
             f"{episode._trace.ending()}",  # pyright: ignore[reportPrivateUsage]
             steps=[described(step) for step in episode.steps[:STEPS_MAX]],
         )
-        self.on_msg(self._answer)
+        self.on_msg(self._answer)  # pyright: ignore[reportUnknownMemberType]
         self.go(call)
 
     @property
@@ -160,7 +160,7 @@ class EpisodePlayer(anywidget.AnyWidget):
     @property
     def step(self) -> Step | None:
         """The step that is shown; None before the first."""
-        return None if self.call < 0 else self._episode.steps[self.call]
+        return None if self.call < 0 else self._episode.steps[int(self.call)]
 
     def go(self, call: int | None) -> None:
         """Shows another call, from 0; None: before the first. Negative ones count from the end."""
@@ -180,17 +180,20 @@ class EpisodePlayer(anywidget.AnyWidget):
                 image = self._episode.frame(None if call < 0 else call)
                 if image is not None:
                     kind, data = encoded(image, quality=88)
-                    self.send({"frame": wanted, "of": call, "type": kind}, buffers=[data])
+                    self._reply({"frame": wanted, "of": call, "type": kind}, [data])
                     return
         except ReelError:
             # a robot's episode without images, or one of another simulator version
             pass
-        self.send({"frame": wanted, "of": None, "type": ""}, buffers=[])
+        self._reply({"frame": wanted, "of": None, "type": ""}, [])
+
+    def _reply(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+        self.send(content, buffers=buffers)  # pyright: ignore[reportUnknownMemberType]
 
 
 def described(step: Step) -> dict[str, Any]:
     """What the page shows of a step, as plain values."""
-    said = step.record["input"].get("policy") or {}
+    said: dict[str, Any] = step.record["input"].get("policy") or {}
     more = [[name.capitalize(), str(said[name])] for name in ("reasoning", "history", "plan") if said.get(name)]
     more += [[term["component"], f"{signed(term['value'])} {term.get('reason', '')}"] for term in step.record["reward"]]
     reply = step.record.get("reply")
