@@ -16,6 +16,7 @@ import ctypes
 import hashlib
 import importlib
 import importlib.util
+import inspect
 import json
 import marshal
 import os
@@ -171,23 +172,21 @@ class Dataset:
         Returns:
             How many of the episodes have each verdict. The store is not changed.
         """
-        from ._episode import replay
+        from concurrent.futures import ThreadPoolExecutor
+
+        from ._progress import bar
 
         table = self._episodes
-        open_ones = [index for index, verdict in enumerate(table.verdicts) if verdict == UNVERIFIED]
-        for index in open_ones:
-            if "://" in table.traces[index]:
-                self._replayed(index)
-        local = [index for index in open_ones if "://" not in table.traces[index]]
-        # `replay` sorts its paths
-        local.sort(key=lambda index: table.traces[index])
-        if local:
-            found = replay([table.traces[index] for index in local], jobs=jobs, progress=progress)
-            if len(found) != len(local):
-                missing = [table.traces[index] for index in local if not os.path.exists(table.traces[index])]
-                raise ReelError(f"{len(local) - len(found)} traces are gone, e.g. {missing[:1]}; run `reel ingest` again")
-            for index, verdict in zip(local, found, strict=True):
-                table.verdicts[index] = verdict.name
+        unknown = [index for index, verdict in enumerate(table.verdicts) if verdict == UNVERIFIED]
+
+        def replayed(index: int) -> str:
+            return self._read(index).replay().name
+
+        with bar(len(unknown), "replay", progress) as tell, ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
+            for index, verdict in zip(unknown, pool.map(replayed, unknown), strict=True):
+                table.verdicts[index] = verdict
+                if tell is not None:
+                    tell(1)
         return self.verdicts
 
     # --- samples
@@ -233,10 +232,11 @@ class Dataset:
         if index < 0 or step is None:
             return None
         episode = self._open(index)
-        if not 0 <= step < len(episode):
+        # -1 is before the first decision, as in view `visible_objects`
+        if not -1 <= step < len(episode):
             raise ReelError(f"{self._episodes.traces[index]}: no step {step}: there are {len(episode)}, from 0")
         try:
-            if self.frame_at == "result":
+            if self.frame_at == "result" and step >= 0:
                 return self._image(episode, step)
             for call in range(step - 1, -1, -1):
                 image = self._image(episode, call)
@@ -271,12 +271,19 @@ class Dataset:
 
     def _open(self, index: int) -> Episode:
         """The episode, from those that are open, or read."""
-        from ._episode import open
-
         episode = self._traces.get(index)
         if episode is not None:
             self._traces.move_to_end(index)
             return episode
+        episode = self._traces[index] = self._read(index)
+        while len(self._traces) > self.open_traces:
+            self._traces.popitem(last=False)
+        return episode
+
+    def _read(self, index: int) -> Episode:
+        """The episode, if it still is the one that the rows come from."""
+        from ._episode import open
+
         path, digest = self._episodes.traces[index], self._episodes.digests[index]
         episode = open(path)
         if episode.digest != digest:
@@ -284,9 +291,6 @@ class Dataset:
                 f"{path}: the trace was changed since its ingest (digest {episode.digest[:12]}, then "
                 f"{digest[:12]}); run `reel ingest` and make the dataset again"
             )
-        self._traces[index] = episode
-        while len(self._traces) > self.open_traces:
-            self._traces.popitem(last=False)
         return episode
 
     # --- orders
@@ -382,13 +386,16 @@ class Dataset:
         arguments = {"dataset": self, "ranges": list(zip(bounds[:-1], bounds[1:], strict=True))}
         if streaming:
             return datasets.IterableDataset.from_generator(generate, features=features, gen_kwargs=arguments)
-        return datasets.Dataset.from_generator(
+        made = datasets.Dataset.from_generator
+        # older versions hash the arguments, which is slower
+        known = "fingerprint" in inspect.signature(made).parameters
+        return made(
             generate,
             features=features,
             gen_kwargs=arguments,
             cache_dir=None if cache_dir is None else os.fspath(cache_dir),
             num_proc=num_proc,
-            fingerprint=self._cache_key(datasets),
+            **({"fingerprint": self._cache_key(datasets)} if known else {}),
         )
 
     def _cache_key(self, datasets: Any) -> str:
@@ -469,7 +476,8 @@ class IterableDataset:
 
     Args:
         dataset: the samples.
-        batch_size: the `batch_size` of the loader.
+        batch_size: the `batch_size` of the loader; with another one all samples still come once, but
+            their order depends on the number of workers.
         shuffle_seed: seed of the order; None: that of the dataset, else the order of the rows.
         shuffle_window: episodes whose samples are shuffled together (`Dataset.order`).
         rank: index of this process among those that train together; None: as `torch.distributed`
