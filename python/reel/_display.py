@@ -1,8 +1,8 @@
 """What notebooks show: episodes, explanations, tables and failure flows as HTML.
 
-Every page part stands alone: no network, no library, one scoped style sheet. Texts of traces and
-tables are data of strangers, so everything goes through `escaped`; the one script of an episode is
-fixed text and reads only the elements beside it.
+Every display stands alone: no network, no library, one scoped style sheet. Texts of traces and
+tables are untrusted, so all of them go through `escaped`; the script of an episode is a constant that
+moves elements and parses no text.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Record = dict[str, Any]
 
 BYTES_MAX = 1_400_000
-"""Bytes of the images in one page part, as base64."""
+"""Largest size of the images in one display, bytes of base64."""
 STEPS_MAX = 400
 TEXT_MAX = 2_000
 TRANSCRIPT_MAX = 200_000
@@ -153,8 +153,8 @@ STYLE = RULES.replace("{DARK}", f"{{{DARK}}}").replace("{LIGHT}", f"{{{LIGHT}}}"
 whether they are light or dark; elsewhere the system says it."""
 
 
-def page_part(content: str, kind: str, name: str | None = None) -> str:
-    """A part of a page with its style. `content` is HTML."""
+def view(content: str, kind: str, name: str | None = None) -> str:
+    """A display with its style sheet. `content` is HTML."""
     id_attribute = f' id="{name}"' if name else ""
     return f'<div class="reel-view {kind}"{id_attribute}><style>{STYLE}</style>{content}</div>'
 
@@ -176,11 +176,11 @@ def encoded(image: Image, reduce: int = 1, quality: int = 80) -> tuple[str, byte
 
         from PIL import Image as Pillow
 
-        picture = Pillow.fromarray(image)
+        pillow_image = Pillow.fromarray(image)
         if reduce > 1:
-            picture = picture.reduce(reduce)
+            pillow_image = pillow_image.reduce(reduce)
         out = io.BytesIO()
-        picture.save(out, "JPEG", quality=quality)
+        pillow_image.save(out, "JPEG", quality=quality)
         return "image/jpeg", out.getvalue()
     return "image/png", png(reduced(image, reduce) & np.uint8(0xF8))
 
@@ -436,7 +436,7 @@ def episode_html(episode: Episode) -> str:
         f"{STAGE}{strip(episode)}<details><summary>Transcript</summary><pre>{transcript}</pre></details>"
         f"<script>{SCRIPT.replace('NAME', name).strip()}</script>"
     )
-    return page_part(content, "episode", name)
+    return view(content, "episode", name)
 
 
 # --- explanations, verdicts, comparisons
@@ -484,7 +484,7 @@ def explanation_html(explanation: Explanation) -> str:
             "The episode succeeded: no call decided against it." if episode.success
             else "No single call decided that the episode failed."
         )  # fmt: skip
-        return page_part(f"{head}<p>{reason}</p>", "explanation")
+        return view(f"{head}<p>{reason}</p>", "explanation")
     why = explanation.why or ""
     said = [f"{escaped(why[:1].upper() + why[1:]).rstrip('.')}."] if why else []
     if explanation.cause:
@@ -509,13 +509,13 @@ def explanation_html(explanation: Explanation) -> str:
             values = ", ".join(f"{key}={value!r}" for key, value in advice["arguments"].items())
             text += f" Better: <code>{escaped(advice['name'])}({escaped(values, 300)})</code>."
         sides.append(f'<div class="side"><h4>A better future</h4><p class="soft">{text}</p></div>')
-    return page_part(f'{head}<div class="pair">{"".join(sides)}</div>', "explanation")
+    return view(f'{head}<div class="pair">{"".join(sides)}</div>', "explanation")
 
 
 def verdict_html(verdict: Verdict) -> str:
     """A verdict and its words."""
     label = tag(("✓ " if verdict.exact else "✕ ") + words_of(verdict.name), "good" if verdict.exact else "bad")
-    return page_part(f'{label} <code style="white-space:pre-wrap">{escaped(verdict.text)}</code>', "verdict")
+    return view(f'{label} <code style="white-space:pre-wrap">{escaped(verdict.text)}</code>', "verdict")
 
 
 def comparison_html(comparison: Comparison) -> str:
@@ -549,7 +549,7 @@ def comparison_html(comparison: Comparison) -> str:
     else:
         where = f"The first {same} calls are the same." if same else "The episodes differ from the first call on."
     table = f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
-    return page_part(f'<p>{where}</p><div class="scroll">{table if pairs else ""}</div>', "comparison")
+    return view(f'<p>{where}</p><div class="scroll">{table if pairs else ""}</div>', "comparison")
 
 
 # --- tables
@@ -560,7 +560,7 @@ CELL_MAX = 200
 
 
 def type_name(values: Iterable[Any]) -> str:
-    """What kind of values a column has, as the rows that are shown tell."""
+    """The type of a column, from the values that are shown; empty if they are mixed or all null."""
     kinds = {
         "boolean" if isinstance(value, bool)
         else "integer" if isinstance(value, int)
@@ -609,7 +609,7 @@ def table_html(table: Table) -> str:
     if left > 0:
         notes.append(f"{left} columns are not shown")
     body = f'<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table></div>' if columns else ""
-    return page_part(f'{body}<p class="soft" style="margin-top:6px">{"; ".join(notes)}</p>', "table")
+    return view(f'{body}<p class="soft" style="margin-top:6px">{"; ".join(notes)}</p>', "table")
 
 
 # --- the flow of failures
@@ -672,11 +672,11 @@ class Sankey:
             f"episodes{share}, {self.successes:,} successes</p>"
         )
         if not self.flows:
-            return page_part(head, "sankey")
+            return view(head, "sankey")
         hint = ""
         if all(flow.class_name == NOT_CLASSIFIED for flow in self.flows):
             hint = '<p class="soft">No failure is classified yet: <code>reel taxonomy --store STORE</code> does it.</p>'
-        return page_part(f"{head}{sankey_svg(self, within_page=True)}{hint}", "sankey")
+        return view(f"{head}{sankey_svg(self, within_page=True)}{hint}", "sankey")
 
 
 def sankey(

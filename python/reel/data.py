@@ -49,7 +49,7 @@ MOMENTS: tuple[Moment, ...] = ("decision", "result")
 VERIFY: tuple[Verify, ...] = ("stored", "replay", "off")
 
 UNVERIFIED = "unverified"
-"""The verdict of an episode that nobody has replayed yet."""
+"""The verdict of an episode without a replay."""
 
 
 class Dataset:

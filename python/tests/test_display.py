@@ -23,7 +23,7 @@ EVIL = "</script><script>evil()</script><img src=x onerror=\"evil()\">' onload='
 
 
 class Page(HTMLParser):
-    """The elements of a page part; fails if they do not nest."""
+    """The elements of a display; fails if they do not nest."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)

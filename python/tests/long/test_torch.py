@@ -52,8 +52,8 @@ def test_every_number_of_workers_gives_one_order(texts: data.Dataset, workers: i
 @pytest.mark.parametrize("context", ["fork", "spawn"])
 def test_frames_are_made_in_workers(store: reel.Store, context: str) -> None:
     query = "SELECT episode_id, step, text FROM steps WHERE step BETWEEN 1 AND 2"
-    pictures = store.dataset(query, images="auto", verify="replay", shuffle_seed=1)
-    expected = [sample["frame"] for sample in pictures.iterable(batch_size=4)]
+    dataset = store.dataset(query, images="auto", verify="replay", shuffle_seed=1)
+    expected = [sample["frame"] for sample in dataset.iterable(batch_size=4)]
     unread = store.dataset(query, images="auto", verify="replay", shuffle_seed=1)
     batches = list(loader(unread.iterable(batch_size=4), 2, multiprocessing_context=context))
     frames = torch.cat([batch["frame"] for batch in batches])
@@ -113,9 +113,9 @@ def test_a_stateful_loader_goes_on(texts: data.Dataset, workers: int, cut: int) 
 
 def test_a_model_learns_from_frames(store: reel.Store) -> None:
     """One batch of images that are rendered on demand is learned by heart."""
-    pictures = store.dataset("SELECT episode_id, step, tool FROM steps", images="auto", shuffle_seed=1)
+    dataset = store.dataset("SELECT episode_id, step, tool FROM steps", images="auto", shuffle_seed=1)
     tools = sorted({sample["tool"] for sample in store.dataset("SELECT tool FROM steps")})
-    batch = next(iter(loader(pictures.iterable(batch_size=8), 0, batch_size=8)))
+    batch = next(iter(loader(dataset.iterable(batch_size=8), 0, batch_size=8)))
     small = batch["frame"].permute(0, 3, 1, 2).float()[:, :, ::16, ::16] / 255
     torch.manual_seed(0)
     model = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * 30 * 40, len(tools)))
