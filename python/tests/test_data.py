@@ -375,7 +375,7 @@ def test_batches_have_arrays_and_lists(store: reel.Store) -> None:
 
 
 def test_text_samples_are_fast(store: reel.Store) -> None:
-    """At least 20,000 text samples a second a core; 150,000 were measured."""
+    """At least 20,000 text samples a second of CPU time on a core; docs/python-data.md has what was measured."""
     query = f"SELECT s.* FROM ({STEPS}) s CROSS JOIN (SELECT unnest(range(0, 100)) AS copy)"
     dataset = store.dataset(query, shuffle_seed=1)
     order = dataset.order()
@@ -388,7 +388,9 @@ def test_text_samples_are_fast(store: reel.Store) -> None:
 
     batches = (sample for at in range(0, len(order), 256) for sample in dataset.__getitems__(order[at : at + 256]))
     assert rate(batches) > 20_000
-    assert rate(dataset.iterable(batch_size=256)) > 20_000
+    # made before the clock runs: the first one imports PyTorch where it is installed
+    stream = dataset.iterable(batch_size=256)
+    assert rate(stream) > 20_000
 
 
 def test_importing_reel_imports_no_libraries_of_training() -> None:
