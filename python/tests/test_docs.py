@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ["python.md", "python-data.md", "notebooks.md", "environments.md"]
+PAGES = ["python.md", "python-data.md", "notebooks.md", "environments.md", "../README.md"]
 # what needs PyTorch, datasets or a trainer is run by the tests of `long`
 TRAINERS = re.compile(r"^\s*(from|import) (trl|verifiers|torch)\b|DataLoader|to_hf", re.MULTILINE)
 
