@@ -32,6 +32,9 @@ pub struct Trace {
     assets: Option<PathBuf>,
 }
 
+/// How pickle makes a trace again: the function, and its arguments.
+type Pickled<'py> = (Bound<'py, PyAny>, (PathBuf, Option<PathBuf>));
+
 /// The files that traces are read from, with the meshes of a folder.
 fn files(assets: Option<&PathBuf>) -> PyResult<TraceFiles> {
     let meshes = assets
@@ -295,10 +298,7 @@ impl Trace {
         }
     }
 
-    fn __reduce__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyAny>, (PathBuf, Option<PathBuf>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Pickled<'py>> {
         let read = py.get_type::<Self>().getattr("read")?;
         Ok((read, (self.inner.path.clone(), self.assets.clone())))
     }
