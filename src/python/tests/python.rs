@@ -35,14 +35,14 @@ fn sources() -> PathBuf {
 fn package() -> PathBuf {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-package");
     let _absent = fs::remove_dir_all(&root);
-    link_all(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("reel"),
-        &root.join("reel"),
-    );
+    for package in ["reel", "reel_household"] {
+        link_all(&sources().join(package), &root.join(package));
+    }
     symlink(library(), root.join("reel/_reel.abi3.so")).unwrap();
     root
 }
 
+/// Links to all files of a folder but those that Python or a build made.
 fn link_all(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -50,11 +50,7 @@ fn link_all(from: &Path, to: &Path) {
         let name = path.file_name().unwrap();
         if path.is_dir() && name != "__pycache__" {
             link_all(&path, &to.join(name));
-        } else if path
-            .extension()
-            .is_some_and(|kind| kind == "py" || kind == "pyi")
-            || name == "py.typed"
-        {
+        } else if path.is_file() && path.extension().is_none_or(|kind| kind != "so") {
             symlink(&path, to.join(name)).unwrap();
         }
     }
