@@ -70,7 +70,8 @@ fn the_package_passes_its_tests() {
     );
     let mut pytest = Command::new(python);
     pytest
-        .current_dir(sources())
+        // not the folder of the package, which would be imported from there
+        .current_dir(sources().join("tests"))
         .env("PYTHONPATH", &package)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args([
@@ -79,8 +80,8 @@ fn the_package_passes_its_tests() {
             "-q",
             "-p",
             "no:cacheprovider",
-            "--ignore=tests/long",
-            "tests",
+            "--ignore=long",
+            ".",
         ]);
     reel_vectors::run(&mut pytest);
 }
