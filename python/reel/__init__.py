@@ -13,6 +13,7 @@ metres in the scene's frame (z up), angles in radians.
 """
 
 from ._command import command, command_json
+from ._display import Sankey, sankey
 from ._episode import (
     Comparison,
     Episode,
@@ -47,6 +48,7 @@ __all__ = [
     "Recorder",
     "ReelError",
     "RenderedFrame",
+    "Sankey",
     "Simulation",
     "Step",
     "StepResult",
@@ -64,6 +66,7 @@ __all__ = [
     "record",
     "replay",
     "run",
+    "sankey",
     "scan_traces",
     "tools",
     "trace_paths",

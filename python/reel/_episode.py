@@ -67,6 +67,11 @@ class Verdict:
         details = {key: value for key, value in record.items() if key not in ("verdict", "text")}
         return cls(record["verdict"], record["text"], details)
 
+    def _repr_html_(self) -> str:
+        from ._display import verdict_html
+
+        return verdict_html(self)
+
 
 @dataclass(frozen=True)
 class RenderedFrame:
@@ -400,6 +405,17 @@ class Episode:
         """The episode as readable text."""
         return self._trace.transcript()
 
+    def save_rerun(self, path: PathLike, layers: str = "") -> Path:
+        """Writes a recording for the Rerun viewer (`pip install 'reel[rerun]'`, then `rerun PATH`).
+
+        Args:
+            path: the `.rrd` file to write.
+            layers: `depth`, `masks`, or `depth,masks` besides the images.
+        """
+        to = Path(path)
+        to.write_bytes(self._trace.rerun_recording(layers))
+        return to
+
     # --- as an object
 
     def _call(self, call: int | None) -> int | None:
@@ -491,7 +507,7 @@ class Explanation:
         """The decision after which a competent agent would no longer have succeeded as cheaply; None
         if no single one decided."""
         found = self._decisive
-        return self.episode.steps[found["step"]] if found else None
+        return self.episode.steps[int(found["step"])] if found else None
 
     @property
     def cause(self) -> str | None:
@@ -548,6 +564,11 @@ class Comparison:
         first = self.first_difference
         where = "no call differs" if first is None else f"the first difference is at call {first}"
         return f"<Comparison of {self.a.path.name} and {self.b.path.name}: {where}>"
+
+    def _repr_html_(self) -> str:
+        from ._display import comparison_html
+
+        return comparison_html(self)
 
 
 def open(path: PathLike, *, assets: PathLike | None = None) -> Episode:

@@ -185,7 +185,7 @@ def run(
         if not callable(policy):
             raise ReelError(f"a policy is a name or a function, not {type(policy).__name__}")
         factory = lambda: as_function(policy)  # noqa: E731
-    native = loaded._native  # pyright: ignore[reportPrivateUsage]
+    native = loaded._native
     recordings: list[_reel.Recording | None] = [None] * len(loaded)
     if out is not None:
         folder = Path(out)

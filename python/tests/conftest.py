@@ -50,4 +50,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Names what was skipped in the form that the repository's tests collect (tests/skips.toml)."""
     for report in terminalreporter.stats.get("skipped", []):
         reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
-        terminalreporter.write_line(f"skipped: python: {report.nodeid}: {reason}")
+        need = "chromium" if "Chromium" in reason else "python"
+        terminalreporter.write_line(f"skipped: {need}: {report.nodeid}: {reason}")

@@ -106,6 +106,13 @@ def test_blame_names_the_decisive_step(played: Path) -> None:
     assert explanation.advised_call
 
 
+def test_rerun_gets_a_recording(planner: reel.Episode, tmp_path: Path) -> None:
+    recording = planner.save_rerun(tmp_path / "episode.rrd")
+    assert recording.read_bytes()[:3] == b"RRF"
+    with pytest.raises(reel.ReelError, match="smell"):
+        planner.save_rerun(tmp_path / "x.rrd", layers="smell")
+
+
 def test_episodes_travel_to_workers(planner: reel.Episode) -> None:
     again = pickle.loads(pickle.dumps(planner))
     assert again == planner and len({again, planner}) == 1 and again.steps[0].call == planner.steps[0].call

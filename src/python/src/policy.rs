@@ -36,12 +36,12 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// What the agent of a running episode sees now.
-    pub fn of(py: Python<'_>, running: &RunningEpisode) -> PyResult<Self> {
-        Self::new(py, &running.context())
+    /// What the agent of a running episode sees now; `images` says whether they are drawn in colour.
+    pub fn of(py: Python<'_>, running: &RunningEpisode, images: bool) -> PyResult<Self> {
+        Self::new(py, &running.context(), images)
     }
 
-    fn new(py: Python<'_>, context: &PolicyContext<'_>) -> PyResult<Self> {
+    fn new(py: Python<'_>, context: &PolicyContext<'_>, images: bool) -> PyResult<Self> {
         let PolicyContext {
             briefing,
             observation,
@@ -52,6 +52,7 @@ impl Observation {
         let image = observation
             .frame
             .as_ref()
+            .filter(|_| images)
             .map(|frame| convert::rgb(py, frame.rgb.clone()));
         let receptacle = |(id, category, room): &(reel_world::ReceptacleId, String, String)| {
             (id.to_string(), category.clone(), room.clone())
@@ -88,7 +89,7 @@ impl Policy for PythonPolicy {
 
     fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
         Python::attach(|py| {
-            let observation = Observation::new(py, context)?;
+            let observation = Observation::new(py, context, true)?;
             let (name, arguments, output): (String, Bound<'_, PyAny>, Option<Bound<'_, PyAny>>) =
                 self.act.call1(py, (observation,))?.extract(py)?;
             input(convert::call(&name, Some(&arguments))?, output.as_ref())

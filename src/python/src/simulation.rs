@@ -2,6 +2,7 @@
 //! recorded episode.
 
 use std::{
+    collections::BTreeMap,
     path::PathBuf,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
@@ -16,7 +17,7 @@ use reel_sim::{Snapshot, render::Detail};
 use reel_trace::{Durability, Images, RecordOptions, Trace};
 use reel_world::{
     Skills, ToolCall,
-    record::{EndReason, Parent, PolicyInfo, PolicyOutput, StepInput},
+    record::{EndReason, Parent, PolicyInfo, PolicyOutput, StepInput, StepRecord},
 };
 
 use crate::{
@@ -32,6 +33,8 @@ pub struct StepResult {
     observation: Py<Observation>,
     /// Sum of the reward terms of this call.
     reward: f64,
+    /// The terms that are not zero: `task`, `prog`, `phys`, `ask`, `time`, `safe`.
+    reward_terms: BTreeMap<String, f64>,
     /// Whether the episode ended by a call of the agent, or by a fault.
     terminated: bool,
     /// Whether the horizon ended it.
@@ -75,12 +78,15 @@ impl Recording {
 #[pyclass(frozen, module = "reel._reel")]
 pub struct Simulation {
     running: Mutex<Option<RunningEpisode>>,
+    /// Whether images are drawn in colour.
+    images: bool,
 }
 
 impl Simulation {
-    fn new(running: RunningEpisode) -> Self {
+    fn new(running: RunningEpisode, images: bool) -> Self {
         Self {
             running: Mutex::new(Some(running)),
+            images,
         }
     }
 
@@ -116,8 +122,9 @@ impl Simulation {
             let ended = running.episode().ended();
             let last = running.episode().steps().last();
             Ok(StepResult {
-                observation: Py::new(py, Observation::of(py, running)?)?,
+                observation: Py::new(py, Observation::of(py, running, self.images)?)?,
                 reward: last.map_or(0.0, |step| step.reward_total()),
+                reward_terms: last.map_or_else(BTreeMap::new, terms),
                 terminated: ended.is_some_and(|reason| reason != EndReason::Horizon),
                 truncated: ended == Some(EndReason::Horizon),
                 end_reason: ended.map(name_of),
@@ -166,7 +173,7 @@ impl Simulation {
             };
             RunningEpisode::start_with(config, detail, record.as_ref())
                 .or_raise()
-                .map(Self::new)
+                .map(|running| Self::new(running, images))
         })
     }
 
@@ -186,7 +193,7 @@ impl Simulation {
 
     /// What the agent knows now.
     fn observe(&self, py: Python<'_>) -> PyResult<Observation> {
-        self.with(|running| Observation::of(py, running))
+        self.with(|running| Observation::of(py, running, self.images))
     }
 
     /// What the robot's head sees now: RGB, depth in millimetres, instance ids.
@@ -246,12 +253,13 @@ impl Simulation {
     }
 }
 
-/// Makes one call in each of several episodes, on all cores.
+/// Makes one call in each of several episodes, on all cores: name, arguments and what a model said
+/// with it.
 #[pyfunction]
 pub fn step_all(
     py: Python<'_>,
     simulations: Vec<Py<Simulation>>,
-    calls: Vec<(String, Bound<'_, PyAny>)>,
+    calls: Vec<(String, Bound<'_, PyAny>, Option<Bound<'_, PyAny>>)>,
 ) -> PyResult<Vec<StepResult>> {
     if simulations.len() != calls.len() {
         return Err(refuse(format!(
@@ -262,7 +270,9 @@ pub fn step_all(
     }
     let inputs = calls
         .iter()
-        .map(|(name, arguments)| input(convert::call(name, Some(arguments))?, None))
+        .map(|(name, arguments, output)| {
+            input(convert::call(name, Some(arguments))?, output.as_ref())
+        })
         .collect::<PyResult<Vec<_>>>()?;
     let episodes: Vec<&Simulation> = simulations.iter().map(Py::get).collect();
     py.detach(|| {
@@ -344,7 +354,7 @@ impl ForkPoint {
             }),
         };
         py.detach(|| self.play(config, images, record))
-            .map(Simulation::new)
+            .map(|running| Simulation::new(running, images))
     }
 }
 
@@ -383,7 +393,7 @@ impl ForkPoint {
     }
 
     /// The images that the parent's agent got up to here.
-    fn images(&self) -> PyResult<std::collections::BTreeMap<Option<u32>, Vec<u8>>> {
+    fn images(&self) -> PyResult<BTreeMap<Option<u32>, Vec<u8>>> {
         let got = self.parent.steps[..self.calls]
             .iter()
             .filter(|step| step.digests.frame.is_some());
@@ -392,6 +402,15 @@ impl ForkPoint {
             .collect();
         frames_at(&self.parent, &moments).map_err(|verdict| crate::error::not_executed(&verdict))
     }
+}
+
+/// The reward terms of a call by name.
+fn terms(step: &StepRecord) -> BTreeMap<String, f64> {
+    let mut terms = BTreeMap::new();
+    for term in &step.reward {
+        *terms.entry(term.component.clone()).or_default() += term.value;
+    }
+    terms
 }
 
 /// What an episode of a task is a function of.

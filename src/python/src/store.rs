@@ -34,6 +34,9 @@ use crate::{
 /// Batches of an answer that wait for who takes them.
 const AHEAD: usize = 4;
 
+/// How pickle makes a store again: the class, and its arguments.
+type Pickled<'py> = (Bound<'py, PyAny>, (String, Option<u64>));
+
 /// A store of tables, as it is when a question is asked.
 #[pyclass(frozen, module = "reel._reel")]
 pub struct Store {
@@ -109,10 +112,7 @@ impl Store {
         Stream::of(py, session, sql, parameters.unwrap_or_default())
     }
 
-    fn __reduce__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyAny>, (String, Option<u64>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Pickled<'py>> {
         Ok((
             py.get_type::<Self>().into_any(),
             (self.location.clone(), self.version),

@@ -1,6 +1,9 @@
 //! Tasks with the scenes they play in.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use pyo3::prelude::*;
 use reel_tasks::{
@@ -152,7 +155,7 @@ impl TaskSet {
     }
 }
 
-fn fixed_scene(path: &PathBuf) -> PyResult<Arc<Scene>> {
+fn fixed_scene(path: &Path) -> PyResult<Arc<Scene>> {
     match path.to_str().and_then(built_in) {
         Some(scene) => Ok(Arc::new(scene)),
         None => Ok(Arc::new(reel_tasks::scene::load(path).or_raise()?.scene)),

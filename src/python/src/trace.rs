@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::Arc};
 
 use numpy::{PyArray2, PyArray3};
-use pyo3::prelude::*;
+use pyo3::{prelude::*, types::PyBytes};
 use rayon::prelude::*;
 use reel_agents::RecordTo;
 use reel_counterfactual::{
@@ -14,7 +14,7 @@ use reel_replay::{
     EndSummary, SnapshotCache, Verdict, Viewpoint, compare, seek, verify_catching_panics, view_at,
 };
 use reel_tasks::assets::AssetFolder;
-use reel_trace::{Images, RecordOptions, TraceFiles};
+use reel_trace::{FrameLayers, Images, RecordOptions, TraceFiles};
 use reel_world::{Assets, instances};
 use serde_json::json;
 
@@ -31,6 +31,9 @@ pub struct Trace {
     pub inner: Arc<reel_trace::Trace>,
     assets: Option<PathBuf>,
 }
+
+/// How pickle makes a trace again: the function, and its arguments.
+type Pickled<'py> = (Bound<'py, PyAny>, (PathBuf, Option<PathBuf>));
 
 /// The files that traces are read from, with the meshes of a folder.
 fn files(assets: Option<&PathBuf>) -> PyResult<TraceFiles> {
@@ -277,6 +280,16 @@ impl Trace {
         reel_view::transcript(&self.inner)
     }
 
+    /// The episode as a recording for Rerun, with depth, masks or both.
+    #[pyo3(signature = (layers = ""))]
+    fn rerun_recording<'py>(&self, py: Python<'py>, layers: &str) -> PyResult<Bound<'py, PyBytes>> {
+        let layers = FrameLayers::parse(layers).map_err(refuse)?;
+        let bytes = py
+            .detach(|| reel_view::rrd(&self.inner, layers))
+            .or_raise()?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
     /// How it ended, in one line.
     fn ending(&self) -> String {
         match &self.inner.end {
@@ -285,10 +298,7 @@ impl Trace {
         }
     }
 
-    fn __reduce__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyAny>, (PathBuf, Option<PathBuf>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Pickled<'py>> {
         let read = py.get_type::<Self>().getattr("read")?;
         Ok((read, (self.inner.path.clone(), self.assets.clone())))
     }

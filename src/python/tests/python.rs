@@ -35,14 +35,14 @@ fn sources() -> PathBuf {
 fn package() -> PathBuf {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-package");
     let _absent = fs::remove_dir_all(&root);
-    link_all(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("reel"),
-        &root.join("reel"),
-    );
+    for package in ["reel", "reel_household"] {
+        link_all(&sources().join(package), &root.join(package));
+    }
     symlink(library(), root.join("reel/_reel.abi3.so")).unwrap();
     root
 }
 
+/// Links to all files of a folder but those that Python or a build made.
 fn link_all(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -50,11 +50,7 @@ fn link_all(from: &Path, to: &Path) {
         let name = path.file_name().unwrap();
         if path.is_dir() && name != "__pycache__" {
             link_all(&path, &to.join(name));
-        } else if path
-            .extension()
-            .is_some_and(|kind| kind == "py" || kind == "pyi")
-            || name == "py.typed"
-        {
+        } else if path.is_file() && path.extension().is_none_or(|kind| kind != "so") {
             symlink(&path, to.join(name)).unwrap();
         }
     }
@@ -74,7 +70,8 @@ fn the_package_passes_its_tests() {
     );
     let mut pytest = Command::new(python);
     pytest
-        .current_dir(sources())
+        // not the folder of the package, which would be imported from there
+        .current_dir(sources().join("tests"))
         .env("PYTHONPATH", &package)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .args([
@@ -83,8 +80,8 @@ fn the_package_passes_its_tests() {
             "-q",
             "-p",
             "no:cacheprovider",
-            "--ignore=tests/long",
-            "tests",
+            "--ignore=long",
+            ".",
         ]);
     reel_vectors::run(&mut pytest);
 }

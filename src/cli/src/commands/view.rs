@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     serve(arguments, recording)
 }
 
-#[cfg(feature = "service")]
+#[cfg(all(feature = "service", feature = "rerun-viewer"))]
 fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<ExitStatus> {
     // A name for the address; what the file is called otherwise is of no concern there.
     let name = arguments
@@ -108,7 +108,7 @@ fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<ExitStatus
     Ok(ExitStatus::Success)
 }
 
-#[cfg(not(feature = "service"))]
+#[cfg(not(all(feature = "service", feature = "rerun-viewer")))]
 fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<ExitStatus> {
     bail!(
         "Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer"
