@@ -263,7 +263,8 @@ impl Trace {
             alternatives,
             branches,
         };
-        let measured = interruptible(py, || (), || measure(&self.inner, &options))?;
+        let measured = interruptible(py, || (), || measure(&self.inner, &options))?
+            .map_err(|verdict| not_executed(&verdict))?;
         convert::object(py, &measured)
     }
 

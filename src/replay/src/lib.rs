@@ -34,7 +34,7 @@ pub use difference::{Divergence, EpisodePosition};
 pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, state_at};
 pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
-pub use player::{Replay, StepMismatch};
+pub use player::{Replay, StepMismatch, check_meshes};
 pub use reel_episode::Rollout;
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};

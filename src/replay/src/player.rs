@@ -205,7 +205,10 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
 
 /// Refuses a trace whose meshes are not those that it was recorded with: everything would
 /// differ, and say nothing.
-fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
+///
+/// # Errors
+/// Fails with the verdict that says which meshes are missing or are others.
+pub fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
     let wrong =
         trace
             .header

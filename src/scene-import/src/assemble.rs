@@ -48,7 +48,7 @@ pub(crate) fn assemble(scene_id: &str, mut house: House) -> Option<Assembled> {
         let Some(room) = room_of(&piece, &house.rooms) else {
             notes.left_out(format!(
                 "furniture outside of every room: {}",
-                piece.category
+                piece.source
             ));
             continue;
         };
@@ -93,7 +93,12 @@ fn plain_room(pieces: &mut [Piece], notes: &mut Notes) -> Option<RoomPlan> {
             && let Some(bounds) = Bounds::of_all(solids.all())
             && bounds.low[2].abs() > 0.005
         {
-            notes.approximated("furniture above or below the floor: put onto it");
+            notes.approximated(format!(
+                "furniture {:.2} m {} the floor, put onto it: {}",
+                bounds.low[2].abs(),
+                if bounds.low[2] > 0.0 { "above" } else { "below" },
+                piece.source
+            ));
             solids.shift([0.0, 0.0, -bounds.low[2]]);
         }
     }

@@ -7,7 +7,7 @@ use crate::{
     affine::{Affine, Bounds, cross},
     house::{Joint, Moving, Solids, SourceSolid},
     notes::Notes,
-    surfaces::{Face, area, faces, shared, top},
+    surfaces::{Face, area, faces, is_open, shared, top},
 };
 
 /// Categories one puts things into, not onto.
@@ -93,11 +93,12 @@ pub(crate) fn parts(
     // What lies behind the doors of a mesh is not known: it has no shelves.
     if !SHELFLESS.contains(&category) && !is_hollowed {
         let shelves = shelf_faces(&found, &top_face, &inner);
-        inner.extend(
-            shelves
-                .into_iter()
-                .map(|face| part(Some(Role::Shelf), &face)),
-        );
+        let (open, closed_off): (Vec<Face>, Vec<Face>) =
+            shelves.into_iter().partition(|face| is_open(face, &closed));
+        inner.extend(open.into_iter().map(|face| part(Some(Role::Shelf), &face)));
+        for _ in closed_off {
+            notes.left_out("shelf: no side of it is open, as behind a door");
+        }
     }
     inner.sort_by(|a, b| b.z.total_cmp(&a.z));
     let whole = Part {

@@ -12,6 +12,11 @@ const HEADROOM_MIN_M: f64 = 0.12;
 const LEVEL_MIN: f64 = 0.9995;
 /// What reaches less above a face than this lies flush with it, in metres.
 const FLUSH_M: f64 = 0.012;
+/// Height of the opening that a hand needs above a face, in metres.
+const OPENING_M: f64 = 0.3;
+/// How far inside of its edge a face is looked at from, and how far beyond it, in metres.
+const EDGE_M: f64 = 0.02;
+const APPROACH_M: f64 = 0.5;
 
 /// A level face with space above it.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -42,6 +47,35 @@ pub(crate) fn faces(of: &[&Solid], around: &[&Solid]) -> Vec<Face> {
     let mut faces: Vec<Face> = faces.collect();
     faces.sort_by(|a, b| b.z.total_cmp(&a.z));
     faces
+}
+
+/// Whether a face can be reached from one of its sides at least: half of what lies above its edge
+/// there is free of solids.
+pub(crate) fn is_open(face: &Face, around: &[&Solid]) -> bool {
+    let obstacles: Vec<Bounds> = around.iter().map(|solid| Bounds::of(solid)).collect();
+    let height = face.headroom.min(OPENING_M);
+    (0..2).any(|axis| [false, true].into_iter().any(|upper| {
+        let edge = if upper { face.rect.max[axis] - EDGE_M } else { face.rect.min[axis] + EDGE_M };
+        let beyond = |obstacle: &Bounds| if upper {
+            obstacle.high[axis] > edge && obstacle.low[axis] < edge + APPROACH_M
+        } else {
+            obstacle.low[axis] < edge && obstacle.high[axis] > edge - APPROACH_M
+        };
+        let beyond: Vec<&Bounds> = obstacles.iter().filter(|it| beyond(it)).collect();
+        let across = 1 - axis;
+        let width = face.rect.max[across] - face.rect.min[across];
+        let points = (0..5).flat_map(|side| (0..3).map(move |rise| (side, rise)));
+        let free = points.filter(|(side, rise)| {
+            let at = face.rect.min[across] + width * (f64::from(*side) + 0.5) / 5.0;
+            let z = face.z + height * (f64::from(*rise) + 0.5) / 3.0;
+            let holds = |obstacle: &&&Bounds| {
+                (obstacle.low[across]..=obstacle.high[across]).contains(&at)
+                    && (obstacle.low[2]..=obstacle.high[2]).contains(&z)
+            };
+            !beyond.iter().any(|obstacle| holds(&obstacle))
+        });
+        free.count() > 7
+    }))
 }
 
 /// The face that counts as the surface of a piece: open to the sky and large; of such, the highest.
@@ -192,6 +226,25 @@ mod tests {
             found[0].is_infinite() && (found[1] - 0.38).abs() < 1e-9,
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn a_board_is_open_where_one_side_of_it_is_free() {
+        let mut case = vec![
+            block([0.0, 0.0, 0.0], [0.8, 0.4, 0.02]),
+            block([0.0, 0.0, 0.0], [0.02, 0.4, 0.8]),
+            block([0.78, 0.0, 0.0], [0.8, 0.4, 0.8]),
+            block([0.0, 0.38, 0.0], [0.8, 0.4, 0.8]),
+            block([0.0, 0.0, 0.78], [0.8, 0.4, 0.8]),
+        ];
+        let open = |case: &[Solid]| {
+            let around: Vec<&Solid> = case.iter().collect();
+            let lowest = *all(case).last().expect("there is a board");
+            is_open(&lowest, &around)
+        };
+        assert!(open(&case), "its front is free");
+        case.push(block([0.05, -0.03, 0.1], [0.75, -0.01, 0.7]));
+        assert!(!open(&case), "a door is in front of it");
     }
 
     #[test]

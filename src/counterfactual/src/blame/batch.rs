@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
+use reel_replay::{Verdict, check_meshes};
 use reel_trace::{Trace, TraceFiles};
 use serde::{Deserialize, Serialize};
 
@@ -44,7 +45,7 @@ pub fn blame_all(
         let measured = files
             .read(path)
             .map_err(|error| error.to_string())
-            .map(|trace| measure(&trace, options));
+            .and_then(|trace| measure(&trace, options).map_err(|refused| refused.to_string()));
         on_done();
         measured
     };
@@ -58,7 +59,11 @@ pub fn blame_all(
 }
 
 /// Measures a trace that was read.
-pub fn measure(trace: &Trace, options: &BlameOptions) -> MeasuredTrace {
+///
+/// # Errors
+/// Refuses a trace whose meshes are not there: its costs would be those of other objects.
+pub fn measure(trace: &Trace, options: &BlameOptions) -> Result<MeasuredTrace, Verdict> {
+    check_meshes(trace)?;
     let blame = blame(trace);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
@@ -72,12 +77,12 @@ pub fn measure(trace: &Trace, options: &BlameOptions) -> MeasuredTrace {
             Err(error) => reason = Some(error.to_string()),
         }
     }
-    MeasuredTrace {
+    Ok(MeasuredTrace {
         trace: trace.path.clone(),
         blame,
         alternative: found,
         no_alternative: reason,
-    }
+    })
 }
 
 fn branch_name(trace: &Path, step: u32) -> String {

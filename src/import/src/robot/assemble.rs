@@ -491,7 +491,7 @@ impl EpisodeBuilder {
         mut self,
         mapping: &Mapping,
         options: &ImportOptions<'_>,
-        path: &Path,
+        (path, lost): (&Path, &[&str]),
         frame: &dyn Fn(ImageLocation) -> Option<FrameDigests>,
     ) -> AssembledEpisode {
         let mut notes = Vec::new();
@@ -505,6 +505,9 @@ impl EpisodeBuilder {
         ) = self.setting(options, path, &mut notes);
         if let Some(error) = self.trajectory_error(mapping, &mut notes) {
             settings.insert("trajectory_error".to_owned(), error.settings());
+        }
+        if !lost.is_empty() {
+            settings.insert("losses".to_owned(), json!(lost));
         }
         let began_ns = self.began_ns();
         if let Some(map) = self.map.take() {

@@ -59,6 +59,7 @@ pub(crate) fn walk(path: &Path, visit: &mut dyn FnMut(Message<'_>)) -> Vec<Strin
         file,
         at: 0,
         channels: ChannelAccumulator::default(),
+        summarised: ChannelAccumulator::default(),
         numbered: 0,
         unknown: 0,
         visit,
@@ -86,6 +87,8 @@ struct Walk<'a> {
     /// Where the next record begins.
     at: u64,
     channels: ChannelAccumulator<'static>,
+    /// What the end of the file names, for topics whose own records are damaged.
+    summarised: ChannelAccumulator<'static>,
     numbered: u64,
     /// Messages whose channel is not known.
     unknown: u64,
@@ -288,7 +291,10 @@ impl Walk<'_> {
         }
         while let Ok(Some((opcode @ (op::SCHEMA | op::CHANNEL), length))) = self.prefix() {
             match self.read(length.min(BYTES_MAX)) {
-                Ok(body) if body.len() as u64 == length => self.name(opcode, &body),
+                // A damaged summary is no loss: the data names its topics itself.
+                Ok(body) if body.len() as u64 == length => {
+                    drop(learn(&mut self.summarised, opcode, &body));
+                }
                 _ => return,
             }
         }
@@ -353,7 +359,8 @@ impl Walk<'_> {
         };
         let number = self.numbered;
         self.numbered += 1;
-        match self.channels.get(header.channel_id) {
+        let id = header.channel_id;
+        match self.channels.get(id).or_else(|| self.summarised.get(id)) {
             Some(channel) => {
                 let (log_ns, publish_ns) = (header.log_time, header.publish_time);
                 (self.visit)(Message {
@@ -373,20 +380,25 @@ impl Walk<'_> {
         if !matches!(opcode, op::SCHEMA | op::CHANNEL) {
             return;
         }
-        let named = match mcap::parse_record(opcode, body) {
-            Ok(Record::Schema { header, data }) => {
-                self.channels.add_schema_from_slice(header, &data)
-            }
-            Ok(Record::Channel(channel)) => self.channels.add_channel(channel),
-            Ok(_) => Ok(()),
-            Err(error) => Err(error),
-        };
-        if let Err(error) = named {
+        if let Err(error) = learn(&mut self.channels, opcode, body) {
             self.lost.push(format!(
                 "a topic at byte {} cannot be read ({error})",
                 self.at
             ));
         }
+    }
+}
+
+/// Adds a topic or its schema to those that are known.
+fn learn(
+    channels: &mut ChannelAccumulator<'static>,
+    opcode: u8,
+    body: &[u8],
+) -> Result<(), McapError> {
+    match mcap::parse_record(opcode, body)? {
+        Record::Schema { header, data } => channels.add_schema_from_slice(header, &data),
+        Record::Channel(channel) => channels.add_channel(channel),
+        _ => Ok(()),
     }
 }
 

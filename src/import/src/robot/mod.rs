@@ -128,8 +128,9 @@ pub fn import(
     }));
 
     let mut episodes = Vec::new();
+    let lost: Vec<&str> = losses.iter().map(|loss| loss.message.as_str()).collect();
     for playing in played {
-        let recorded = playing.finish(mapping, options, recording, &|place| {
+        let recorded = playing.finish(mapping, options, (recording, &lost), &|place| {
             Some(images.get(&place)?.digests)
         });
         let sensors = kept.channels(&recorded.sensors, &reading.sources, recorded.began_ns);
@@ -245,17 +246,18 @@ impl Reading<'_> {
     /// Everything that the messages say but images, in the order of time.
     fn events(&mut self) -> (Vec<Event>, Vec<ImportLoss>) {
         let (mut events, mut losses) = (Vec::new(), Vec::new());
+        let mut clock = SteadyClock::default();
         for (file, path) in (0..).zip(self.paths.clone()) {
             let mut decoders = Decoders::default();
             let lost = bag::walk(&path, &mut |message| {
                 let topic = &message.channel.topic;
+                let ns = clock.ns(topic, self.ns(&message));
                 if !self.topics.contains(topic) {
                     self.topics.insert(topic.clone());
                 }
                 let Some(entries) = self.mapping.topics.get(topic) else {
                     return;
                 };
-                let ns = self.ns(&message);
                 let place = [file, message.number];
                 let (cameras, others): (Vec<_>, Vec<_>) =
                     entries.iter().partition(|entry| entry.kind == Kind::Camera);
@@ -301,6 +303,10 @@ impl Reading<'_> {
                 message,
             }));
         }
+        losses.extend(clock.jumps.into_iter().map(|message| ImportLoss {
+            file: self.paths[0].clone(),
+            message,
+        }));
         events.sort_by_key(|event| event.ns);
         (sensors::thinned(events, &self.sources), losses)
     }
@@ -377,6 +383,41 @@ impl Reading<'_> {
         let topics = self.mapping.topics.keys();
         let silent = topics.filter(|topic| !self.topics.contains(*topic));
         notes.extend(silent.map(|topic| format!("no message on {topic}")));
+    }
+}
+
+/// A clock that goes on where that of the recording was set back: what came after is after.
+#[derive(Default)]
+struct SteadyClock {
+    /// The last time of each topic by the clock of the recording, since it was last set back.
+    last: BTreeMap<String, u64>,
+    /// What is added to every time.
+    added_ns: u64,
+    jumps: Vec<String>,
+}
+
+impl SteadyClock {
+    /// A topic's own messages are never out of order by more than this.
+    const ORDER_NS: u64 = 1_000_000_000;
+
+    fn ns(&mut self, topic: &str, told: u64) -> u64 {
+        if let Some(last) = self.last.get(topic).copied()
+            && last > told.saturating_add(Self::ORDER_NS)
+        {
+            let back = last - told;
+            self.jumps.push(format!(
+                "the clock goes back by {} at {} (seen on {topic}); what follows is read as if it had gone on",
+                seconds(back),
+                seconds(last)
+            ));
+            self.added_ns = self.added_ns.saturating_add(back);
+            self.last.clear();
+        }
+        match self.last.get_mut(topic) {
+            Some(last) => *last = (*last).max(told),
+            None => drop(self.last.insert(topic.to_owned(), told)),
+        }
+        told.saturating_add(self.added_ns)
     }
 }
 

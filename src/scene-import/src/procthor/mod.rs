@@ -13,7 +13,7 @@ use crate::{
     files::is_sane,
     house::{House, RoomPlan},
     notes::Notes,
-    polygons,
+    polygons, surfaces,
 };
 
 pub(crate) use objects::AssetSizes;
@@ -106,6 +106,10 @@ pub(crate) fn read(text: &str, file: &str, sizes: &AssetSizes) -> Result<House, 
             "none; a house needs at least one room",
         ));
     }
+    if parsed.walls.is_empty() {
+        notes.approximated("house without walls: they are built around its rooms");
+    }
+    note_overlaps(&parsed.rooms, &rooms, &mut notes);
     for _ in &parsed.windows {
         notes.left_out("window: walls are whole there");
     }
@@ -119,6 +123,25 @@ pub(crate) fn read(text: &str, file: &str, sizes: &AssetSizes) -> Result<House, 
         pieces,
         notes,
     })
+}
+
+/// Rooms that lie over each other: what stands there is of the first.
+fn note_overlaps(items: &[RoomItem], rooms: &[RoomPlan], notes: &mut Notes) {
+    let overlap = |a: &RoomPlan, b: &RoomPlan| {
+        let pairs = a.rects.iter().flat_map(|one| b.rects.iter().map(move |other| (one, other)));
+        pairs
+            .filter_map(|(one, other)| surfaces::shared(one, other))
+            .map(|rect| surfaces::area(&rect))
+            .sum::<f64>()
+    };
+    for (index, room) in rooms.iter().enumerate() {
+        for before in 0..index {
+            if overlap(room, &rooms[before]) > 0.05 {
+                let [one, other] = [before, index].map(|at| &items[at].id);
+                notes.approximated(format!("rooms that overlap: {one} and {other}"));
+            }
+        }
+    }
 }
 
 fn floor(

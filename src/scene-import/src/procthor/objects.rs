@@ -26,8 +26,7 @@ pub(super) struct ObjectItem {
     #[serde(default)]
     asset_id: String,
     /// The middle of its bounding box.
-    #[serde(default)]
-    position: Triple,
+    position: Option<Triple>,
     #[serde(default)]
     rotation: Triple,
     #[serde(default)]
@@ -113,14 +112,14 @@ pub(super) fn pieces(
     let mut pieces = Vec::new();
     for (index, item) in items.iter().enumerate() {
         let at = || format!("objects[{index}] ({})", item.id);
-        let is_sane = item.position.is_sane() && item.rotation.is_sane();
-        if !is_sane {
+        let position = item.position.filter(Triple::is_sane);
+        let Some(position) = position.filter(|_| item.rotation.is_sane()) else {
             return Err(ImportError::invalid(
                 file,
                 at(),
-                "its position or rotation is no finite triple",
+                "its position or rotation is not there or no finite triple",
             ));
-        }
+        };
         let mut count = 0;
         count_children(&item.children, notes, &mut count);
         if count > ITEMS_MAX {
@@ -131,7 +130,7 @@ pub(super) fn pieces(
             ));
         }
         match category(item, known) {
-            Some(category) => pieces.push(piece(item, category, known, notes)),
+            Some(category) => pieces.push(piece((item, position), category, known, notes)),
             None => notes.left_out(format!("not furniture to put objects on: {}", kind(item))),
         }
     }
@@ -170,7 +169,12 @@ fn kind(item: &ObjectItem) -> String {
     categories::kind_of(id_type(item).unwrap_or(&item.asset_id))
 }
 
-fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Notes) -> Piece {
+fn piece(
+    (item, position): (&ObjectItem, Triple),
+    category: &str,
+    known: &AssetSizes,
+    notes: &mut Notes,
+) -> Piece {
     let size = match known.sizes.get(&item.asset_id) {
         Some([x, y, z]) => [*x, *z, *y],
         None => {
@@ -179,7 +183,7 @@ fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Note
             );
             let [width, depth, height] = sizes::typical(category);
             // It stands on the floor, and its place is the middle of its box.
-            let told = item.position.y * 2.0;
+            let told = position.y * 2.0;
             let believed = (HEIGHTS_M[0]..=HEIGHTS_M[1]).contains(&told);
             [width, depth, if believed { told } else { height }]
         }
@@ -190,6 +194,13 @@ fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Note
     if off.abs() > TURN_MAX_DEG {
         notes.approximated("furniture at an odd angle: turned to a right one");
     }
+    let is_tilted = [item.rotation.x, item.rotation.z].map(|angle| {
+        let off = (angle + 180.0).rem_euclid(360.0) - 180.0;
+        off.abs() > TURN_MAX_DEG
+    });
+    if is_tilted.contains(&true) {
+        notes.approximated(format!("furniture out of plumb, set upright: {}", item.id));
+    }
     Piece {
         source: if item.id.is_empty() {
             item.asset_id.clone()
@@ -198,7 +209,7 @@ fn piece(item: &ObjectItem, category: &str, known: &AssetSizes, notes: &mut Note
         },
         category: category.to_owned(),
         body: Body::Sized(Extent {
-            center: item.position.floor(),
+            center: position.floor(),
             size,
             facing_deg,
         }),

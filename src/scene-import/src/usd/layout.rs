@@ -53,10 +53,11 @@ pub(super) fn house(content: Content) -> House {
             Some(joint) => add_moving(solids, joint, shape.solid.clone()),
         }
     }
-    let pieces = pieces.into_iter().filter_map(|(owner, solids)| {
+    let pieces = pieces.into_iter().filter_map(|(owner, mut solids)| {
         let Role::Furniture(category) = tree.roles[owner] else {
             return None;
         };
+        name_joints(&mut solids);
         Some(Piece {
             source: prims[owner].path.clone(),
             category: category.to_owned(),
@@ -76,18 +77,25 @@ pub(super) fn house(content: Content) -> House {
 }
 
 fn add_moving(solids: &mut Solids, joint: &JointItem, solid: SourceSolid) {
-    let source = joint.path.rsplit('/').next().unwrap_or_default();
-    match solids
-        .moving
-        .iter_mut()
-        .find(|moving| moving.source == source)
-    {
+    let known = solids.moving.iter_mut();
+    match known.into_iter().find(|moving| moving.source == joint.path) {
         Some(moving) => moving.solids.push(solid),
         None => solids.moving.push(Moving {
-            source: source.to_owned(),
+            source: joint.path.clone(),
             solids: vec![solid],
             joint: joint.joint,
         }),
+    }
+}
+
+/// Calls each joint of a piece by its name, where no other has it.
+fn name_joints(solids: &mut Solids) {
+    let name = |path: &str| path.rsplit('/').next().unwrap_or_default().to_owned();
+    let names: Vec<String> = solids.moving.iter().map(|it| name(&it.source)).collect();
+    for (moving, own) in solids.moving.iter_mut().zip(&names) {
+        if names.iter().filter(|other| *other == own).count() == 1 {
+            moving.source.clone_from(own);
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! USD: a composed stage of layers, as text, binary or archive. Prims become rooms, walls and
 //! furniture by their semantic labels and names, physics joints become drawers and doors.
 
+mod joints;
 mod labels;
 mod layout;
 mod shapes;
@@ -12,7 +13,7 @@ use reel_tasks::assets::{
 
 use crate::{
     ImportError,
-    affine::{Affine, unit},
+    affine::Affine,
     files::{DEPTH_MAX, ImportFiles},
     house::{House, Joint, SourceSolid},
     notes::Notes,
@@ -20,8 +21,6 @@ use crate::{
 
 /// Most prims of a stage.
 const PRIMS_MAX: usize = 200_000;
-/// How far a joint without limits opens: metres and degrees.
-const UNLIMITED: (f64, f64) = (0.3, 90.0);
 
 /// A prim with what matters of it.
 struct PrimItem {
@@ -106,7 +105,7 @@ fn content(file: &str, requests: FileRequests) -> Result<Content, ImportError> {
             .notes
             .left_out(format!("layer or prim that does not compose: {text}"));
     }
-    walk.place_joints()?;
+    joints::place(&mut walk)?;
     Ok(walk.content)
 }
 
@@ -168,86 +167,5 @@ impl Walk<'_> {
             self.prim(&child, &frame, depth + 1)?;
         }
         Ok(())
-    }
-
-    /// Joints come last: the prims they join may stand after them.
-    fn place_joints(&mut self) -> Result<(), ImportError> {
-        for prim in std::mem::take(&mut self.joints) {
-            let kind = self.known(usd::type_name(&prim))?;
-            let path = prim.path().as_str().to_owned();
-            match kind.as_str() {
-                "PhysicsPrismaticJoint" | "PhysicsRevoluteJoint" => {}
-                "PhysicsFixedJoint" => continue,
-                other => {
-                    self.content
-                        .notes
-                        .left_out(format!("joint: {other}, kept closed"));
-                    continue;
-                }
-            }
-            let Some((moves, joint)) = self.joint(&prim, kind == "PhysicsPrismaticJoint") else {
-                self.content
-                    .notes
-                    .left_out("joint: its bodies or axis are not in the stage, kept closed");
-                continue;
-            };
-            self.content.joints.push(JointItem { path, moves, joint });
-        }
-        Ok(())
-    }
-
-    /// The prim that a joint moves, and how: the second body against the first.
-    fn joint(&mut self, prim: &Prim, is_slide: bool) -> Option<(String, Joint)> {
-        let bodies = ["physics:body0", "physics:body1"].map(|name| values::target(prim, name));
-        let [first, second] = bodies
-            .each_ref()
-            .map(|body| self.frame_of(body.as_deref()?));
-        let moves = bodies[1].clone().or_else(|| bodies[0].clone())?;
-        // The frame of the joint on a body; one is enough, as both agree while it is closed.
-        let (body, at, turn) = match (first, second) {
-            (Some(frame), _) => (frame, "physics:localPos0", "physics:localRot0"),
-            (None, Some(frame)) => (frame, "physics:localPos1", "physics:localRot1"),
-            (None, None) => return None,
-        };
-        let local = values::numbers::<3>(prim, at).unwrap_or_default();
-        let turn = values::numbers::<4>(prim, turn).map_or(Affine::IDENTITY, Affine::of_quaternion);
-        let frame = body.after(&Affine::translation(local)).after(&turn);
-        let axis = match values::token(prim, "physics:axis").as_deref() {
-            Some("Y") => 1,
-            Some("Z") => 2,
-            _ => 0,
-        };
-        let limit = |name: &str| values::numbers::<1>(prim, name).map(|[value]| value);
-        let limits = [limit("physics:lowerLimit"), limit("physics:upperLimit")];
-        let farther = match limits {
-            [Some(low), Some(high)] => Some(if high.abs() >= low.abs() { high } else { low }),
-            [low, high] => high.or(low),
-        };
-        if farther.is_none() {
-            self.content
-                .notes
-                .approximated("joint without limits: opens 0.3 m or 90 degrees");
-        }
-        let axis = frame.axes[axis];
-        let joint = if is_slide {
-            // Limits are in the stage's units, the axis is as long as one of them.
-            let open_by = match farther {
-                Some(distance) => axis.map(|part| part * distance),
-                None => unit(axis)?.map(|part| part * UNLIMITED.0),
-            };
-            Joint::Slide { open_by }
-        } else {
-            Joint::Hinge {
-                position: frame.origin,
-                axis: unit(axis)?,
-                open_deg: farther.unwrap_or(UNLIMITED.1),
-            }
-        };
-        Some((moves, joint))
-    }
-
-    fn frame_of(&self, path: &str) -> Option<Affine> {
-        let found = self.placed.iter().find(|(placed, _)| placed == path);
-        found.map(|(_, frame)| *frame)
     }
 }

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use reel_scene_import::{ImportOptions, ImportReport, Imported, SceneFormat, import};
 use serde_json::json;
 
@@ -67,15 +67,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             }
         };
         let out = arguments.out.join(format!("{}.json", scene.scene_id));
-        if let Some(other) = written.insert(out.clone(), path) {
-            bail!(
-                "{} and {} would both be written to {}; rename one of them",
-                other.display(),
+        if let Some(other) = written.get(&out) {
+            eprintln!(
+                "reel: {}: {} is written from {} already; rename one of them",
                 path.display(),
-                out.display()
+                out.display(),
+                other.display()
             );
+            failed += 1;
+            continue;
         }
         write(&out, scene_file(&scene)?.as_bytes())?;
+        written.insert(out.clone(), path);
         if !arguments.json {
             print_report(&report, &out);
         }
