@@ -75,7 +75,7 @@ impl Gathering {
         &self,
     ) -> (
         LazyFrame,
-        impl Fn(DataFrame) -> PolarsResult<()> + Send + Sync + 'static + use<>,
+        impl Fn(DataFrame) -> PolarsResult<()> + Clone + Send + Sync + 'static + use<>,
     ) {
         let totals = Arc::clone(&self.totals);
         let take = move |batch: DataFrame| {

@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use crate::{
     DataError, Table,
-    accumulate::Totals,
+    accumulate::{ConversationTotals, Totals},
+    conversation,
     drift::{PSI_THRESHOLD, binned, by_value, js_divergence, psi},
     duplicates::{of_pass, passes, row_digest},
     leaves::{Leaf, Measure, leaves},
@@ -47,7 +48,8 @@ pub struct Diff {
     pub whole_rows: RowChanges,
     /// Rows of both sets by key, if keys were named.
     pub by_key: Option<KeyChanges>,
-    /// Drift of the columns that both have, the greatest first.
+    /// Drift of the columns that both have and of the lengths of conversations (under
+    /// `conversation.`), the greatest first.
     pub columns: Vec<ColumnDrift>,
     /// The threshold of [`ColumnDrift::drifted`].
     pub threshold: f64,
@@ -111,7 +113,7 @@ pub struct ColumnDrift {
     pub drifted: bool,
     /// Shares of rows without a value, in both sets.
     pub null_share: [f64; 2],
-    /// Means of numbers or lengths, in both sets.
+    /// Means of the numbers or lengths that were compared, in both sets.
     pub mean: Option<[f64; 2]>,
 }
 
@@ -144,37 +146,7 @@ pub fn diff(old: &Table, new: &Table, options: &DiffOptions) -> Result<Diff, Dat
         let _ = new.value(column)?;
     }
     let shared = shared_columns(old, new);
-    let old_leaves = leaves(old.columns()).0;
-    let new_leaves = leaves(new.columns()).0;
-    let (old_summary, old_totals) = measure(old, &old_leaves, None)?;
-    let (new_summary, new_totals) = measure(new, &new_leaves, None)?;
-    let rows = [&old_summary, &new_summary]
-        .map(|summary| number_of(summary, "rows").unwrap_or_default() as u64);
-    let mut columns = Vec::new();
-    for (index, leaf) in old_leaves.iter().enumerate() {
-        let twin = new_leaves.iter().position(|other| other.name == leaf.name);
-        let Some(twin) = twin.filter(|twin| comparable(leaf, &new_leaves[*twin])) else {
-            continue;
-        };
-        let number = |kind: &str| {
-            [
-                number_of(&old_summary, &format!("{kind}{index}")),
-                number_of(&new_summary, &format!("{kind}{twin}")),
-            ]
-        };
-        columns.push(column_drift(
-            leaf,
-            (&old_totals, index),
-            (&new_totals, twin),
-            number,
-            (rows, options.threshold),
-        ));
-    }
-    columns.sort_by(|a, b| {
-        b.psi
-            .total_cmp(&a.psi)
-            .then_with(|| a.column.cmp(&b.column))
-    });
+    let (rows, columns) = column_drifts((old, new), options.threshold)?;
     let pair = (old, new);
     let by_key = if options.keys.is_empty() {
         None
@@ -199,6 +171,53 @@ pub fn diff(old: &Table, new: &Table, options: &DiffOptions) -> Result<Diff, Dat
         balance,
         notes: old.notes().iter().chain(new.notes()).cloned().collect(),
     })
+}
+
+/// The rows of both tables, and the drift of each column that both have, the greatest first.
+fn column_drifts(
+    (old, new): (&Table, &Table),
+    threshold: f64,
+) -> Result<([u64; 2], Vec<ColumnDrift>), DataError> {
+    let old_leaves = leaves(old.columns()).0;
+    let new_leaves = leaves(new.columns()).0;
+    let conversations = [old, new].map(conversation::recognise);
+    let (old_summary, old_totals) = measure(old, &old_leaves, conversations[0].as_ref())?;
+    let (new_summary, new_totals) = measure(new, &new_leaves, conversations[1].as_ref())?;
+    let rows = [&old_summary, &new_summary]
+        .map(|summary| number_of(summary, "rows").unwrap_or_default() as u64);
+    let mut columns = Vec::new();
+    for (index, leaf) in old_leaves.iter().enumerate() {
+        let twin = new_leaves.iter().position(|other| other.name == leaf.name);
+        let Some(twin) = twin.filter(|twin| comparable(leaf, &new_leaves[*twin])) else {
+            continue;
+        };
+        let number = |kind: &str| {
+            [
+                number_of(&old_summary, &format!("{kind}{index}")),
+                number_of(&new_summary, &format!("{kind}{twin}")),
+            ]
+        };
+        columns.push(column_drift(
+            leaf,
+            (&old_totals, index),
+            (&new_totals, twin),
+            number,
+            (rows, threshold),
+        ));
+    }
+    if conversations.iter().all(Option::is_some) {
+        columns.extend(conversation_drift(
+            &old_totals.conversation,
+            &new_totals.conversation,
+            threshold,
+        ));
+    }
+    columns.sort_by(|a, b| {
+        b.psi
+            .total_cmp(&a.psi)
+            .then_with(|| a.column.cmp(&b.column))
+    });
+    Ok((rows, columns))
 }
 
 /// Columns of both tables with a type that holds the values of either.
@@ -271,6 +290,7 @@ fn column_drift(
     };
     let index = psi(&left, &right);
     let mean = old.numbers.mean().zip(new.numbers.mean());
+    let mean = mean.filter(|_| compared != "values");
     ColumnDrift {
         column: leaf.name.clone(),
         compared,
@@ -280,6 +300,41 @@ fn column_drift(
         null_share: [0, 1].map(|side| nulls[side] as f64 / rows[side].max(1) as f64),
         mean: mean.map(|(old, new)| [old, new]),
     }
+}
+
+/// Drift of the lengths of conversations, as columns of their own.
+fn conversation_drift(
+    old: &ConversationTotals,
+    new: &ConversationTotals,
+    threshold: f64,
+) -> Vec<ColumnDrift> {
+    let lengths = [
+        ("conversation.turns", &old.turns, &new.turns),
+        ("conversation.answers", &old.answers, &new.answers),
+        (
+            "conversation.answer_characters",
+            &old.answer_characters,
+            &new.answer_characters,
+        ),
+        ("conversation.images", &old.images, &new.images),
+    ];
+    lengths
+        .into_iter()
+        .filter(|(_, old, new)| old.count() > 0 && new.count() > 0)
+        .map(|(column, old, new)| {
+            let (left, right) = binned(old, new, (0, 0));
+            let index = psi(&left, &right);
+            ColumnDrift {
+                column: column.to_owned(),
+                compared: "numbers",
+                psi: index,
+                js: js_divergence(&left, &right),
+                drifted: index >= threshold,
+                null_share: [0.0, 0.0],
+                mean: old.mean().zip(new.mean()).map(|(old, new)| [old, new]),
+            }
+        })
+        .collect()
 }
 
 /// The digest of these columns, each with the type that both tables share.

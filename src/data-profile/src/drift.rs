@@ -16,20 +16,23 @@ pub(crate) const CATEGORIES_MAX: usize = 1_000;
 const PRIOR: f64 = 0.5;
 
 /// The population stability index of two histograms over the same bins: the sum of
-/// `(p - q) * ln(p / q)`, with half a row added to each bin. 0 if one of them is empty.
+/// `(p - q) * ln(p / q)` over the bins that either has, with half a row added to each. 0 if one of
+/// the histograms is empty.
 pub fn psi(old: &[u64], new: &[u64]) -> f64 {
-    let bins = old.len().max(new.len());
+    let count = |counts: &[u64], bin: usize| counts.get(bin).copied().unwrap_or_default();
+    let bins: Vec<(u64, u64)> = (0..old.len().max(new.len()))
+        .map(|bin| (count(old, bin), count(new, bin)))
+        .filter(|counts| *counts != (0, 0))
+        .collect();
     let (all_old, all_new) = (old.iter().sum::<u64>(), new.iter().sum::<u64>());
     if all_old == 0 || all_new == 0 {
         return 0.0;
     }
-    let share = |counts: &[u64], all: u64, bin: usize| {
-        let count = counts.get(bin).copied().unwrap_or_default();
-        (count as f64 + PRIOR) / (all as f64 + PRIOR * bins as f64)
-    };
-    (0..bins)
-        .map(|bin| {
-            let (p, q) = (share(old, all_old, bin), share(new, all_new, bin));
+    let share =
+        |count: u64, all: u64| (count as f64 + PRIOR) / (all as f64 + PRIOR * bins.len() as f64);
+    bins.iter()
+        .map(|(old, new)| {
+            let (p, q) = (share(*old, all_old), share(*new, all_new));
             (p - q) * (p / q).ln()
         })
         .sum()
@@ -93,13 +96,16 @@ pub(crate) fn binned(
 }
 
 /// Two histograms of the values of a column, and one bin for rows without a value; `None` if
-/// there are too many values to be categories.
+/// there are too many values to be categories, or most occur once.
 pub(crate) fn by_value(
     old: &Counts,
     new: &Counts,
     nulls: (u64, u64),
 ) -> Option<(Vec<u64>, Vec<u64>)> {
-    let few = |counts: &Counts| counts.is_exact() && counts.distinct() <= CATEGORIES_MAX;
+    let few = |counts: &Counts| {
+        let distinct = counts.distinct();
+        counts.is_exact() && distinct <= CATEGORIES_MAX && 2 * distinct as u64 <= counts.total() + 1
+    };
     if !few(old) || !few(new) {
         return None;
     }
@@ -124,6 +130,7 @@ mod tests {
         assert_eq!(js_divergence(&[5, 0], &[0, 7]), 1.0);
         assert!(psi(&[1_000, 0], &[0, 1_000]) > 10.0);
         assert_eq!(psi(&[], &[1]), 0.0);
+        assert_eq!(psi(&[0, 120, 0], &[0, 21, 0]), 0.0);
     }
 
     #[test]

@@ -14,8 +14,9 @@ use serde::Serialize;
 
 use crate::{DataError, Table};
 
-/// Distinct digests that a pass holds, about 1 GB; sets with more rows are read in several passes.
-const PASS_ROWS: u64 = 16 << 20;
+/// Distinct digests that a pass holds, less than 1 GB; sets with more rows are read in several
+/// passes.
+const PASS_ROWS: u64 = 8 << 20;
 /// Examples of repeated rows.
 const EXAMPLES: usize = 3;
 

@@ -290,10 +290,8 @@ fn count_keys((left, right): (&Table, &Table), keys: &[Key]) -> Result<KeyCounts
         let counted = table
             .frame()
             .select([len().cast(DataType::Float64).alias("rows")]);
-        let counted = table.collect(vec![counted])?;
-        let counted = counted
-            .first()
-            .and_then(|it| crate::profile::number_of(it, "rows"));
+        let counted = table.collect(counted)?;
+        let counted = crate::profile::number_of(&counted, "rows");
         *rows = counted.unwrap_or_default() as u64;
     }
     let counts = Arc::new(Mutex::new(KeyCounts::default()));

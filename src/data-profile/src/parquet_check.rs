@@ -9,11 +9,11 @@ use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaDataReader};
 
 use crate::DataError;
 
-/// Checks the metadata of a file.
+/// Checks the metadata of a file; gives its rows and their bytes before compression.
 ///
 /// # Errors
 /// Fails if the metadata cannot be read, or names rows or bytes that the file cannot have.
-pub(crate) fn check(path: &Path) -> Result<(), DataError> {
+pub(crate) fn check(path: &Path) -> Result<(u64, u64), DataError> {
     let failed = |source| DataError::io("read", path, source);
     let file = File::open(path).map_err(failed)?;
     let end = file.metadata().map_err(failed)?.len();
@@ -24,7 +24,7 @@ pub(crate) fn check(path: &Path) -> Result<(), DataError> {
     let metadata = ParquetMetaDataReader::new()
         .parse_and_finish(&file)
         .map_err(|error| broken(error.to_string()))?;
-    let mut rows = 0_i64;
+    let (mut rows, mut bytes) = (0_i64, 0_u64);
     for (group, row_group) in metadata.row_groups().iter().enumerate() {
         if row_group.num_rows() < 0 {
             return Err(broken(format!(
@@ -32,6 +32,8 @@ pub(crate) fn check(path: &Path) -> Result<(), DataError> {
             )));
         }
         rows = rows.saturating_add(row_group.num_rows());
+        let size = u64::try_from(row_group.total_byte_size()).unwrap_or_default();
+        bytes = bytes.saturating_add(size);
         for column in row_group.columns() {
             if !lies_within(column, end) {
                 return Err(broken(format!(
@@ -47,7 +49,7 @@ pub(crate) fn check(path: &Path) -> Result<(), DataError> {
             "{named} rows are named, the row groups have {rows}"
         )));
     }
-    Ok(())
+    Ok((u64::try_from(rows).unwrap_or_default(), bytes))
 }
 
 fn lies_within(column: &ColumnChunkMetaData, end: u64) -> bool {

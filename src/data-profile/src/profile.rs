@@ -189,9 +189,13 @@ pub(crate) fn measure(
     leaves: &[Leaf],
     conversation: Option<&Conversation>,
 ) -> Result<(DataFrame, Totals), DataError> {
+    // Not in one plan with the batches: aggregates run ahead of them, and Polars would keep all rows
+    // that the batches have yet to see.
+    let summary = table.collect(summary(table.frame(), leaves))?;
     let gathering = Gathering::new(table.frame(), leaves, conversation);
     let (plan, take) = gathering.parts();
-    let summary = table.collect_beside(summary(table.frame(), leaves), plan, take)?;
+    let rows = number_of(&summary, "rows").unwrap_or_default() as u64;
+    table.for_each_row(&plan, rows, take)?;
     Ok((summary, gathering.finish()))
 }
 
@@ -335,10 +339,7 @@ pub(crate) fn balance(
                 .with_order_descending_multi([true, false]),
         )
         .limit(CLASSES_MAX);
-    let found = table.collect(vec![counts])?;
-    let Some(found) = found.first() else {
-        return Ok(Vec::new());
-    };
+    let found = table.collect(counts)?;
     let mut classes = Vec::with_capacity(found.height() + 1);
     let mut listed = 0;
     for row in 0..found.height() {

@@ -10,7 +10,7 @@ use std::{
 
 use polars::lazy::prelude::PlanCallback;
 use polars::prelude::{
-    DataFrame, DataType, Engine, Expr, Field, LazyFileListReader as _, LazyFrame,
+    DataFrame, DataType, Engine, Expr, Field, IdxSize, LazyFileListReader as _, LazyFrame,
     LazyJsonLineReader, PlRefPath, PlSmallStr, PolarsResult, ScanArgsParquet, Schema, SchemaRef,
     TimeUnit, UnionArgs, col, concat, lit,
 };
@@ -41,6 +41,8 @@ pub struct Table {
     files: Vec<SourceFile>,
     notes: Vec<String>,
     mixed: Vec<MixedColumn>,
+    /// Rows that are read at a time, where the scan can begin at any row.
+    slice: Option<u64>,
     /// JSON lists as lines, for the reader of Polars.
     staged: Option<TempDir>,
 }
@@ -50,7 +52,15 @@ struct Part {
     frame: LazyFrame,
     schema: Schema,
     path: PathBuf,
+    /// Rows and their bytes, of Parquet; 0 for JSON.
+    size: (u64, u64),
 }
+
+/// Bytes of rows that are read at a time. Polars decodes some thirty batches of 100,000 rows ahead
+/// of what takes them.
+const SLICE_BYTES: u64 = 128 << 20;
+/// Rows below which reading at a time does not pay.
+const SLICE_ROWS_MIN: u64 = 1 << 14;
 
 impl Table {
     /// Opens files, folders and patterns as one table, in the order given; folders are searched to
@@ -69,6 +79,7 @@ impl Table {
             files,
             notes: notes.iter().map(|it| format!("left out: {it}")).collect(),
             mixed: Vec::new(),
+            slice: None,
             staged: None,
         };
         let mut shape = Shape::default();
@@ -86,6 +97,13 @@ impl Table {
         let engine = |error: polars::error::PolarsError| DataError::Engine {
             path: first.clone(),
             message: one_line(&error.to_string()),
+        };
+        table.slice = match &parts[..] {
+            [part] if part.size.0 > 0 => {
+                let row = part.size.1.div_ceil(part.size.0).max(1);
+                Some((SLICE_BYTES / row).max(SLICE_ROWS_MIN))
+            }
+            _ => None,
         };
         let frames: Vec<LazyFrame> = parts
             .into_iter()
@@ -166,32 +184,36 @@ impl Table {
         })
     }
 
-    /// Executes plans over the table together, so that they share one pass where Polars can.
-    pub(crate) fn collect(&self, plans: Vec<LazyFrame>) -> Result<Vec<DataFrame>, DataError> {
-        let Some(options) = plans.first().map(LazyFrame::get_current_optimizations) else {
-            return Ok(Vec::new());
-        };
-        let plans = plans.into_iter().map(|plan| plan.logical_plan).collect();
-        executed(|| LazyFrame::collect_all_with_engine(plans, Engine::Streaming, options))
-            .map_err(|message| self.blame(message))
+    /// Executes a plan over the table whose result is small.
+    pub(crate) fn collect(&self, plan: LazyFrame) -> Result<DataFrame, DataError> {
+        executed(|| {
+            let result = plan.collect_with_engine(Engine::Streaming)?;
+            Ok(result.unwrap_single())
+        })
+        .map_err(|message| self.blame(message))
     }
 
-    /// Executes a plan of one result and gives the rows of another to `take`, both in one pass over
-    /// the files.
-    pub(crate) fn collect_beside(
+    /// Executes a plan that has a row for each row of the table, and gives them to `take`, in order and in
+    /// small batches.
+    ///
+    /// Where the scan can begin at any of the `rows`, only some are read at a time.
+    pub(crate) fn for_each_row(
         &self,
-        plan: LazyFrame,
-        batches: LazyFrame,
-        take: impl Fn(DataFrame) -> PolarsResult<()> + Send + Sync + 'static,
-    ) -> Result<DataFrame, DataError> {
-        let options = plan.get_current_optimizations();
-        let results = executed(|| {
-            let sink = sink(batches, take)?;
-            let plans = vec![plan.logical_plan, sink.logical_plan];
-            LazyFrame::collect_all_with_engine(plans, Engine::Streaming, options)
-        });
-        let results = results.map_err(|message| self.blame(message))?;
-        Ok(results.into_iter().next().unwrap_or_default())
+        plan: &LazyFrame,
+        rows: u64,
+        take: impl Fn(DataFrame) -> PolarsResult<()> + Clone + Send + Sync + 'static,
+    ) -> Result<(), DataError> {
+        let slice = self.slice.unwrap_or(rows).max(1);
+        let mut begin = 0;
+        while begin < rows {
+            let length = IdxSize::try_from(slice.min(rows - begin)).unwrap_or(IdxSize::MAX);
+            let part = plan
+                .clone()
+                .slice(i64::try_from(begin).unwrap_or(i64::MAX), length);
+            self.for_each_batch(part, take.clone())?;
+            begin += u64::from(length);
+        }
+        Ok(())
     }
 
     /// Executes a plan over the table and gives its rows to `take`, in order and in small batches.
@@ -267,20 +289,25 @@ impl Table {
     /// The files as scans, those of one schema that follow each other together.
     fn parts(&self, readable: &[PathBuf], json: &Schema) -> Result<Vec<Part>, DataError> {
         let mut parts: Vec<Part> = Vec::new();
-        let mut group: Vec<&PathBuf> = Vec::new();
+        let mut group: Group = Group::default();
         let mut known: Option<(FileFormat, Schema)> = None;
         let files = self.files.iter().zip(readable);
         for (file, path) in files {
-            let schema = match file.format {
-                FileFormat::Json => json.clone(),
-                FileFormat::Parquet => parquet_schema(&file.path)?,
+            let (schema, size) = match file.format {
+                FileFormat::Json => (json.clone(), (0, 0)),
+                FileFormat::Parquet => {
+                    let size = parquet_check::check(&file.path)?;
+                    (parquet_schema(&file.path)?, size)
+                }
             };
             let found = (file.format, schema);
             if known.as_ref().is_some_and(|known| *known != found) {
                 close(&mut parts, &mut group, known.take())?;
             }
             known = Some(found);
-            group.push(path);
+            group.paths.push(path.clone());
+            group.size.0 += size.0;
+            group.size.1 += size.1;
         }
         close(&mut parts, &mut group, known)?;
         Ok(parts)
@@ -303,23 +330,30 @@ fn field_of(value: Expr, data_type: &DataType, path: &str) -> Option<(Expr, Data
     })
 }
 
+/// Files of one schema, with their rows and the bytes of these.
+#[derive(Default)]
+struct Group {
+    paths: Vec<PathBuf>,
+    size: (u64, u64),
+}
+
 /// Ends a group of files of one schema.
 fn close(
     parts: &mut Vec<Part>,
-    group: &mut Vec<&PathBuf>,
+    group: &mut Group,
     known: Option<(FileFormat, Schema)>,
 ) -> Result<(), DataError> {
     let Some((format, schema)) = known else {
         return Ok(());
     };
-    let Some(path) = group.first().map(|path| (*path).clone()) else {
+    let Group { paths, size } = std::mem::take(group);
+    let Some(path) = paths.first().cloned() else {
         return Ok(());
     };
     let frame = match format {
-        FileFormat::Parquet => scan_parquet(group),
-        FileFormat::Json => scan_json(group, &schema),
+        FileFormat::Parquet => scan_parquet(&paths),
+        FileFormat::Json => scan_json(&paths, &schema),
     };
-    group.clear();
     // JSON files without a row have no column.
     if schema.is_empty() {
         return Ok(());
@@ -332,6 +366,7 @@ fn close(
         frame,
         schema,
         path,
+        size,
     });
     Ok(())
 }
@@ -524,7 +559,6 @@ fn conform(part: Part, schema: &Schema) -> LazyFrame {
 }
 
 fn parquet_schema(path: &Path) -> Result<Schema, DataError> {
-    parquet_check::check(path)?;
     let schema = executed(|| scan_parquet(&[path])?.collect_schema());
     let schema: SchemaRef = schema.map_err(|message| DataError::Parquet {
         path: path.to_owned(),

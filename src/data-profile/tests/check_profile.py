@@ -65,6 +65,7 @@ def shares(counts):
 
 
 def distance(old, new):
+    old, new = zip(*[pair for pair in zip(old, new) if pair != (0, 0)])
     (p, raw_p), (q, raw_q) = shares(old), shares(new)
     middle = (raw_p + raw_q) / 2
     with np.errstate(divide="ignore", invalid="ignore"):

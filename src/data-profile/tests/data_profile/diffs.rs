@@ -162,3 +162,36 @@ fn keys_have_to_be_there_and_comparable() {
         "{error}"
     );
 }
+
+#[test]
+fn longer_answers_drift() {
+    let row = |length: usize| {
+        let answer = "x".repeat(length);
+        format!(
+            r#"{{"messages": [{{"role": "user", "content": "?"}}, {{"role": "assistant", "content": "{answer}"}}]}}"#
+        )
+    };
+    let old = (0..100).map(|index| row(10 + index % 20)).collect();
+    let new = (0..100).map(|index| row(20 + index % 20)).collect();
+    let found = compare(old, new, &DiffOptions::default());
+    let drift = |name: &str| found.columns.iter().find(|it| it.column == name).unwrap();
+    assert!(drift("conversation.answer_characters").drifted, "{found}");
+    assert_eq!(
+        drift("conversation.answer_characters").mean,
+        Some([19.5, 29.5])
+    );
+    assert_eq!(drift("conversation.turns").psi, 0.0);
+    assert_eq!(drift("messages").psi, 0.0);
+}
+
+#[test]
+fn texts_that_name_their_rows_are_compared_by_length() {
+    let rows = |prefix: &str| {
+        (0..50)
+            .map(|row| format!(r#"{{"id": "{prefix}{row:02}"}}"#))
+            .collect()
+    };
+    let found = compare(rows("a"), rows("b"), &DiffOptions::default());
+    assert_eq!(found.columns[0].compared, "characters");
+    assert!(!found.is_drifted());
+}
