@@ -23,7 +23,7 @@ pub(crate) enum Kind {
     Bool,
     /// From -2^53 to 2^53.
     Integer,
-    /// Integers below -2^53.
+    /// Integers that are less than -2^53.
     NegativeWide,
     /// From 2^53 to 2^63 - 1.
     Wide,

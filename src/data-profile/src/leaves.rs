@@ -20,9 +20,9 @@ pub(crate) enum Measure {
     Text,
     /// Lengths of lists, in items.
     List,
-    /// Sizes in bytes.
+    /// Sizes of binary values, in bytes.
     Binary,
-    /// First and last.
+    /// The first and the last of them.
     Time,
     /// Only whether there is a value.
     Other,
