@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import importlib
 import io
 import json
 import re
@@ -263,12 +264,13 @@ def register() -> type[Any]:
         MissingPackageError: ms-swift is not installed.
     """
     try:
-        from swift.rollout.gym_env import Env, envs  # pyright: ignore[reportMissingTypeStubs]
+        # by name: the types are the same whether or not ms-swift is installed where they are checked
+        gym_env: Any = importlib.import_module("swift.rollout.gym_env")
     except ImportError as error:
         raise missing("swift", error) from error
-    registry: dict[str, type[Any]] = envs  # pyright: ignore[reportAssignmentType]
+    registry: dict[str, type[Any]] = gym_env.envs
     if NAME not in registry:
-        registry[NAME] = type("HouseholdGym", (HouseholdGym, Env), {"__doc__": HouseholdGym.__doc__})
+        registry[NAME] = type("HouseholdGym", (HouseholdGym, gym_env.Env), {"__doc__": HouseholdGym.__doc__})
     return registry[NAME]
 
 
