@@ -27,7 +27,7 @@ from typing import Any, cast
 from .._types import Record
 from .._reel import ReelError
 from ._calls import ToolSet
-from ._episodes import Cache, EpisodeSource
+from ._episodes import SETTINGS, Cache, EpisodeSource
 from ._extras import missing
 from ._play import Episode
 from ._published import ANSWER_FORM, Answer, Prompt, read_answer, result_text, scene_lines
@@ -78,8 +78,7 @@ _sources: Cache[EpisodeSource] = Cache(64)
 
 def _source(config: Mapping[str, Any]) -> EpisodeSource:
     """The settings of a row, which all rows that are alike share."""
-    names = ("tasks", "scene", "profile", "preset", "skills", "policy", "images", "record_dir", "run")
-    chosen = {name: config[name] for name in names}
+    chosen = {name: config[name] for name in SETTINGS}
     return _sources.get(json.dumps(chosen, sort_keys=True, default=str), lambda: EpisodeSource(**chosen))
 
 
