@@ -75,10 +75,10 @@ def explanation_html(explanation: Explanation) -> str:
     else:
         reason = record.get("no_alternative")
         text = f"No better future was kept{': ' + escaped(reason) if reason else '.'}"
-        advice = record["decisive"].get("advised_call")
-        if advice:
-            values = ", ".join(f"{key}={value!r}" for key, value in advice["arguments"].items())
-            text += f" Better: <code>{escaped(advice['name'])}({escaped(values, 300)})</code>."
+        if explanation.advised_call is not None:
+            name, arguments = explanation.advised_call
+            values = ", ".join(f"{key}={value!r}" for key, value in arguments.items())
+            text += f" Better: <code>{escaped(name)}({escaped(values, 300)})</code>."
         sides.append(f'<div class="side"><h4>A better future</h4><p class="soft">{text}</p></div>')
     return view(f'{head}<div class="pair">{"".join(sides)}</div>', "explanation")
 
