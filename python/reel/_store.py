@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import _reel
+from ._arrow import decimal_scales
 from ._command import Argument, command, command_json
 from ._reel import Stream
 from ._types import PathLike, Record
@@ -48,8 +49,9 @@ class Table:
         return iter(self.rows())
 
     def rows(self, start: int = 0, end: int | None = None) -> list[Record]:
-        """Rows as dictionaries."""
-        return self._native.rows(start, len(self) if end is None else end)
+        """Rows as dictionaries. Whole decimals (counts, seeds of 64 bits) are `int`; decimals with a
+        fraction, and times, are text."""
+        return rows_of(self._native, start, len(self) if end is None else end)
 
     def to_polars(self) -> polars.DataFrame:
         """As a Polars DataFrame."""
@@ -74,6 +76,18 @@ class Table:
         from ._display import table_html
 
         return table_html(self)
+
+
+def rows_of(native: _reel.Table, start: int, end: int) -> list[Record]:
+    """Rows of a native table, which gives decimals as text, with whole ones as `int`."""
+    rows = native.rows(start, end)
+    scales = dict(zip(native.columns, decimal_scales(native), strict=True))
+    whole = [name for name, scale in scales.items() if scale is not None and scale <= 0]
+    for row in rows if whole else ():
+        for name in whole:
+            if row[name] is not None:
+                row[name] = int(row[name])
+    return rows
 
 
 class Store:
@@ -214,4 +228,4 @@ def export_rl(store: PathLike | Store, out: PathLike, **options: Argument) -> Re
     return command_json("export", "rl", store=location, out=out, **options)
 
 
-__all__ = ["Store", "Table", "export_rl", "export_sft"]
+__all__ = ["Store", "Table", "export_rl", "export_sft", "rows_of"]

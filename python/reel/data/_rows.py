@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import marshal
 import re
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ._options import Sample
+from .. import _reel
+from .._arrow import decimal_scales
+from .._store import Store, rows_of
 from ._orders import Indices
-
-if TYPE_CHECKING:
-    from .._store import Store
 
 
 class PackedRows:
@@ -84,46 +82,17 @@ def sort_key(row: tuple[Any, ...], episode: int | None, step: int | None) -> tup
     return (named if isinstance(named, str) else "", number if isinstance(number, int) else -2)
 
 
-class ArrowSchema(ctypes.Structure):
-    """The start of a schema as Arrow's C data interface has it."""
-
-
-ArrowSchema._fields_ = [
-    ("format", ctypes.c_char_p),
-    ("name", ctypes.c_char_p),
-    ("metadata", ctypes.c_char_p),
-    ("flags", ctypes.c_int64),
-    ("n_children", ctypes.c_int64),
-    ("children", ctypes.POINTER(ctypes.POINTER(ArrowSchema))),
-]
-
-
-def decimal_columns(table: Any) -> list[bool]:
-    """Which columns are decimals: rows have those as text, which is for seeds of 64 bits."""
-    pointer_of = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    # the capsule owns the schema
-    capsule = table.__arrow_c_schema__()
-    schema = ArrowSchema.from_address(pointer_of(capsule, b"arrow_schema"))
-    return [schema.children[at].contents.format.startswith(b"d:") for at in range(schema.n_children)]
-
-
-def tuples(batch: Any) -> list[tuple[Any, ...]]:
-    """The rows of a native table; decimals as int, or float where they have a fraction."""
-    columns: list[str] = batch.columns
-    records: list[Sample] = batch.rows(0, len(batch))
-    rows: list[tuple[Any, ...]] = [tuple(map(record.get, columns)) for record in records]
-    decimal = decimal_columns(batch)
-    if not any(decimal):
+def tuples(batch: _reel.Table) -> list[tuple[Any, ...]]:
+    """The rows of a batch; decimals as int, or float where they have a fraction."""
+    columns = batch.columns
+    rows = [tuple(map(record.get, columns)) for record in rows_of(batch, 0, len(batch))]
+    fraction = [scale is not None and scale > 0 for scale in decimal_scales(batch)]
+    if not any(fraction):
         return rows
-    return [tuple(number(value) if odd else value for value, odd in zip(row, decimal, strict=True)) for row in rows]
-
-
-def number(value: Any) -> Any:
-    """A decimal that is written as text; anything else as it is."""
-    if not isinstance(value, str):
-        return value
-    return float(value) if "." in value else int(value)
+    return [
+        tuple(float(value) if odd and value is not None else value for value, odd in zip(row, fraction, strict=True))
+        for row in rows
+    ]
 
 
 def ends_with_order(query: str) -> bool:
