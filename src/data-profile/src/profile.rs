@@ -97,11 +97,11 @@ pub struct ColumnProfile {
 pub struct Numbers {
     /// How many finite numbers there are.
     pub count: u64,
-    /// The least one.
+    /// The least of them, in the unit of the column.
     pub min: f64,
-    /// The greatest one.
+    /// The greatest of them, in the unit of the column.
     pub max: f64,
-    /// Their mean.
+    /// Their arithmetic mean, in the unit of the column.
     pub mean: f64,
     /// Their standard deviation, of the population.
     pub deviation: f64,

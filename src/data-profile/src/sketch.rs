@@ -173,9 +173,9 @@ fn middle(bucket: i64) -> f64 {
 pub(crate) enum Key {
     Bool(bool),
     Integer(i128),
-    /// By [`ordered`].
+    /// A float as the integer that [`ordered`] makes of it.
     Float(u64),
-    /// By its digest.
+    /// A text as its digest.
     Text(u64),
 }
 

@@ -29,7 +29,7 @@ const ENDINGS: &[&str] = &[
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FileFormat {
-    /// Apache Parquet.
+    /// A file of Apache Parquet.
     Parquet,
     /// One JSON object a line, or one JSON list of objects; gzip and zstd are unpacked.
     Json,
