@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from . import _reel
 from ._reel import ReelError
-from ._simulation import Action, Simulation, as_call, recording
+from ._simulation import Action, Call, Simulation, as_call, recording
 from ._types import Image, Layer, PathLike, Record
 
 if TYPE_CHECKING:
@@ -520,10 +520,11 @@ class Explanation:
         return self._decisive.get("explanation")
 
     @property
-    def advised_call(self) -> str | None:
-        """The call that would have been better."""
+    def advised_call(self) -> Call | None:
+        """The call that would have been better: tool and arguments, as `Episode.branch` and
+        `Simulation.step` take them; None if there is none."""
         advised = self._decisive.get("advised_call")
-        return str(advised) if advised else None
+        return as_call(advised) if advised else None
 
     @property
     def better(self) -> Episode | None:

@@ -48,7 +48,8 @@ class Table:
         return iter(self.rows())
 
     def rows(self, start: int = 0, end: int | None = None) -> list[Record]:
-        """Rows as dictionaries."""
+        """Rows as dictionaries. Whole decimals (counts, seeds of 64 bits) are `int`, those with a
+        fraction `float`; times are text."""
         return self._native.rows(start, len(self) if end is None else end)
 
     def to_polars(self) -> polars.DataFrame:

@@ -16,7 +16,9 @@ import pytest
 
 import reel
 from reel import data
-from reel.data import Dataset, IterableDataset
+from reel.data import Dataset, IterableDataset, _iterable
+from reel.data._orders import shuffled_keys
+from reel.data._rows import ends_with_order
 
 STEPS = "SELECT episode_id, step, policy, tool, text, reward FROM steps"
 
@@ -74,9 +76,9 @@ def test_order_by_is_kept_and_other_orders_are_defined(store: reel.Store) -> Non
     rewards = [sample["reward"] for sample in backwards]
     assert rewards == sorted(rewards, reverse=True) != [sample["reward"] for sample in store.dataset(STEPS)]
     assert store.dataset(STEPS).fingerprint == store.dataset(f"SELECT * FROM ({STEPS} ORDER BY reward)").fingerprint
-    assert data.ends_with_order("SELECT 1 -- ( \nORDER\n BY x")
+    assert ends_with_order("SELECT 1 -- ( \nORDER\n BY x")
     for inner in ("SELECT * FROM (SELECT 1 ORDER BY 1)", "SELECT ' order by ' AS \"order by\" -- order by", "SELECT sum(x) OVER (ORDER BY y)"):
-        assert not data.ends_with_order(inner)
+        assert not ends_with_order(inner)
 
 
 def test_parameters_transform_and_pickle(store: reel.Store) -> None:
@@ -191,7 +193,7 @@ def test_orders_are_permutations_that_never_change(store: reel.Store) -> None:
     assert sorted(first.tolist()) == list(range(len(dataset))) == sorted(second.tolist())
     assert first.tolist() != second.tolist() != dataset.order(1, shuffle_seed=8).tolist()
     # the same on every machine and with every NumPy
-    assert np.argsort(data.shuffled_keys(10, 7, 0)).tolist() == [6, 5, 4, 8, 2, 1, 9, 7, 3, 0]
+    assert np.argsort(shuffled_keys(10, 7, 0)).tolist() == [6, 5, 4, 8, 2, 1, 9, 7, 3, 0]
     assert store.dataset(STEPS).order(3).tolist() == list(range(len(dataset)))
 
 
@@ -245,7 +247,7 @@ class Loader:
         self.monkeypatch = monkeypatch
 
     def as_worker(self, worker: int) -> None:
-        self.monkeypatch.setattr(data, "worker_of", lambda: (worker, len(self.copies)))
+        self.monkeypatch.setattr(_iterable, "worker_of", lambda: (worker, len(self.copies)))
 
     def __iter__(self) -> Iterator[list[Any]]:
         iterators: list[Iterator[Any] | None] = []

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import reel
-from reel import _display as display
+from reel._display.failure_flow import Flow, Sankey
+from reel._display.images import data_uris, encoded, reduced
 
 VOID = {"img", "input", "br"}
 EVIL = "</script><script>evil()</script><img src=x onerror=\"evil()\">' onload='evil()"
@@ -138,10 +139,10 @@ def test_an_episode_of_an_older_simulator_and_one_that_was_aborted(golden: Path,
 def test_images_fit_the_budget() -> None:
     noise = {call: np.random.default_rng(call).integers(0, 256, (480, 640, 3), dtype=np.uint8) for call in range(60)}
     for budget in (2_000_000, 300_000, 50_000):
-        made = display.data_uris(noise, budget)
+        made = data_uris(noise, budget)
         assert 0 < sum(map(len, made.values())) <= budget and made.keys() <= noise.keys()
-    assert len(display.data_uris(noise, 2_000_000)) == 60
-    assert display.data_uris({}) == {}
+    assert len(data_uris(noise, 2_000_000)) == 60
+    assert data_uris({}) == {}
 
 
 def test_images_without_pillow(monkeypatch: pytest.MonkeyPatch, good: reel.Episode) -> None:
@@ -150,10 +151,10 @@ def test_images_without_pillow(monkeypatch: pytest.MonkeyPatch, good: reel.Episo
     assert image is not None
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "PIL" else find(name, *rest))
-    kind, data = display.encoded(image, reduce=4)
+    kind, data = encoded(image, reduce=4)
     assert kind == "image/png"
     decoded = np.asarray(pillow.open(BytesIO(data)))
-    assert decoded.shape == (120, 160, 3) and np.array_equal(decoded, display.reduced(image, 4) & 0xF8)
+    assert decoded.shape == (120, 160, 3) and np.array_equal(decoded, reduced(image, 4) & 0xF8)
     text = good._repr_html_()
     assert "data:image/png" in text and len(text) < 1_500_000
 
@@ -226,8 +227,8 @@ def test_failures_flow_to_their_classes(played: Path, tmp_path: Path) -> None:
 
 
 def test_many_and_odd_names_make_a_diagram() -> None:
-    flows = [display.Flow(f"<F{n % 7}>", f"class & {n % 5}", f"sub_{n}", 1 + n % 11) for n in range(200)]
-    diagram = display.Sankey(flows, 5000, 5000 - sum(flow.episodes for flow in flows), "<title>")
+    flows = [Flow(f"<F{n % 7}>", f"class & {n % 5}", f"sub_{n}", 1 + n % 11) for n in range(200)]
+    diagram = Sankey(flows, 5000, 5000 - sum(flow.episodes for flow in flows), "<title>")
     root = ElementTree.fromstring(diagram.svg())
     names = [text.text for text in root.iterfind(".//{*}text")]
     assert len(names) < 60 and "others" in names and "<F3>" in names

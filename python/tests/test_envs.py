@@ -372,6 +372,9 @@ def test_make_vec_takes_the_native_vector() -> None:
     envs = gymnasium.make_vec("reel/Household-v0", num_envs=2, tasks=tasks(), images=False)
     assert isinstance(envs.unwrapped, HouseholdVectorEnv)
     envs.close()
+    for kind in (HouseholdEnv, HouseholdVectorEnv):
+        with pytest.raises(reel.ReelError, match="render_mode 'human' is unknown"):
+            kind(tasks=tasks(), render_mode="human")
 
 
 def test_rollouts_of_a_group_become_rows(tmp_path: Path) -> None:

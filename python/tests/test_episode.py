@@ -103,7 +103,20 @@ def test_blame_names_the_decisive_step(played: Path) -> None:
     explanation = failed[0].blame()
     assert explanation.decisive is not None and explanation.why and explanation.cause
     assert explanation.better is not None and explanation.better.success and explanation.better.replay()
-    assert explanation.advised_call
+    assert explanation.advised_call is not None
+    tool, arguments = explanation.advised_call
+    assert tool in {spec["name"] for spec in reel.tools()} and isinstance(arguments, dict)
+    at = explanation.decisive.index
+    assert (tool, arguments) != (explanation.decisive.tool, explanation.decisive.arguments)
+    step = failed[0].branch(at, [explanation.advised_call]).steps[at]
+    assert (step.tool, step.arguments) == explanation.advised_call
+    better = explanation.better.steps[at]
+    assert (better.tool, better.arguments) == explanation.advised_call
+
+
+def test_blame_of_a_success_advises_nothing(planner: reel.Episode) -> None:
+    explanation = planner.blame()
+    assert planner.success and explanation.decisive is None and explanation.advised_call is None
 
 
 def test_rerun_gets_a_recording(planner: reel.Episode, tmp_path: Path) -> None:

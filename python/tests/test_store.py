@@ -32,6 +32,18 @@ def test_nested_columns_and_empty_answers_survive(store: reel.Store) -> None:
     assert len(empty) == 0 and pl.DataFrame(empty).columns == ["episode_id", "step"]
 
 
+def test_whole_decimals_are_integers(store: reel.Store) -> None:
+    query = """
+        SELECT CAST(18446744073709551615 AS DECIMAL(20, 0)) AS largest, CAST(-3 AS DECIMAL(38, 0)) AS negative,
+          CAST(1.5 AS DECIMAL(5, 2)) AS half, CAST(NULL AS DECIMAL(20, 0)) AS none, '7' AS text, 7 AS number"""
+    row = {"largest": 2**64 - 1, "negative": -3, "half": 1.5, "none": None, "text": "7", "number": 7}
+    assert store.sql(query).rows() == [row] == list(store.sql(query))
+    seeds = store.sql("SELECT seed, sum(CAST(1 AS DECIMAL(5, 0))) AS episodes FROM episodes GROUP BY seed")
+    assert seeds.rows() == [{"seed": 0, "episodes": 8}] and seeds.rows(1) == []
+    assert all(type(value) is int for value in seeds.rows()[0].values())
+    assert "<small>integer</small>" in seeds._repr_html_()
+
+
 def test_questions_have_parameters_names_and_ends(store: reel.Store) -> None:
     answer = store.sql("SELECT count(*) AS n FROM episodes WHERE policy = $policy", parameters={"policy": "oracle"})
     assert answer.rows() == [{"n": 4}]

@@ -3,6 +3,7 @@ understands or one that it refuses with a text."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import numbers
@@ -77,6 +78,14 @@ class ToolSet:
         """Whether the argument of a tool is a number: a marker."""
         name = self.arguments[index]
         return name is not None and self.specs[index]["parameters"]["properties"][name]["type"] == "integer"
+
+    def parameters(self, index: int) -> list[inspect.Parameter]:
+        """The parameters of a tool as those of a Python function, whose schema libraries read."""
+        name = self.arguments[index]
+        if name is None:
+            return []
+        kind = int if self.is_integer(index) else str
+        return [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=kind)]
 
     def call_at(self, index: int, argument: Any) -> Call:
         """The call of a tool by its index, with its argument as text or number. An index without a

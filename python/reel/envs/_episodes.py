@@ -145,6 +145,10 @@ class Opened:
     """The image before the first call here, where the simulation does not hold it: a fork's."""
 
 
+SETTINGS = ("tasks", "scene", "profile", "preset", "skills", "policy", "images", "record_dir", "run")
+"""Arguments of `EpisodeSource` that environments with a configuration read from it."""
+
+
 class EpisodeSource:
     """Opens episodes of tasks and of moments of recorded episodes, all under the same settings.
 
@@ -256,4 +260,4 @@ class EpisodeSource:
         return None if path is None else {"path": path, "images": self.images, "fsync": False}
 
 
-__all__ = ["EpisodeSource", "Group", "Opened", "clear_cache", "fork_at", "load_tasks", "trace_at", "unique_run"]
+__all__ = ["SETTINGS", "EpisodeSource", "Group", "Opened", "clear_cache", "fork_at", "load_tasks", "trace_at", "unique_run"]

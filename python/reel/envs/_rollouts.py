@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
-from .._types import Record
 from .._reel import ReelError
 from ._calls import ToolSet
 from ._episodes import EpisodeSource, Group, next_index
 from ._play import Episode, open_episode, step_episode
-
 
 REWARDS = ("total", "success")
 """What a rollout earns: the sum of its step rewards, or 1 if the goal held at the end, else 0."""

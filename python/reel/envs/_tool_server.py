@@ -38,16 +38,14 @@ class HouseholdToolset(vf.Toolset[vf.ToolsetConfig, HouseholdState]):
             mcp.add_tool(self._with_state(self._tool(index)), name=spec["name"], description=spec["description"])
 
     def _tool(self, index: int) -> Callable[..., Any]:
-        argument = self._tools.arguments[index]
+        parameters = self._tools.parameters(index)
 
         async def tool(**arguments: Any) -> list[Any]:
             return await self._call(self._tools.names[index], arguments)
 
-        kind = int if self._tools.is_integer(index) else str
-        parameters = [] if argument is None else [inspect.Parameter(argument, inspect.Parameter.KEYWORD_ONLY, annotation=kind)]
         # the schema of the tool comes from its signature
         tool.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportFunctionMemberAccess]
-        tool.__annotations__ = {} if argument is None else {argument: kind}
+        tool.__annotations__ = {each.name: each.annotation for each in parameters}
         tool.__name__ = self._tools.names[index]
         return tool
 

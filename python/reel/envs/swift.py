@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import importlib
 import io
 import json
 import re
@@ -26,7 +27,7 @@ from typing import Any, cast
 from .._types import Record
 from .._reel import ReelError
 from ._calls import ToolSet
-from ._episodes import Cache, EpisodeSource
+from ._episodes import SETTINGS, Cache, EpisodeSource
 from ._extras import missing
 from ._play import Episode
 from ._published import ANSWER_FORM, Answer, Prompt, read_answer, result_text, scene_lines
@@ -77,8 +78,7 @@ _sources: Cache[EpisodeSource] = Cache(64)
 
 def _source(config: Mapping[str, Any]) -> EpisodeSource:
     """The settings of a row, which all rows that are alike share."""
-    names = ("tasks", "scene", "profile", "preset", "skills", "policy", "images", "record_dir", "run")
-    chosen = {name: config[name] for name in names}
+    chosen = {name: config[name] for name in SETTINGS}
     return _sources.get(json.dumps(chosen, sort_keys=True, default=str), lambda: EpisodeSource(**chosen))
 
 
@@ -263,12 +263,13 @@ def register() -> type[Any]:
         MissingPackageError: ms-swift is not installed.
     """
     try:
-        from swift.rollout.gym_env import Env, envs  # pyright: ignore[reportMissingTypeStubs]
+        # by name: the types are the same whether or not ms-swift is installed where they are checked
+        gym_env: Any = importlib.import_module("swift.rollout.gym_env")
     except ImportError as error:
         raise missing("swift", error) from error
-    registry: dict[str, type[Any]] = envs  # pyright: ignore[reportAssignmentType]
+    registry: dict[str, type[Any]] = gym_env.envs
     if NAME not in registry:
-        registry[NAME] = type("HouseholdGym", (HouseholdGym, Env), {"__doc__": HouseholdGym.__doc__})
+        registry[NAME] = type("HouseholdGym", (HouseholdGym, gym_env.Env), {"__doc__": HouseholdGym.__doc__})
     return registry[NAME]
 
 

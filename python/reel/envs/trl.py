@@ -19,6 +19,7 @@ The model calls the tools natively; the chat template gets them from the methods
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -106,180 +107,56 @@ class _Environment:
         return [{"type": "text", "text": text}, {"type": "image", "image": Image.fromarray(image)}]
 
 
+ARGUMENTS = {
+    "receptacle_name": "Id of the receptacle.",
+    "target_category": "Category of the objects.",
+    "marker_id": "Number in the latest marker map.",
+    "question": "The question.",
+}
+"""What the model reads about each argument of the tools."""
+
+
+def tool_method(tools: ToolSet, index: int) -> Callable[..., Content]:
+    """A method that calls a tool. TRL makes the tool's schema from its signature and docstring."""
+    name, spec = tools.names[index], tools.specs[index]
+    parameters = tools.parameters(index)
+    self_parameter = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
+    signature = inspect.Signature([self_parameter, *parameters], return_annotation=Content)
+
+    def method(*given: Any, **named: Any) -> Content:
+        arguments = signature.bind(*given, **named).arguments
+        environment: _Environment = arguments.pop("self")
+        return environment._call(name, **arguments)
+
+    described = "\n".join(f"    {each.name}: {ARGUMENTS[each.name]}" for each in parameters)
+    method.__name__ = name
+    method.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
+    method.__annotations__ = {each.name: each.annotation for each in parameters} | {"return": Content}
+    sections = [spec["description"], f"Args:\n{described}" if described else "", "Returns:\n    What the robot is told."]
+    method.__doc__ = "\n\n".join(filter(None, sections))
+    return method
+
+
+def with_tools(profile: str) -> Callable[[type[_Environment]], type[_Environment]]:
+    """Gives a class a method for each tool of a profile (`reel.tools`)."""
+    tools = ToolSet(profile)
+
+    def extended(kind: type[_Environment]) -> type[_Environment]:
+        for index, name in enumerate(tools.names):
+            setattr(kind, name, tool_method(tools, index))
+        return kind
+
+    return extended
+
+
+@with_tools("paper")
 class HouseholdTools(_Environment):
     """The tools of profile `paper`."""
 
-    def nav_to(self, receptacle_name: str) -> Content:
-        """Go to a viewpoint of the named receptacle and look at it.
 
-        Args:
-            receptacle_name: Id of the receptacle.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("nav_to", receptacle_name=receptacle_name)
-
-    def walk_around(self) -> Content:
-        """Walk around the current receptacle and list the objects on it.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("walk_around")
-
-    def show_object_by_category(self, target_category: str) -> Content:
-        """Mark the objects in view that match a category with numbers.
-
-        Args:
-            target_category: Category of the objects.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("show_object_by_category", target_category=target_category)
-
-    def show_receptacles(self) -> Content:
-        """Mark the receptacles in view with numbers.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("show_receptacles")
-
-    def gaze_at(self, marker_id: int) -> Content:
-        """Approach the thing with this number and look at it closely.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("gaze_at", marker_id=marker_id)
-
-    def pick(self, marker_id: int) -> Content:
-        """Pick up the object with this number.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("pick", marker_id=marker_id)
-
-    def place(self, marker_id: int) -> Content:
-        """Place the held object on the receptacle with this number.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("place", marker_id=marker_id)
-
-    def open(self, marker_id: int) -> Content:
-        """Open the door of the receptacle with this number.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("open", marker_id=marker_id)
-
-    def close(self, marker_id: int) -> Content:
-        """Close the door of the receptacle with this number.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("close", marker_id=marker_id)
-
-    def ask(self, question: str) -> Content:
-        """Ask the user a question in plain words.
-
-        Args:
-            question: The question.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("ask", question=question)
-
-    def finish(self) -> Content:
-        """End the episode when the task is done.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("finish")
-
-
+@with_tools("real-repo")
 class PublishedTools(_Environment):
     """The tools of profiles `real-repo` and `real-gspo`."""
-
-    def navigate_to(self, receptacle_name: str) -> Content:
-        """Go to a viewpoint of the named receptacle and look at it.
-
-        Args:
-            receptacle_name: Id of the receptacle.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("navigate_to", receptacle_name=receptacle_name)
-
-    def explore_receptacle(self) -> Content:
-        """Walk around the current receptacle and list the objects on it.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("explore_receptacle")
-
-    def find_objects(self, target_category: str) -> Content:
-        """Mark the objects in view that match a category with numbers.
-
-        Args:
-            target_category: Category of the objects.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("find_objects", target_category=target_category)
-
-    def highlight_receptacles(self) -> Content:
-        """Mark the receptacles in view with numbers.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("highlight_receptacles")
-
-    def focus_on(self, marker_id: int) -> Content:
-        """Approach the thing with this number and look at it closely.
-
-        Args:
-            marker_id: Number in the latest marker map.
-
-        Returns:
-            What the robot is told.
-        """
-        return self._call("focus_on", marker_id=marker_id)
-
-    pick = HouseholdTools.pick
-    place = HouseholdTools.place
-    open = HouseholdTools.open
-    close = HouseholdTools.close
-    ask = HouseholdTools.ask
-    finish = HouseholdTools.finish
 
 
 def household_factory(

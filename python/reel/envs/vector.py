@@ -19,8 +19,6 @@ from .. import _reel
 from .._types import PathLike
 from .._play import Tasks
 from .._reel import ReelError, StepResult
-from ._calls import ToolSet
-from ._episodes import EpisodeSource
 from ._extras import missing
 from ._play import IMAGE_SHAPE, Episode, Record, open_episode
 
@@ -28,8 +26,7 @@ try:
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space, iterate
 
-    from ._spaces import ToolCallSpace
-    from .gymnasium import observation_space, observe, start_info, step_info
+    from .gymnasium import HouseholdEnv, observation_space, observe, start_info, step_info
 except ImportError as error:
     raise missing("gymnasium", error) from error
 
@@ -55,35 +52,22 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         num_envs: int = 1,
         tasks: PathLike | Tasks | None = None,
         *,
-        images: bool = True,
-        scene: PathLike | None = None,
-        profile: str = "paper",
-        preset: str = "paper",
-        skills: str = "perfect",
-        policy: str = "python",
-        record_dir: PathLike | None = None,
-        run: str | None = None,
-        render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
     ) -> None:
         if num_envs < 1:
             raise ReelError(f"num_envs is {num_envs}; give at least 1")
+        # what all episodes share
+        single = HouseholdEnv(tasks, **options)
         self.num_envs = num_envs
-        self.source = EpisodeSource(
-            tasks, scene=scene, profile=profile, preset=preset, skills=skills, policy=policy, images=images,
-            draw=render_mode is not None, record_dir=record_dir, run=run,
-        )  # fmt: skip
-        self.images = images
-        self.render_mode = render_mode
+        self.source = single.source
+        self.images = single.images
+        self.render_mode = single.render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {
-            "render_modes": ["rgb_array"],
-            "render_fps": 4,
-            "autoreset_mode": self.autoreset_mode,
-        }
-        self.tools = ToolSet(profile)
-        self.single_observation_space = observation_space(images)
-        self.single_action_space = self._tool_calls = ToolCallSpace(self.tools)
+        self.metadata = {**single.metadata, "autoreset_mode": self.autoreset_mode}
+        self.tools = single.tools
+        self.single_observation_space = observation_space(single.images)
+        self.single_action_space = self._tool_calls = single._tool_calls
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes: list[Episode | None] = [None] * num_envs

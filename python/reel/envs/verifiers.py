@@ -32,7 +32,7 @@ from .._types import PathLike, Record
 from .._play import Tasks
 from .._reel import ReelError
 from ._calls import NO_CALL, Call, ToolSet, as_text, call, parsed
-from ._episodes import Cache, EpisodeSource, unique_run
+from ._episodes import SETTINGS, Cache, EpisodeSource, unique_run
 from ._extras import missing
 from ._play import Episode
 from ._rollouts import ENDED, SYSTEM, GroupCounter, briefing
@@ -176,8 +176,7 @@ class HouseholdConfig(vf.TasksetConfig):
 
     def settings(self) -> Record:
         """The settings of the episodes."""
-        names = ("tasks", "scene", "profile", "preset", "skills", "policy", "images", "record_dir", "run")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in SETTINGS}
 
 
 class HouseholdTaskset(vf.Taskset[HouseholdTask, HouseholdConfig]):  # pyright: ignore[reportInvalidTypeArguments]

@@ -118,7 +118,7 @@ enum Command {
     #[command(about = "Stores: list, history, quarantine, compact, vacuum, reward, label")]
     #[cfg(feature = "analytics")]
     Store(commands::store::Arguments),
-    #[command(about = "Training sets: lint, show, annotate, gspo")]
+    #[command(about = "Training sets: lint, show, profile, diff, join, annotate, gspo")]
     #[cfg(feature = "analytics")]
     Dataset(commands::dataset::Arguments),
     #[command(about = "Task files: check, generate, draw, annotate, report, real-bench")]

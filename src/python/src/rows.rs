@@ -4,7 +4,7 @@ use arrow::{
     array::{Array, ArrayRef, AsArray as _, RecordBatch},
     compute::cast,
     datatypes::{
-        ArrowPrimitiveType, DataType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type,
+        ArrowPrimitiveType, DataType, Decimal128Type, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type,
         Int64Type, UInt8Type, UInt16Type, UInt32Type, UInt64Type,
     },
 };
@@ -52,6 +52,9 @@ fn values<'py>(py: Python<'py>, column: &ArrayRef) -> PyResult<Vec<Object<'py>>>
         DataType::UInt16 => numbers::<UInt16Type>(py, column),
         DataType::UInt32 => numbers::<UInt32Type>(py, column),
         DataType::UInt64 => numbers::<UInt64Type>(py, column),
+        // Counts and seeds of 64 bits: DataFusion gives sums of them as decimals.
+        DataType::Decimal128(_, 0) => numbers::<Decimal128Type>(py, column),
+        DataType::Decimal128(..) => values(py, &cast(column, &DataType::Float64).or_raise()?),
         DataType::Float32 => numbers::<Float32Type>(py, column),
         DataType::Float64 => numbers::<Float64Type>(py, column),
         DataType::Utf8 => column

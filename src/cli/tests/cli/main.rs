@@ -48,6 +48,8 @@ mod recovery;
 mod scene_import;
 #[cfg(feature = "analytics")]
 mod service;
+#[cfg(feature = "analytics")]
+mod sets;
 mod settings;
 mod social;
 #[cfg(feature = "service")]

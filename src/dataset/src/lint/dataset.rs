@@ -11,6 +11,7 @@ use serde_json::{Map, Value};
 use crate::lint::{
     Example, Format, ImageSource, LintError, RowError, RowLocation,
     example::FormatWarning,
+    files::{PROVENANCE, row_files},
     formats::{self, Columns, EXPECTED, Source},
     json::JsonRows,
     parquet_rows::{ParquetRows, schema_notes},
@@ -18,6 +19,9 @@ use crate::lint::{
 
 /// Rows that are looked at to recognise a file's format.
 const ROWS_LOOKED_AT: usize = 16;
+
+/// How the names of files end that may hold training rows.
+const ENDINGS: &[&str] = &[".json", ".jsonl", ".parquet"];
 
 /// A training set: one file, a folder, or some of each.
 #[derive(Debug)]
@@ -77,10 +81,7 @@ impl Dataset {
                 continue;
             }
             let before = dataset.files.len();
-            let mut found = Vec::new();
-            walk(path, &mut found)?;
-            found.sort();
-            for file in found {
+            for file in row_files(path, ENDINGS)? {
                 match DatasetFile::open(&file, path, format) {
                     Ok(opened) => dataset.files.push(opened),
                     Err(error) => dataset.skipped.push((file, error.to_string())),
@@ -213,39 +214,6 @@ fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> LintError {
         expected: EXPECTED,
     }
 }
-
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), LintError> {
-    let failed = |source| LintError::Io {
-        path: folder.to_owned(),
-        source,
-    };
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
-        let rows = path
-            .extension()
-            .and_then(|it| it.to_str())
-            .is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
-        let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let beside = matches!(
-            &*name,
-            crate::DATASET_INFO | crate::MANIFEST | crate::TASK_LIST
-        ) || name.ends_with(PROVENANCE);
-        if hidden || beside {
-            continue;
-        }
-        if kind.is_dir() {
-            walk(&path, found)?;
-        } else if rows {
-            found.push(path);
-        }
-    }
-    Ok(())
-}
-
-/// How names of files end that hold the provenance of rows whose loader refuses other keys.
-const PROVENANCE: &str = ".provenance.jsonl";
 
 /// `provenance/<folders>/<name>.provenance.jsonl` in the file's folder or one above it.
 fn provenance_beside(path: &Path) -> Option<PathBuf> {

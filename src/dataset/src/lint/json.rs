@@ -1,5 +1,5 @@
 //! Rows of JSON files one by one: the items of a JSON list, or the lines of JSONL. A broken row
-//! does not end the reading.
+//! does not end the reading. [`JsonTexts`] gives the text of each row, [`JsonRows`] its value.
 //!
 //! Holds one row at a time; a row beyond [`ROW_BYTES_MAX`] ends its file.
 
@@ -17,14 +17,45 @@ pub(crate) struct JsonRow {
     pub(crate) value: Result<Value, JsonError>,
 }
 
+/// The bytes of a row with the line where it begins, or why the file ends before the row does.
+pub struct JsonText {
+    /// Line of its first byte, from 1.
+    pub line: u32,
+    column: usize,
+    /// Whether the row is the last line of its file and has no line break.
+    unended: bool,
+    lines: bool,
+    /// The row as it is written; not yet parsed.
+    pub text: Result<Vec<u8>, JsonError>,
+}
+
+impl JsonText {
+    /// An error of a parser that read [`JsonText::text`], at its place in the file.
+    pub fn error(&self, error: &serde_json::Error) -> JsonError {
+        let eof = self.lines && error.is_eof();
+        let torn = if eof && self.unended {
+            "the last line is torn off: "
+        } else {
+            ""
+        };
+        let expected = if eof {
+            "; expected one whole JSON object a line"
+        } else {
+            ""
+        };
+        broken(error, (self.line, self.column), torn, expected)
+    }
+}
+
 /// Why a row is no JSON.
-#[derive(Debug, PartialEq, Eq)]
-pub(crate) struct JsonError {
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JsonError {
     /// Line of the offending character, from 1.
-    pub(crate) line: u32,
+    pub line: u32,
     /// Its column, from 1; 0 where there is none.
-    pub(crate) column: usize,
-    pub(crate) message: String,
+    pub column: usize,
+    /// What is wrong and what was expected.
+    pub message: String,
 }
 
 /// What the file is as a whole.
@@ -37,15 +68,40 @@ enum Layout {
 }
 
 /// The rows of a JSON file.
-pub(crate) struct JsonRows<R> {
+pub(crate) struct JsonRows<R>(JsonTexts<R>);
+
+impl<R: BufRead> JsonRows<R> {
+    pub(crate) fn new(reader: R) -> Self {
+        Self(JsonTexts::new(reader))
+    }
+}
+
+impl<R: BufRead> Iterator for JsonRows<R> {
+    type Item = JsonRow;
+
+    fn next(&mut self) -> Option<JsonRow> {
+        let mut row = self.0.next()?;
+        let text = std::mem::replace(&mut row.text, Ok(Vec::new()));
+        let value =
+            text.and_then(|text| serde_json::from_slice(&text).map_err(|error| row.error(&error)));
+        Some(JsonRow {
+            line: row.line,
+            value,
+        })
+    }
+}
+
+/// The rows of a JSON file as texts.
+pub struct JsonTexts<R> {
     reader: R,
     layout: Layout,
     line: u32,
     column: usize,
 }
 
-impl<R: BufRead> JsonRows<R> {
-    pub(crate) fn new(reader: R) -> Self {
+impl<R: BufRead> JsonTexts<R> {
+    /// Begins at the start of a file, whose first character says whether it is one JSON list.
+    pub fn new(reader: R) -> Self {
         Self {
             reader,
             layout: Layout::Unknown,
@@ -55,7 +111,7 @@ impl<R: BufRead> JsonRows<R> {
     }
 
     /// The next row; an error of the disk ends the file.
-    fn read(&mut self) -> io::Result<Option<JsonRow>> {
+    fn read(&mut self) -> io::Result<Option<JsonText>> {
         if self.layout == Layout::Unknown {
             if self.reader.fill_buf()?.starts_with(b"\xef\xbb\xbf") {
                 self.reader.consume(3);
@@ -76,7 +132,7 @@ impl<R: BufRead> JsonRows<R> {
     }
 
     /// The next line that is not empty.
-    fn row_of_line(&mut self) -> io::Result<Option<JsonRow>> {
+    fn row_of_line(&mut self) -> io::Result<Option<JsonText>> {
         loop {
             let mut text = Vec::new();
             let start = self.line;
@@ -95,25 +151,18 @@ impl<R: BufRead> JsonRows<R> {
             if text.trim_ascii().is_empty() {
                 continue;
             }
-            let value = serde_json::from_slice(&text).map_err(|error| {
-                let torn = if error.is_eof() && !whole {
-                    "the last line is torn off: "
-                } else {
-                    ""
-                };
-                let expected = if error.is_eof() {
-                    "; expected one whole JSON object a line"
-                } else {
-                    ""
-                };
-                broken(&error, (start, 1), torn, expected)
-            });
-            return Ok(Some(JsonRow { line: start, value }));
+            return Ok(Some(JsonText {
+                line: start,
+                column: 1,
+                unended: !whole,
+                lines: true,
+                text: Ok(text),
+            }));
         }
     }
 
     /// The next item of the list.
-    fn item(&mut self) -> io::Result<Option<JsonRow>> {
+    fn item(&mut self) -> io::Result<Option<JsonText>> {
         loop {
             match self.peek_past_space()? {
                 Some(b',') => self.take_byte()?,
@@ -142,10 +191,12 @@ impl<R: BufRead> JsonRows<R> {
                 self.torn(start.0, "the last row is torn off: it has no end")
             }));
         }
-        let value = serde_json::from_slice(&text).map_err(|error| broken(&error, start, "", ""));
-        Ok(Some(JsonRow {
+        Ok(Some(JsonText {
             line: start.0,
-            value,
+            column: start.1,
+            unended: false,
+            lines: false,
+            text: Ok(text),
         }))
     }
 
@@ -215,22 +266,33 @@ impl<R: BufRead> JsonRows<R> {
         Ok(())
     }
 
-    fn torn(&self, start: u32, message: &str) -> JsonRow {
-        JsonRow {
-            line: start,
-            value: Err(JsonError {
+    fn torn(&self, start: u32, message: &str) -> JsonText {
+        ended(
+            start,
+            JsonError {
                 line: self.line,
                 column: self.column,
                 message: message.to_owned(),
-            }),
-        }
+            },
+        )
     }
 }
 
-impl<R: BufRead> Iterator for JsonRows<R> {
-    type Item = JsonRow;
+/// A row that the file does not hold whole.
+fn ended(line: u32, error: JsonError) -> JsonText {
+    JsonText {
+        line,
+        column: 1,
+        unended: false,
+        lines: false,
+        text: Err(error),
+    }
+}
 
-    fn next(&mut self) -> Option<JsonRow> {
+impl<R: BufRead> Iterator for JsonTexts<R> {
+    type Item = JsonText;
+
+    fn next(&mut self) -> Option<JsonText> {
         self.read().unwrap_or_else(|error| {
             self.layout = Layout::Over;
             Some(self.torn(self.line, &format!("the file cannot be read on: {error}")))
@@ -238,19 +300,19 @@ impl<R: BufRead> Iterator for JsonRows<R> {
     }
 }
 
-fn too_long(line: u32) -> JsonRow {
+fn too_long(line: u32) -> JsonText {
     let message = format!(
         "a row of more than {} MiB: the rest of the file is not read",
         ROW_BYTES_MAX >> 20
     );
-    JsonRow {
+    ended(
         line,
-        value: Err(JsonError {
+        JsonError {
             line,
             column: 0,
             message,
-        }),
-    }
+        },
+    )
 }
 
 /// An error of the parser at its place in the file; `start` is where the row begins.

@@ -29,6 +29,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("prompt", &["world", "reward"]),
     ("llm", &["world", "agents", "episode", "trace", "prompt"]),
     ("dataset", &["world", "history", "prompt"]),
+    // dataset: the files of a folder and the rows of JSON, with their lines
+    ("data-profile", &["dataset"]),
     ("annotate", &["world", "trace", "history", "llm", "prompt", "dataset"]),
     (
         "export",
@@ -110,7 +112,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("pythonize", &["python"]),
     ("tonic", &["cluster"]),
     ("rcgen", &["cluster"]),
-    ("parquet", &["dataset", "export", "query", "tables"]),
+    ("parquet", &["data-profile", "dataset", "export", "query", "tables"]),
+    ("polars*", &["data-profile"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
     ("mcap", &["cli", "import", "trace"]),

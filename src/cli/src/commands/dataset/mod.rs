@@ -1,7 +1,11 @@
-//! `reel dataset`: what is wrong with a training set, and what its examples look like.
+//! `reel dataset`: what is wrong with a training set, what its examples look like, and what is in a
+//! set of any origin.
 
 mod annotate;
+mod diff;
 mod gspo;
+mod join;
+mod profile;
 
 use std::{fs, path::PathBuf, sync::Arc};
 
@@ -12,12 +16,13 @@ use reel_dataset::lint::{Dataset, Format, LintOptions, image_bytes, lint, show};
 use crate::{ExitStatus, progress};
 
 /// Check and show training sets of any origin (Hugging Face Parquet, Qwen-VL, ms-swift,
-/// LLaMA-Factory, TRL and OpenAI files, and folders of them), and complete what they are made
-/// from. `reel export` writes them.
+/// LLaMA-Factory, TRL and OpenAI files, and folders of them), describe, compare and join sets of
+/// any columns, and complete what they are made from. `reel export` writes them.
 ///
 /// Examples:
 ///   reel dataset lint sft
 ///   reel dataset show sft --row 12
+///   reel dataset profile sft
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -80,6 +85,12 @@ enum Command {
         #[arg(long, alias = "pictures", value_name = "DIR")]
         images_out: Option<PathBuf>,
     },
+    #[command(about = "Describe the columns, lengths, duplicates and balance of any set")]
+    Profile(profile::Arguments),
+    #[command(about = "Compare two versions of a set: columns, rows, drift, balance")]
+    Diff(diff::Arguments),
+    #[command(about = "Join two sets by equal keys into a new file")]
+    Join(join::Arguments),
     #[command(about = "Write reasoning and History for traces of agents that wrote none")]
     Annotate(annotate::Arguments),
     #[command(about = "Compute the GSPO objective of two recorded policies over the same tokens")]
@@ -103,6 +114,9 @@ struct Input {
 /// Checks a training dataset, or prints one of its examples.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
+        Command::Profile(arguments) => profile::run(arguments),
+        Command::Diff(arguments) => diff::run(arguments),
+        Command::Join(arguments) => join::run(arguments),
         Command::Annotate(arguments) => annotate::run(arguments),
         Command::Gspo(arguments) => gspo::run(arguments),
         Command::Lint {
