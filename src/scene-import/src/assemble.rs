@@ -46,10 +46,7 @@ pub(crate) fn assemble(scene_id: &str, mut house: House) -> Option<Assembled> {
     let mut uncoloured = 0;
     for mut piece in std::mem::take(&mut house.pieces) {
         let Some(room) = room_of(&piece, &house.rooms) else {
-            notes.left_out(format!(
-                "furniture outside of every room: {}",
-                piece.source
-            ));
+            notes.left_out(format!("furniture outside of every room: {}", piece.source));
             continue;
         };
         off_the_walls(&mut piece, &house.rooms[room], &mut notes);
@@ -96,7 +93,11 @@ fn plain_room(pieces: &mut [Piece], notes: &mut Notes) -> Option<RoomPlan> {
             notes.approximated(format!(
                 "furniture {:.2} m {} the floor, put onto it: {}",
                 bounds.low[2].abs(),
-                if bounds.low[2] > 0.0 { "above" } else { "below" },
+                if bounds.low[2] > 0.0 {
+                    "above"
+                } else {
+                    "below"
+                },
                 piece.source
             ));
             solids.shift([0.0, 0.0, -bounds.low[2]]);

@@ -54,28 +54,36 @@ pub(crate) fn faces(of: &[&Solid], around: &[&Solid]) -> Vec<Face> {
 pub(crate) fn is_open(face: &Face, around: &[&Solid]) -> bool {
     let obstacles: Vec<Bounds> = around.iter().map(|solid| Bounds::of(solid)).collect();
     let height = face.headroom.min(OPENING_M);
-    (0..2).any(|axis| [false, true].into_iter().any(|upper| {
-        let edge = if upper { face.rect.max[axis] - EDGE_M } else { face.rect.min[axis] + EDGE_M };
-        let beyond = |obstacle: &Bounds| if upper {
-            obstacle.high[axis] > edge && obstacle.low[axis] < edge + APPROACH_M
-        } else {
-            obstacle.low[axis] < edge && obstacle.high[axis] > edge - APPROACH_M
-        };
-        let beyond: Vec<&Bounds> = obstacles.iter().filter(|it| beyond(it)).collect();
-        let across = 1 - axis;
-        let width = face.rect.max[across] - face.rect.min[across];
-        let points = (0..5).flat_map(|side| (0..3).map(move |rise| (side, rise)));
-        let free = points.filter(|(side, rise)| {
-            let at = face.rect.min[across] + width * (f64::from(*side) + 0.5) / 5.0;
-            let z = face.z + height * (f64::from(*rise) + 0.5) / 3.0;
-            let holds = |obstacle: &&&Bounds| {
-                (obstacle.low[across]..=obstacle.high[across]).contains(&at)
-                    && (obstacle.low[2]..=obstacle.high[2]).contains(&z)
+    (0..2).any(|axis| {
+        [false, true].into_iter().any(|upper| {
+            let edge = if upper {
+                face.rect.max[axis] - EDGE_M
+            } else {
+                face.rect.min[axis] + EDGE_M
             };
-            !beyond.iter().any(|obstacle| holds(&obstacle))
-        });
-        free.count() > 7
-    }))
+            let beyond = |obstacle: &Bounds| {
+                if upper {
+                    obstacle.high[axis] > edge && obstacle.low[axis] < edge + APPROACH_M
+                } else {
+                    obstacle.low[axis] < edge && obstacle.high[axis] > edge - APPROACH_M
+                }
+            };
+            let beyond: Vec<&Bounds> = obstacles.iter().filter(|it| beyond(it)).collect();
+            let across = 1 - axis;
+            let width = face.rect.max[across] - face.rect.min[across];
+            let points = (0..5).flat_map(|side| (0..3).map(move |rise| (side, rise)));
+            let free = points.filter(|(side, rise)| {
+                let at = face.rect.min[across] + width * (f64::from(*side) + 0.5) / 5.0;
+                let z = face.z + height * (f64::from(*rise) + 0.5) / 3.0;
+                let holds = |obstacle: &&&Bounds| {
+                    (obstacle.low[across]..=obstacle.high[across]).contains(&at)
+                        && (obstacle.low[2]..=obstacle.high[2]).contains(&z)
+                };
+                !beyond.iter().any(|obstacle| holds(&obstacle))
+            });
+            free.count() > 7
+        })
+    })
 }
 
 /// The face that counts as the surface of a piece: open to the sky and large; of such, the highest.

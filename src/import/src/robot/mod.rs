@@ -246,12 +246,14 @@ impl Reading<'_> {
     /// Everything that the messages say but images, in the order of time.
     fn events(&mut self) -> (Vec<Event>, Vec<ImportLoss>) {
         let (mut events, mut losses) = (Vec::new(), Vec::new());
-        let mut clock = SteadyClock::default();
+        let mut clock = ClockWatch::default();
         for (file, path) in (0..).zip(self.paths.clone()) {
             let mut decoders = Decoders::default();
+            clock.begin();
             let lost = bag::walk(&path, &mut |message| {
                 let topic = &message.channel.topic;
-                let ns = clock.ns(topic, self.ns(&message));
+                let ns = self.ns(&message);
+                clock.see(topic, ns, events.len());
                 if !self.topics.contains(topic) {
                     self.topics.insert(topic.clone());
                 }
@@ -303,10 +305,15 @@ impl Reading<'_> {
                 message,
             }));
         }
-        losses.extend(clock.jumps.into_iter().map(|message| ImportLoss {
-            file: self.paths[0].clone(),
-            message,
-        }));
+        losses.extend(
+            clock
+                .mend(&mut events)
+                .into_iter()
+                .map(|message| ImportLoss {
+                    file: self.paths[0].clone(),
+                    message,
+                }),
+        );
         events.sort_by_key(|event| event.ns);
         (sensors::thinned(events, &self.sources), losses)
     }
@@ -386,38 +393,72 @@ impl Reading<'_> {
     }
 }
 
-/// A clock that goes on where that of the recording was set back: what came after is after.
+/// Finds where the clock of a recording was set back while it went on.
 #[derive(Default)]
-struct SteadyClock {
-    /// The last time of each topic by the clock of the recording, since it was last set back.
+struct ClockWatch {
+    /// The last time of each topic in this file, since the clock was last set back.
     last: BTreeMap<String, u64>,
-    /// What is added to every time.
-    added_ns: u64,
-    jumps: Vec<String>,
+    /// The last of them all.
+    latest_ns: u64,
+    jumps: Vec<ClockJump>,
 }
 
-impl SteadyClock {
-    /// A topic's own messages are never out of order by more than this.
-    const ORDER_NS: u64 = 1_000_000_000;
+/// A place where a topic's own messages go back in time.
+struct ClockJump {
+    /// Events that stand before it.
+    events: usize,
+    topic: String,
+    last_ns: u64,
+    back_ns: u64,
+}
 
-    fn ns(&mut self, topic: &str, told: u64) -> u64 {
-        if let Some(last) = self.last.get(topic).copied()
-            && last > told.saturating_add(Self::ORDER_NS)
-        {
-            let back = last - told;
-            self.jumps.push(format!(
-                "the clock goes back by {} at {} (seen on {topic}); what follows is read as if it had gone on",
-                seconds(back),
-                seconds(last)
-            ));
-            self.added_ns = self.added_ns.saturating_add(back);
-            self.last.clear();
+impl ClockWatch {
+    /// A topic's own messages are out of order by no more than this, where nobody set the clock.
+    const ORDER_NS: u64 = 1_000_000_000;
+    /// A recording with more places is no recording whose clock was set, but one out of order.
+    const JUMPS_MAX: usize = 3;
+
+    /// Begins anew, as with another file.
+    fn begin(&mut self) {
+        self.last.clear();
+        self.latest_ns = 0;
+    }
+
+    fn see(&mut self, topic: &str, ns: u64, events: usize) {
+        let known = self.last.get(topic).copied();
+        if known.is_some_and(|last| last > ns.saturating_add(Self::ORDER_NS)) {
+            self.jumps.push(ClockJump {
+                events,
+                topic: topic.to_owned(),
+                last_ns: self.latest_ns,
+                back_ns: self.latest_ns - ns,
+            });
+            self.begin();
         }
-        match self.last.get_mut(topic) {
-            Some(last) => *last = (*last).max(told),
-            None => drop(self.last.insert(topic.to_owned(), told)),
+        self.latest_ns = self.latest_ns.max(ns);
+        let last = self.last.entry(topic.to_owned()).or_default();
+        *last = ns.max(*last);
+    }
+
+    /// Lets the clock go on at each place, and says where.
+    fn mend(self, events: &mut [Event]) -> Vec<String> {
+        if self.jumps.len() > Self::JUMPS_MAX {
+            return Vec::new();
         }
-        told.saturating_add(self.added_ns)
+        let jumps = self.jumps.into_iter();
+        jumps
+            .map(|jump| {
+                for event in &mut events[jump.events..] {
+                    event.ns = event.ns.saturating_add(jump.back_ns);
+                }
+                format!(
+                    "the clock goes back by {} at {} (on {}); what follows is read as if it had gone on",
+                    seconds(jump.back_ns),
+                    seconds(jump.last_ns),
+                    jump.topic
+                )
+            })
+            .collect()
     }
 }
 

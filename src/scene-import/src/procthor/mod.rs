@@ -128,15 +128,18 @@ pub(crate) fn read(text: &str, file: &str, sizes: &AssetSizes) -> Result<House, 
 /// Rooms that lie over each other: what stands there is of the first.
 fn note_overlaps(items: &[RoomItem], rooms: &[RoomPlan], notes: &mut Notes) {
     let overlap = |a: &RoomPlan, b: &RoomPlan| {
-        let pairs = a.rects.iter().flat_map(|one| b.rects.iter().map(move |other| (one, other)));
+        let pairs = a
+            .rects
+            .iter()
+            .flat_map(|one| b.rects.iter().map(move |other| (one, other)));
         pairs
             .filter_map(|(one, other)| surfaces::shared(one, other))
             .map(|rect| surfaces::area(&rect))
             .sum::<f64>()
     };
     for (index, room) in rooms.iter().enumerate() {
-        for before in 0..index {
-            if overlap(room, &rooms[before]) > 0.05 {
+        for (before, other) in rooms.iter().enumerate().take(index) {
+            if overlap(room, other) > 0.05 {
                 let [one, other] = [before, index].map(|at| &items[at].id);
                 notes.approximated(format!("rooms that overlap: {one} and {other}"));
             }

@@ -47,8 +47,7 @@ pub(super) fn place(walk: &mut Walk) -> Result<(), ImportError> {
                 continue;
             }
         };
-        let bodies =
-            ["physics:body0", "physics:body1"].map(|name| values::target(&prim, name));
+        let bodies = ["physics:body0", "physics:body1"].map(|name| values::target(&prim, name));
         links.push(Link {
             path: prim.path().as_str().to_owned(),
             prim,
@@ -87,13 +86,23 @@ fn distances(walk: &Walk, links: &[Link]) -> BTreeMap<String, usize> {
         let next = bodies.len();
         bodies.entry(body).or_insert(next);
     }
-    let ends = |link: &Link| link.bodies.each_ref().map(|it| Some(bodies[it.as_deref()?]));
+    let ends = |link: &Link| {
+        link.bodies
+            .each_ref()
+            .map(|it| Some(bodies[it.as_deref()?]))
+    };
     // Bodies that are fixed to each other are one, called by the least of their numbers.
     let mut rigid: Vec<usize> = (0..bodies.len()).collect();
     for link in links.iter().filter(|link| link.kind == LinkKind::Fixed) {
         if let [Some(first), Some(second)] = ends(link) {
-            let (kept, gone) = (rigid[first].min(rigid[second]), rigid[first].max(rigid[second]));
-            rigid.iter_mut().filter(|it| **it == gone).for_each(|it| *it = kept);
+            let (kept, gone) = (
+                rigid[first].min(rigid[second]),
+                rigid[first].max(rigid[second]),
+            );
+            rigid
+                .iter_mut()
+                .filter(|it| **it == gone)
+                .for_each(|it| *it = kept);
         }
     }
     let joined: Vec<[usize; 2]> = links

@@ -8,7 +8,7 @@ mod shapes;
 
 use reel_tasks::assets::{
     MeshError,
-    usd::{self, FileRequests, Prim, values, xform},
+    usd::{self, FileRequests, Prim, xform},
 };
 
 use crate::{

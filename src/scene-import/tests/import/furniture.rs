@@ -209,3 +209,77 @@ fn joints_that_cannot_be_used_stay_closed_and_are_counted() {
     );
     assert_eq!(scene.report.receptacles.len(), 1);
 }
+
+/// A dresser of USD with two drawers, whose joints have one name; `swapped`: the drawer is the
+/// first body of a joint.
+fn dresser_usd(swapped: bool) -> String {
+    let block = |name: &str, half: [f64; 3], at: [f64; 3]| {
+        format!(
+            "def Cube \"{name}\" {{ double size = 2\nfloat3 xformOp:scale = ({}, {}, {})\n\
+             double3 xformOp:translate = ({}, {}, {})\n\
+             uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:scale\"] }}\n",
+            half[0], half[1], half[2], at[0], at[1], at[2]
+        )
+    };
+    let carcass = [
+        block("top", [0.25, 0.5, 0.01], [0.0, 0.0, 0.99]),
+        block("bottom", [0.25, 0.5, 0.01], [0.0, 0.0, 0.01]),
+        block("left", [0.25, 0.01, 0.49], [0.0, 0.49, 0.49]),
+        block("right", [0.25, 0.01, 0.49], [0.0, -0.49, 0.49]),
+        block("back", [0.01, 0.5, 0.49], [-0.24, 0.0, 0.49]),
+    ]
+    .concat();
+    let drawer = |number: usize, z: f64| {
+        let solids = [
+            block("front", [0.01, 0.45, 0.1], [0.24, 0.0, 0.1]),
+            block("floor", [0.22, 0.45, 0.01], [0.0, 0.0, 0.01]),
+        ]
+        .concat();
+        let bodies = [
+            "/World/dresser/body".to_owned(),
+            format!("/World/dresser/drawer{number}"),
+        ];
+        let [first, second] = if swapped { [1, 0] } else { [0, 1] }.map(|it| &bodies[it]);
+        let limits = if swapped { (-0.3, 0.0) } else { (0.0, 0.3) };
+        format!(
+            "def Xform \"drawer{number}\" {{\ndouble3 xformOp:translate = (0, 0, {z})\n\
+             uniform token[] xformOpOrder = [\"xformOp:translate\"]\n{solids}\n\
+             def PhysicsPrismaticJoint \"joint\" {{\nuniform token physics:axis = \"X\"\n\
+             rel physics:body0 = <{first}>\nrel physics:body1 = <{second}>\n\
+             float physics:lowerLimit = {}\nfloat physics:upperLimit = {} }} }}\n",
+            limits.0, limits.1
+        )
+    };
+    format!(
+        "#usda 1.0\n(metersPerUnit = 1\nupAxis = \"Z\")\ndef Xform \"World\" {{ def Xform \"dresser\" {{\n\
+         def Xform \"body\" {{\n{carcass}}}\n{}{}}} }}\n",
+        drawer(0, 0.06),
+        drawer(1, 0.5)
+    )
+}
+
+#[test]
+fn drawers_of_usd_are_told_apart_and_the_carcass_stands_still() {
+    for swapped in [false, true] {
+        let scene = import_text("dresser.usda", &dresser_usd(swapped));
+        let drawers: Vec<&Receptacle> = scene
+            .scene
+            .receptacles
+            .iter()
+            .filter(|receptacle| receptacle.door == Door::Drawer)
+            .collect();
+        assert_eq!(drawers.len(), 2, "{swapped}: {:?}", scene.report);
+        for drawer in drawers {
+            let geometry = drawer.geometry.as_ref().expect("it is given");
+            let open_by = [0.3, 0.0];
+            assert_eq!(
+                geometry.joint,
+                Some(FurnitureJoint::Slide { open_by }),
+                "{swapped}"
+            );
+            assert_eq!(geometry.moving.len(), 2, "{swapped}");
+        }
+        // The board below the drawers is behind their fronts.
+        assert_eq!(scene.scene.receptacles.len(), 3, "{:?}", scene.report);
+    }
+}

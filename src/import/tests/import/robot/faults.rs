@@ -15,6 +15,31 @@ fn out_of_order() {
 }
 
 #[test]
+fn a_clock_that_is_set_back_goes_on() {
+    let place = Place::new();
+    let (_, whole) = place.said(&episode());
+    let mut messages = episode();
+    let set_back = messages.iter().position(|it| it.topic == "/primitive");
+    for message in &mut messages[set_back.unwrap() + 2..] {
+        message.ns -= 3_500_000_000;
+    }
+    let (recording, trace) = place.said(&messages);
+    let losses: Vec<String> = recording.losses.iter().map(ToString::to_string).collect();
+    assert_eq!(losses.len(), 1, "{losses:?}");
+    assert!(
+        losses[0].contains("the clock goes back by 3.4"),
+        "{losses:?}"
+    );
+    let told = &trace.header.policy.parameters["losses"];
+    assert!(told[0].as_str().unwrap().contains("the clock goes back"));
+    assert_eq!(trace.steps.len(), whole.steps.len());
+    for (step, before) in trace.steps.iter().zip(&whole.steps) {
+        assert_eq!(step.input, before.input);
+        assert_eq!(step.robot.path_length_m, before.robot.path_length_m);
+    }
+}
+
+#[test]
 fn torn_anywhere_up_to_the_tear() {
     let place = Place::new();
     let path = place.path("whole.mcap");
