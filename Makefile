@@ -23,7 +23,7 @@ test: pages ## install what tests compare Reel with, run every test of the works
 	@tests/skips.sh --forget
 	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
 
-wheel: pages ## build the Python package with the command line as a wheel in python/dist (release build; an hour)
+wheel: pages ## build the Python package with the command line as a wheel in python/dist (an optimised build; an hour)
 	python/wheel.sh
 
 test-python: ## build the wheel, install it into an empty environment, run all tests of the Python package, PyTorch and trainers included

@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 if [[ -z ${REEL_WHEEL:-} ]]; then
   rm -rf dist
-  WHEEL_PROFILE="${WHEEL_PROFILE:-fast}" ./wheel.sh
+  ./wheel.sh
   REEL_WHEEL=$(ls dist/reel-*.whl)
 fi
 bytes=$(stat -c %s "$REEL_WHEEL")

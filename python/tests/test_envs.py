@@ -168,12 +168,15 @@ def test_forks_go_on_bit_for_bit_as_their_parent_did(images: bool) -> None:
     paths = traces()
     parents = [reel.open(path) for path in paths]
     forks = FORKS if not images else FORKS // 10
-    equal = 0
+    equal, times = 0, []
     for number in range(forks):
         path, parent = paths[number % len(paths)], parents[number % len(paths)]
         # not the last call, which ends the episode
         call = (number // len(paths) * 7) % (len(parent) - 1)
+        # processor time: other programs do not count
+        began = time.process_time()
         observation, _ = env.reset(options={"trace": path, "call": call})
+        times.append(time.process_time() - began)
         assert observation["step"] == call
         assert observation["text"] == (parent.steps[call - 1].text if call else "")
         step = parent.steps[call]
@@ -188,6 +191,10 @@ def test_forks_go_on_bit_for_bit_as_their_parent_did(images: bool) -> None:
             made["digests"].get(key) == recorded["digests"].get(key) for key in ("state", "frame", "physics_steps")
         )
     assert equal == forks
+    p50, p99 = np.percentile(times, [50, 99]) * 1000
+    print(f"a fork {'with' if images else 'without'} an image: p50 {p50:.2f} ms, p99 {p99:.2f} ms of {forks}")
+    if forks == 1000:
+        assert p99 < 5
     env.close()
 
 
