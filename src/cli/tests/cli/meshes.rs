@@ -8,7 +8,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::{expect, first_trace, usd_meshes::assets};
+use crate::{complaint, expect, first_trace, usd_meshes::assets};
 
 /// A tetrahedron of one unit.
 const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
@@ -43,6 +43,8 @@ fn what_executes_traces_takes_their_meshes() {
         "without meshes"
     );
     assert!(reel!(folder, "replay traces --assets meshes").starts_with("2 of 2"));
+    let refused = complaint(folder, 1, "blame traces");
+    assert!(refused.contains("are meshes"), "{refused}");
     let blamed = reel!(
         folder,
         "blame traces --assets meshes --branches better --json"

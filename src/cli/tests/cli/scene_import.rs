@@ -100,6 +100,22 @@ fn files_that_fail_are_named_and_the_others_written() {
     assert!(said.contains("torn.urdf:1:"), "{said}");
     assert!(folder.join("scenes/cabinet.json").is_file());
     complaint(folder, 2, "scene import torn.urdf --out scenes");
+    // Two files of one name are two scenes of one name: the first is kept.
+    fs::create_dir(folder.join("other")).unwrap();
+    fs::copy(
+        format!("{DATA}/dresser.xml"),
+        folder.join("other/cabinet.xml"),
+    )
+    .unwrap();
+    let said = complaint(
+        folder,
+        3,
+        &format!(
+            "scene import {DATA}/cabinet.urdf other/cabinet.xml {DATA}/dresser.xml --out both"
+        ),
+    );
+    assert!(said.contains("is written from"), "{said}");
+    assert!(folder.join("both/dresser.json").is_file());
     complaint(
         folder,
         2,
