@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast, overload
@@ -138,6 +139,8 @@ class Tasks(Sequence[Record]):
     def __getitem__(self, index: int | slice) -> Record | Tasks:
         if isinstance(index, slice):
             return Tasks(self._native.select(range(*index.indices(len(self)))))
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"no task {index}: there are {len(self)}, from 0")
         return self._native.task(index)
 
     def __repr__(self) -> str:
@@ -175,8 +178,14 @@ def run(
         progress: whether a bar is shown; None: in terminals and notebooks.
 
     Returns:
-        The episodes with their reports, in the order of the tasks. What a policy raises ends its
-        episode as aborted, and is raised here when the others are done.
+        The episodes with their reports, in the order of the tasks. Traces of the same policy, task
+        and seed in the folder are replaced.
+
+    Raises:
+        ReelError: no episode could be played. Where some could not, a warning says so.
+        KeyboardInterrupt: Ctrl-C; a Python policy is not asked again.
+        Exception: what a policy raised. It ends its episode as aborted, and is raised when the others
+            are done.
     """
     loaded = tasks if isinstance(tasks, Tasks) else Tasks.load(tasks)
     called = policy if isinstance(policy, str) else name or getattr(policy, "__name__", type(policy).__name__)
@@ -200,7 +209,14 @@ def run(
         reports = _reel.run(
             native, called, factory, recordings, seed, profile, preset, skills, jobs or os.cpu_count() or 1, tell
         )
-    return Episodes(reports)
+    played = Episodes(reports)
+    if played.errors and len(played.errors) == len(played):
+        raise ReelError(f"no episode was played: {played.errors[0]}")
+    if played.errors:
+        warnings.warn(
+            f"{len(played.errors)} of {len(played)} episodes were not played: {played.errors[0]}", stacklevel=2
+        )
+    return played
 
 
 class Episodes(Sequence[Episode]):
@@ -237,7 +253,8 @@ class Episodes(Sequence[Episode]):
         return open(cast(str, report["trace"]))
 
     def __repr__(self) -> str:
-        return f"<{len(self)} episodes, {self.success_rate:.1%} succeeded>"
+        broken = f", {len(self.errors)} not played" if self.errors else ""
+        return f"<{len(self)} episodes, {self.success_rate:.1%} succeeded{broken}>"
 
 
 def tools(profile: str = "paper") -> list[Record]:

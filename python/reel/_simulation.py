@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from . import _reel
 from ._reel import Observation, ReelError, StepResult
 from ._types import PathLike, Record
@@ -14,6 +16,9 @@ from ._types import PathLike, Record
 if TYPE_CHECKING:
     from ._episode import Episode, RenderedFrame
     from ._play import Policy
+
+DEPTH_MAX = 64
+"""Deepest nesting of the arguments of a call."""
 
 Call = tuple[str, Mapping[str, Any]]
 Action = str | Mapping[str, Any] | tuple[str, Any]
@@ -35,9 +40,25 @@ def as_call(action: Action) -> Call:
         arguments: Any = action.get("arguments", action.get("parameters")) or {}
         if not isinstance(name, str):
             raise ReelError(f"a call needs a name: {{'name': 'pick', 'arguments': {{'marker_id': 1}}}}, not {action}")
-        return name, arguments
-    name, arguments = action
-    return name, arguments or {}
+        return name, plain(arguments)
+    match cast(Any, action):
+        case [str() as name, arguments]:
+            return name, plain(arguments or {})
+        case _:  # a policy may return anything
+            raise ReelError(f"no call: {action!r:.200}; give ('pick', {{'marker_id': 1}}), a dictionary, or JSON text")
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Numbers and arrays of NumPy as Python's own."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return cast(Any, value).tolist()
+    if depth > DEPTH_MAX:  # the native part refuses it
+        return value
+    if isinstance(value, dict):
+        return {name: plain(item, depth + 1) for name, item in cast(Record, value).items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item, depth + 1) for item in cast(list[Any], value)]
+    return value
 
 
 def recording(path: PathLike, images: bool, fsync: bool = False) -> _reel.Recording:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import _reel
-from ._command import Argument, command, command_json
-from ._reel import Stream
+from ._command import Argument, command_json
+from ._reel import ReelError, Stream
+from ._simulation import plain
 from ._types import PathLike, Record
 
 if TYPE_CHECKING:
@@ -77,6 +80,18 @@ class Table:
         return table_html(self)
 
 
+def parameter(name: str, value: Any) -> str:
+    """A value of a question as text, which the question casts to the type it is compared with."""
+    value = plain(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (str, int)):
+        return str(value)
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value)
+    raise ReelError(f"parameter {name} is {value!r:.100}; give a text, a finite number, True or False")
+
+
 class Store:
     """A store of tables, made by `Store.ingest` or `reel ingest`.
 
@@ -100,7 +115,10 @@ class Store:
         paths: list[PathLike] = []
         for path in given:
             paths += [path] if os.path.exists(path) or "://" in os.fspath(path) else trace_paths(path)
-        command("ingest", *paths, store=location, **options)
+        report = command_json("ingest", *paths, store=location, **options)
+        if refused := report.get("quarantined"):
+            first = ": ".join(refused[0])
+            warnings.warn(f"{len(refused)} traces were not read (table quarantine), {first}", stacklevel=2)
         return cls(location)
 
     @property
@@ -146,7 +164,8 @@ class Store:
 
         Args:
             query: the question; docs/query.md has the tables and functions.
-            parameters: values of its `$parameters`.
+            parameters: values of its `$parameters`: texts, numbers, True or False. A missing value is
+                written in the question, as `IS NULL`.
             memory: bytes that sorts, joins and aggregations may take before they spill to disk.
             timeout: seconds after which it is stopped; None: never.
             stream: whether the answer comes batch by batch, as it is taken; then it is taken once.
@@ -155,7 +174,7 @@ class Store:
             ReelError: the question is wrong or exceeds a limit.
             KeyboardInterrupt: Ctrl-C stops the question, too.
         """
-        values = {name: str(value) for name, value in (parameters or {}).items()}
+        values = {name: parameter(name, value) for name, value in (parameters or {}).items()}
         if stream:
             return self._native.stream(query, values, memory, timeout)
         return Table(self._native.sql(query, values, memory, timeout))
@@ -163,11 +182,8 @@ class Store:
     def named(self, name: str, **parameters: Any) -> Table:
         """Asks one of the questions that come with Reel, e.g. `benchmark`, `failures`; `reel query
         --list` lists them."""
-        return self.sql(f'SELECT * FROM "{name}"') if not parameters else self.sql(self._text(name), parameters=parameters)
-
-    @staticmethod
-    def _text(name: str) -> str:
-        return command("query", list=True, named=name)
+        query, defaults = _reel.named_query(name)
+        return self.sql(query, parameters={**defaults, **parameters})
 
     def tables(self) -> list[str]:
         """Names of the tables and views."""

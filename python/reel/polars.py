@@ -44,22 +44,25 @@ def scan_store(store: Store, table: str = "steps") -> pl.LazyFrame:
     ) -> Iterator[pl.DataFrame]:
         wanted = "*" if columns is None else ", ".join(map(quoted, columns))
         conditions, whole = (["TRUE"], True) if predicate is None else conjuncts(predicate)
+        if predicate is not None and n_rows is not None:
+            # Polars takes the first rows and filters them
+            conditions, whole = ["TRUE"], False
         if predicate is not None and columns is not None:
             # what Polars has to check itself, it has to see
             hidden = [column for column in predicate.meta.root_names() if column not in columns]
             if not whole and hidden:
                 wanted += ", " + ", ".join(map(quoted, hidden))
-        limit = f" LIMIT {n_rows}" if n_rows is not None and whole else ""
+        limit = f" LIMIT {n_rows}" if n_rows is not None else ""
         sql = f"SELECT {wanted} FROM {name} WHERE {' AND '.join(conditions or ['TRUE'])}{limit}"
         left = n_rows
         for batch in store.sql(sql, stream=True):
             frame = pl.DataFrame(batch)
-            if predicate is not None and not whole:
-                frame = frame.filter(predicate)
-                frame = frame.select(columns) if columns is not None else frame
             if left is not None:
                 frame = frame.head(left)
                 left -= len(frame)
+            if predicate is not None and not whole:
+                frame = frame.filter(predicate)
+                frame = frame.select(columns) if columns is not None else frame
             yield frame
             if left == 0:
                 return
@@ -176,7 +179,10 @@ def constant(tree: Any) -> Any:
 
     if not (isinstance(tree, dict) and "Literal" in tree):
         raise Untranslatable
-    series = pl.select(pl.Expr.deserialize(io.StringIO(json.dumps(tree)), format="json")).to_series()
+    try:
+        series = pl.select(pl.Expr.deserialize(io.StringIO(json.dumps(tree)), format="json")).to_series()
+    except pl.exceptions.ComputeError as error:  # JSON has neither infinity nor NaN
+        raise Untranslatable from error
     value = series.to_list()
     return value[0] if len(value) == 1 else value
 

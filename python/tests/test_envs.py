@@ -394,3 +394,13 @@ def test_rollouts_of_a_group_become_rows(tmp_path: Path) -> None:
     store = reel.Store.ingest(tmp_path / "rollouts", tmp_path / "store")
     groups = store.sql("SELECT group_id, count(*) AS n FROM episodes GROUP BY group_id").rows(0, 10)
     assert [row["n"] for row in groups] == [2]
+
+
+def test_equal_seeds_are_equal_episodes_in_every_environment() -> None:
+    seeds = [3, 1, 2]
+    vectors = [HouseholdVectorEnv(3, tasks=tasks(), images=False) for _ in range(2)]
+    first, second = ([str(name) for name in env.reset(seed=seeds)[1]["task_id"]] for env in vectors)
+    single = HouseholdEnv(tasks(), images=False)
+    assert first == second == [single.reset(seed=seed)[1]["task_id"] for seed in seeds]
+    for env in (*vectors, single):
+        env.close()

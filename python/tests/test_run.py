@@ -173,3 +173,47 @@ def test_tools_are_json_schema() -> None:
     assert by_name["pick"]["parameters"]["properties"] == {"marker_id": {"type": "integer"}}
     assert "show_object_by_category" in by_name and "finish" in by_name
     assert {tool["name"] for tool in reel.tools("real-repo")} != set(by_name)
+
+
+def test_tasks_are_a_sequence(tasks: reel.Tasks) -> None:
+    assert [task["task_id"] for task in tasks] == tasks.ids
+    with pytest.raises(IndexError, match="no task 4: there are 4"):
+        tasks[4]
+
+
+def test_a_policy_that_is_not_there_is_one_error(tasks: reel.Tasks, tmp_path: Path) -> None:
+    with pytest.raises(reel.ReelError, match="plannr"):
+        reel.run(tasks, "plannr", out=tmp_path)
+
+
+def test_what_a_policy_returns_is_checked(tasks: reel.Tasks) -> None:
+    with pytest.raises(reel.ReelError, match="no call: None; give"):
+        reel.run(tasks[:1], lambda _: None, out=None)
+    endless: list[object] = []
+    endless.append(endless)
+    deep: object = []
+    for _ in range(20_000):
+        deep = [deep]
+    for value in (endless, deep):
+        with pytest.raises(reel.ReelError, match="nested deeper"), tasks.start(0, images=False) as simulation:
+            simulation.step(("ask", {"question": value}))
+    with tasks.start(0, images=False) as simulation:
+        simulation.step(("gaze_at", {"marker_id": np.int64(1)}))
+        assert simulation.record(0)["input"]["call"]["arguments"] == {"marker_id": 1}
+
+
+def test_ctrl_c_stops_after_the_call(tasks: reel.Tasks) -> None:
+    calls = 0
+
+    def slow(_: reel.Observation) -> reel.Action:
+        nonlocal calls
+        calls += 1
+        if calls == 2:
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(0.2)
+        return ("walk_around", {})
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        reel.run(tasks, slow, out=None, images=False, jobs=1, progress=False)
+    assert calls < 10 and time.monotonic() - began < 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import polars as pl
@@ -137,3 +138,42 @@ def test_a_training_set_leads_back(store: reel.Store, tmp_path: Path) -> None:
     assert sum(report["examples"].values()) > 10
     with pytest.raises(reel.ReelError, match="this folder is not empty"):
         reel.export_sft(store, Path(__file__).parent)
+
+
+def test_the_first_rows_are_taken_before_they_are_filtered(store: reel.Store) -> None:
+    every = store.sql("SELECT * FROM steps").to_polars()
+    for rows in (5, 20):
+        lazy = store.scan("steps").head(rows).filter(pl.col("tool") == "nav_to").collect()
+        eager = every.head(rows).filter(pl.col("tool") == "nav_to")
+        assert lazy.height == eager.height < rows
+    infinite = store.scan("steps").filter(pl.col("reward") < math.inf).collect()
+    assert infinite.height == every.height
+
+
+def test_named_questions_take_parameters(store: reel.Store) -> None:
+    worse = store.named("regressions", a="oracle", b="wrong-receptacle")
+    better = store.named("regressions", a="wrong-receptacle", b="oracle")
+    assert worse.rows() != better.rows()
+    with pytest.raises(reel.ReelError, match="no query is named none_such; there are overview"):
+        store.named("none_such", a="x")
+
+
+@pytest.mark.parametrize("value", [None, math.nan, ["a"], b"a"])
+def test_a_parameter_that_is_no_value_is_refused(store: reel.Store, value: object) -> None:
+    with pytest.raises(reel.ReelError, match="parameter policy is"):
+        store.sql("SELECT count(*) FROM episodes WHERE policy = $policy", parameters={"policy": value})
+
+
+@pytest.mark.parametrize("seconds", [-1.0, math.nan])
+def test_a_time_limit_that_is_none_is_refused(store: reel.Store, seconds: float) -> None:
+    with pytest.raises(reel.ReelError, match="timeout is"):
+        store.sql("SELECT 1", timeout=seconds)
+    assert len(store.sql("SELECT 1 AS one", timeout=math.inf)) == 1
+
+
+def test_traces_that_cannot_be_read_are_named(played: Path, tmp_path: Path) -> None:
+    good = next(iter(sorted(played.glob("*.mcap"))))
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(good.read_bytes()[:1000])
+    with pytest.warns(UserWarning, match="1 traces were not read.*damaged.mcap"):
+        reel.Store.ingest([good, damaged], tmp_path / "store")

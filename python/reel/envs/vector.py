@@ -23,6 +23,7 @@ from ._extras import missing
 from ._play import IMAGE_SHAPE, Episode, Record, open_episode
 
 try:
+    from gymnasium.utils.seeding import np_random
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space, iterate
 
@@ -72,6 +73,7 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._episodes: list[Episode | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, np.bool_)
+        self._draws: list[np.random.Generator | None] = [None] * num_envs
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: Any = None) -> tuple[Record, Record]:
         """Starts all episodes, or those of a mask.
@@ -88,12 +90,10 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
         each, mask = self._options(options)
-        count = len(self.source.task_ids)
-        tasks = self.np_random.integers(max(count, 1), size=self.num_envs)
         seeds = self._seeds(seed, each)
         infos: Record = {}
-        for index in np.flatnonzero(mask):
-            self._start(int(index), each[index], int(tasks[index]), seeds[index], infos)
+        for index in map(int, np.flatnonzero(mask)):
+            self._start(index, each[index], seeds[index], infos)
         if any(episode is None for episode in self._episodes):
             raise ReelError("reset: reset_mask leaves out episodes that never began; reset all of them first")
         return self._observe(), infos
@@ -190,25 +190,33 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
             raise ReelError(f"reset: {len(each)} options for {self.num_envs} episodes")
         return each, mask
 
-    def _seeds(self, seed: int | Sequence[int | None] | None, options: list[Record]) -> list[int]:
-        drawn = [int(value) for value in self.np_random.integers(2**31, size=self.num_envs)]
+    def _seeds(self, seed: int | Sequence[int | None] | None, options: list[Record]) -> Sequence[int | None]:
+        """The seed of each episode; None where its own draws go on."""
         if isinstance(seed, Sequence):
             if len(seed) != self.num_envs:
                 raise ReelError(f"reset: {len(seed)} seeds for {self.num_envs} episodes")
-            return [draw if given is None else given for draw, given in zip(drawn, seed, strict=True)]
+            return seed
         siblings = all("group" in option and "task" in option for option in options)
         if seed is None:
-            return drawn[:1] * self.num_envs if siblings else drawn
+            return [int(self.np_random.integers(2**31))] * self.num_envs if siblings else [None] * self.num_envs
         return [seed] * self.num_envs if siblings else [seed + index for index in range(self.num_envs)]
 
     def _start_next(self, index: int, infos: Record) -> None:
         """Resets one episode by itself: another task, another seed."""
-        task = int(self.np_random.integers(max(len(self.source.task_ids), 1)))
         if self.source.tasks is None:
             raise ReelError("no tasks to go on with: give tasks=PATH, or autoreset_mode DISABLED")
-        self._start(index, {}, task, int(self.np_random.integers(2**31)), infos)
+        self._start(index, {}, None, infos)
 
-    def _start(self, index: int, options: Mapping[str, Any], task: int, seed: int, infos: Record) -> None:
+    def _start(self, index: int, options: Mapping[str, Any], seed: int | None, infos: Record) -> None:
+        # drawn as a HouseholdEnv draws: equal seeds give equal episodes
+        draws = self._draws[index]
+        if seed is not None:
+            draws, _ = np_random(int(seed))
+        elif draws is None:
+            draws = np.random.default_rng(int(self.np_random.integers(2**63)))
+        self._draws[index] = draws
+        task = int(draws.integers(max(len(self.source.task_ids), 1)))
+        seed = int(draws.integers(2**31)) if seed is None else int(seed)
         if (former := self._episodes[index]) is not None:
             former.close()
         episode = self._episodes[index] = open_episode(self.source, options, task, seed)

@@ -131,7 +131,9 @@ pub struct Balance {
 impl Diff {
     /// Whether the columns changed, or one of them drifted.
     pub fn is_drifted(&self) -> bool {
-        !self.schema.is_empty() || self.columns.iter().any(|column| column.drifted)
+        // Of no rows there is no distribution to compare.
+        let is_emptied = self.rows.contains(&0) && self.rows != [0, 0];
+        is_emptied || !self.schema.is_empty() || self.columns.iter().any(|column| column.drifted)
     }
 }
 

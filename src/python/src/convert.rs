@@ -1,7 +1,10 @@
 //! Values of Reel as Python objects: records as dictionaries, pixels as arrays.
 
 use numpy::{IntoPyArray as _, PyArray2, PyArray3, PyArrayMethods as _};
-use pyo3::prelude::*;
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyList, PyTuple},
+};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, ToolCall};
 use serde::Serialize;
 
@@ -16,7 +19,31 @@ pub fn object<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'p
 
 /// A JSON value of dictionaries, lists, numbers and texts.
 pub fn value(object: &Bound<'_, PyAny>) -> PyResult<serde_json::Value> {
+    check_depth(object, DEPTH_MAX)?;
     pythonize::depythonize(object).map_err(Into::into)
+}
+
+/// Deepest nesting of what is taken over; what holds itself has no end.
+const DEPTH_MAX: usize = 128;
+
+fn check_depth(object: &Bound<'_, PyAny>, left: usize) -> PyResult<()> {
+    let inner: Vec<Bound<'_, PyAny>> = if let Ok(map) = object.cast::<PyDict>() {
+        map.values().iter().collect()
+    } else if let Ok(list) = object.cast::<PyList>() {
+        list.iter().collect()
+    } else if let Ok(tuple) = object.cast::<PyTuple>() {
+        tuple.iter().collect()
+    } else {
+        return Ok(());
+    };
+    if left == 0 {
+        return Err(refuse(format!(
+            "a value is nested deeper than {DEPTH_MAX}, or holds itself"
+        )));
+    }
+    inner
+        .iter()
+        .try_for_each(|item| check_depth(item, left - 1))
 }
 
 /// A call of a tool: its name, and a dictionary of its arguments.

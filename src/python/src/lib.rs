@@ -33,7 +33,7 @@ mod _reel {
     #[pymodule_export]
     use crate::simulation::{ForkPoint, Simulation, StepResult, step_all};
     #[pymodule_export]
-    use crate::store::{Store, Stream, Table};
+    use crate::store::{Store, Stream, Table, named_query};
     #[pymodule_export]
     use crate::tasks::{TaskSet, tools};
     #[pymodule_export]

@@ -1,7 +1,9 @@
 //! Policies in Python: what they are shown, and playing tasks with them.
 
+use std::sync::Arc;
+
 use numpy::PyArray3;
-use pyo3::prelude::*;
+use pyo3::{exceptions::PyKeyboardInterrupt, prelude::*};
 use reel_agents::{
     EpisodeJob, EpisodeReport, Participants, Policy, PolicyContext, ResponderError, Responders,
     RunningEpisode, builtin, run_all,
@@ -11,6 +13,7 @@ use serde_json::{Value, json};
 
 use crate::{
     convert,
+    error::refuse,
     running::{Stop, interruptible, report_progress},
     simulation::{Recording, config, input},
     tasks::TaskSet,
@@ -72,6 +75,8 @@ impl Observation {
 /// A Python function that decides.
 struct PythonPolicy {
     act: Py<PyAny>,
+    /// Set by Ctrl-C: it is not asked again.
+    stop: Arc<Stop>,
     name: String,
 }
 
@@ -88,6 +93,9 @@ impl Policy for PythonPolicy {
     }
 
     fn act(&mut self, context: &PolicyContext<'_>) -> Result<StepInput, ResponderError> {
+        if self.stop.is_set() {
+            return Err(ResponderError::new(PyKeyboardInterrupt::new_err(())));
+        }
         Python::attach(|py| {
             let observation = Observation::new(py, context, true)?;
             let (name, arguments, output): (String, Bound<'_, PyAny>, Option<Bound<'_, PyAny>>) =
@@ -136,7 +144,11 @@ pub fn run<'py>(
         .enumerate()
         .map(job)
         .collect::<PyResult<Vec<_>>>()?;
-    let stop = Stop::default();
+    // A name that is none is one error, not one of each episode.
+    if let (None, Some(first)) = (&factory, jobs_to_play.first()) {
+        builtin(first).map_err(|error| refuse(chain(&error)))?;
+    }
+    let stop = Arc::new(Stop::default());
     let stopped = |job: &EpisodeJob| reel_agents::AgentError::NotPlayed {
         task: job.config.task.task_id.to_string(),
         seed,
@@ -158,6 +170,7 @@ pub fn run<'py>(
                     step: 0,
                     source: ResponderError::new(error),
                 })?,
+                stop: Arc::clone(&stop),
                 name: policy.to_owned(),
             }),
             outside: Responders::default(),

@@ -48,9 +48,16 @@ impl Store {
     fn session(&self, memory_bytes: usize, seconds: Option<f64>) -> PyResult<QuerySession> {
         let store = reel_cli::store(&self.location, self.version)
             .map_err(|error| crate::error::refuse(format!("{error:#}")))?;
+        let time = match seconds {
+            None => Duration::MAX,
+            Some(seconds) if seconds == f64::INFINITY => Duration::MAX,
+            Some(seconds) => Duration::try_from_secs_f64(seconds).map_err(|_| {
+                crate::error::refuse(format!("timeout is {seconds}; give seconds, or None"))
+            })?,
+        };
         let limits = Limits {
             memory_bytes,
-            time: seconds.map_or(Duration::MAX, Duration::from_secs_f64),
+            time,
             rows: usize::MAX,
         };
         QuerySession::with_limits(store, limits).or_raise()
@@ -118,6 +125,19 @@ impl Store {
             (self.location.clone(), self.version),
         ))
     }
+}
+
+/// A question that comes with Reel: its text, and the values of its parameters that it has by itself.
+#[pyfunction]
+pub fn named_query(name: &str) -> PyResult<(&'static str, BTreeMap<String, String>)> {
+    let query = reel_query::named::by_name(name).ok_or_else(|| {
+        let names: Vec<&str> = reel_query::named::ALL.iter().map(|it| it.name).collect();
+        crate::error::refuse(format!(
+            "no query is named {name}; there are {}",
+            names.join(", ")
+        ))
+    })?;
+    Ok((query.sql, query.parameters().into_iter().collect()))
 }
 
 /// The answer to a question: columns of Arrow, in memory.

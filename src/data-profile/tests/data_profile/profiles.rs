@@ -5,7 +5,9 @@ use std::io::Write as _;
 use polars::prelude::{
     DataFrame, DataType, IntoColumn as _, NamedFrom as _, ParquetWriter, Series, TimeUnit,
 };
-use reel_data_profile::{ColumnProfile, Profile, ProfileOptions, Table, profile};
+use reel_data_profile::{
+    ColumnProfile, DiffOptions, Profile, ProfileOptions, Table, diff, profile,
+};
 use tempfile::TempDir;
 
 use crate::write::{lines, parquet, table, text};
@@ -256,6 +258,9 @@ fn a_set_of_columns_without_rows_is_empty_and_no_error() {
     let profile = profiled(&table(&out));
     assert_eq!((profile.rows, profile.columns.len()), (0, 6));
     assert!(profile.to_string().starts_with("0 rows"));
+    // Nothing of nothing drifts, and yet all of the set is gone.
+    let gone = diff(&table(&rows), &table(&out), &DiffOptions::default()).unwrap();
+    assert!(gone.is_drifted(), "{gone}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::{ExitStatus, progress};
 /// old set, or of the lengths of texts and lists; the Jensen-Shannon divergence (JS, 0 to 1) is
 /// shown beside it. Rows without a value have a bin of their own.
 ///
-/// Exit code 1, with --check: a column drifted, or columns changed.
+/// Exit code 1, with --check: a column drifted, columns changed, or one set has no rows.
 ///
 /// Examples:
 ///   reel dataset diff sft-1 sft-2 --key episode_id,call
@@ -37,7 +37,7 @@ pub struct Arguments {
     /// PSI from which a column counts as drifted: up to 0.1 is no change, 0.25 a major one
     #[arg(long, value_name = "PSI", default_value_t = PSI_THRESHOLD)]
     threshold: f64,
-    /// Exit with code 1 if a column drifted or the columns changed
+    /// Exit with code 1 if a column drifted, the columns changed, or one set has no rows
     #[arg(long)]
     check: bool,
     /// Print the differences as one JSON object
