@@ -103,6 +103,11 @@ fn files_that_fail_are_named_and_the_others_written() {
     // Two files of one name are two scenes of one name: the first is kept.
     fs::create_dir(folder.join("other")).unwrap();
     fs::copy(
+        format!("{DATA}/dresser_drawers.xml"),
+        folder.join("other/dresser_drawers.xml"),
+    )
+    .unwrap();
+    fs::copy(
         format!("{DATA}/dresser.xml"),
         folder.join("other/cabinet.xml"),
     )
