@@ -8,5 +8,5 @@ if [[ ! -x $tools/bin/maturin ]]; then
   python3 -m venv "$tools"
   "$tools/bin/python" -m pip install -q --disable-pip-version-check 'maturin>=1.9,<2'
 fi
-"$tools/bin/maturin" build --locked --profile wheel --strip --out dist
+"$tools/bin/maturin" build --locked --strip --out dist
 ls -l dist
