@@ -2,27 +2,19 @@
 //! its limits, collects the answer. Never writes, and reads no file but the store's and,
 //! by functions, its traces.
 
+mod answer;
+mod catalog;
+mod error;
 mod statement;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    ops::ControlFlow,
     sync::Arc,
-    time::{Duration, Instant},
 };
 
-use arrow::{
-    array::{AsArray, RecordBatch, RecordBatchOptions},
-    compute::cast,
-    datatypes::{DataType, Field, Schema},
-    error::ArrowError,
-};
+use arrow::array::RecordBatch;
 use datafusion::{
-    catalog::TableProvider,
-    common::{
-        ParamValues,
-        tree_node::{TreeNode as _, TreeNodeRecursion},
-    },
+    common::tree_node::{TreeNode as _, TreeNodeRecursion},
     error::DataFusionError,
     execution::{
         SessionState,
@@ -30,36 +22,25 @@ use datafusion::{
         runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
     },
     logical_expr::{Expr, LogicalPlan, Volatility, expr::ScalarFunction},
-    physical_plan::execute_stream,
-    prelude::{DataFrame, SessionConfig, SessionContext},
-    scalar::ScalarValue,
-    sql::{
-        parser::{DFParser, Statement},
-        sqlparser::ast,
-    },
+    prelude::{SessionConfig, SessionContext},
+    sql::parser::DFParser,
 };
-use futures_util::StreamExt as _;
-use reel_tables::{Store, Table, View, views};
+use reel_tables::{Store, View};
 use reel_trace::TraceFiles;
 use tokio::{runtime::Runtime, sync::mpsc};
 
 use crate::{
-    control::{Control, StopReason, TraceAccess},
+    control::{Control, TraceAccess},
     estimate, functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
-    named,
-    partition::{TRACE, partition_by_trace},
-    tables::{StepFields, plain, provider, step_fields},
+    partition::partition_by_trace,
+    tables::{StepFields, step_fields},
 };
-use crate::{planning::stoppable, watched::watched};
+use answer::{AHEAD, Part};
+use catalog::all_views;
+pub use error::QueryError;
+use error::message;
 use statement::{bind, plan_of};
-
-/// How often a running query is looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How long a query that was told to stop may take to do so before it is left alone.
-const GRACE: Duration = Duration::from_secs(1);
-/// Batches of an answer that wait for who takes them.
-const AHEAD: usize = 4;
 
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
@@ -82,12 +63,6 @@ struct Inner {
     remote_engine: Option<Box<EngineFactory>>,
 }
 
-/// What a running query hands on.
-enum Part {
-    Batch(RecordBatch),
-    End(Result<CacheScope, QueryError>),
-}
-
 /// How long an answer holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CacheScope {
@@ -96,51 +71,6 @@ pub enum CacheScope {
     /// For the moment: the question asks the clock, chance, or the traces, or nobody
     /// waited for the end.
     Uncacheable,
-}
-
-/// Why a query has no result.
-#[derive(Debug, thiserror::Error)]
-#[expect(missing_docs, reason = "the messages name the fields")]
-pub enum QueryError {
-    /// The text is not exactly one read-only query.
-    #[error(
-        "only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}"
-    )]
-    ReadOnly { reason: String },
-    /// The text is too long.
-    #[error("the query has {bytes} bytes; the limit is {SQL_BYTES_MAX}")]
-    TooLong { bytes: usize },
-    /// The text nests too deep.
-    #[error(
-        "the query has {operators} operators; the limit is {OPERATORS_MAX}: for long lists use IN (...)"
-    )]
-    TooDeep { operators: usize },
-    /// The query was cancelled or exceeded one of its limits.
-    #[error("{0}")]
-    Stopped(StopReason),
-    /// A parameter is missing, unknown or no value.
-    #[error("{0}")]
-    Parameter(String),
-    /// The store cannot be read.
-    #[error(transparent)]
-    Store(#[from] reel_tables::StoreError),
-    /// The query is wrong, too large, or a file is damaged.
-    #[error("{}", message(.0))]
-    Engine(DataFusionError),
-    /// The result cannot be shown.
-    #[error("cannot show the result: {0}")]
-    Arrow(#[from] arrow::error::ArrowError),
-}
-
-impl From<DataFusionError> for QueryError {
-    fn from(error: DataFusionError) -> Self {
-        if let DataFusionError::External(cause) = error.find_root()
-            && let Some(stopped) = cause.downcast_ref::<StopReason>()
-        {
-            return QueryError::Stopped(stopped.clone());
-        }
-        QueryError::Engine(error)
-    }
 }
 
 impl QuerySession {
@@ -303,72 +233,6 @@ impl QuerySession {
 }
 
 impl Inner {
-    /// Hands the answer on, for no longer and with no more memory than is allowed. What does not
-    /// listen is left alone.
-    fn watch(
-        &self,
-        mut answer: mpsc::Receiver<Part>,
-        mut take: impl FnMut(RecordBatch) -> bool,
-    ) -> Result<CacheScope, QueryError> {
-        let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
-        let memory = self.limits.memory_bytes.saturating_mul(4);
-        let mut looked = begun;
-        let stopped = loop {
-            match self.next_part(&mut answer, LOOK_EVERY) {
-                Ok(Some(Part::Batch(batch))) => {
-                    if !take(batch) {
-                        self.control.cancel();
-                        return Ok(CacheScope::Uncacheable);
-                    }
-                    if looked.elapsed() < LOOK_EVERY {
-                        continue;
-                    }
-                }
-                Ok(Some(Part::End(end))) => return end,
-                Ok(None) => {
-                    return Err(QueryError::Engine(DataFusionError::Execution(
-                        "the query engine panicked".into(),
-                    )));
-                }
-                Err(_) => {}
-            }
-            looked = Instant::now();
-            if self.control.is_cancelled() {
-                break StopReason::Cancelled;
-            }
-            if begun.elapsed() > self.limits.time {
-                break StopReason::Time {
-                    seconds: self.limits.time.as_secs(),
-                };
-            }
-            if limits::resident_bytes()
-                .unwrap_or(0)
-                .saturating_sub(resident_before)
-                > memory
-            {
-                self.control.cancel();
-                return Err(QueryError::Stopped(StopReason::Memory { bytes: memory }));
-            }
-        };
-        self.control.cancel();
-        let patience = Instant::now() + GRACE;
-        while let Ok(Some(Part::Batch(_))) = self.next_part(
-            &mut answer,
-            patience.saturating_duration_since(Instant::now()),
-        ) {}
-        Err(QueryError::Stopped(stopped))
-    }
-
-    /// The next part of an answer, if it comes in time; none where the query's thread is gone.
-    fn next_part(
-        &self,
-        answer: &mut mpsc::Receiver<Part>,
-        patience: Duration,
-    ) -> Result<Option<Part>, tokio::time::error::Elapsed> {
-        self.runtime
-            .block_on(async { tokio::time::timeout(patience, answer.recv()).await })
-    }
-
     async fn answer(
         &self,
         sql: &str,
@@ -439,191 +303,6 @@ impl Inner {
         }
         Ok((context, plan))
     }
-
-    /// A context with the tables and views that a text names, and those that they name.
-    async fn context(&self, sql: &str, fields: &StepFields) -> Result<SessionContext, QueryError> {
-        let config = SessionConfig::new()
-            .with_information_schema(true)
-            .with_target_partitions(threads());
-        let context = SessionContext::new_with_config_rt(config, self.environment.clone());
-        let context = match &self.remote_engine {
-            Some(engine) => SessionContext::new_with_state(engine(context.state())?),
-            None => SessionContext::new_with_state(stoppable(context.state(), &self.control)),
-        };
-        equip(&context, &self.control);
-        let named = self.named(&context, sql)?;
-        let flat = views(|_| true).iter().any(|view| named.contains(view.name));
-        let fields = if flat { &fields.with_number() } else { fields };
-        for table in Table::ALL {
-            if named.contains(table.name()) {
-                context.register_table(table.name(), self.provider(table, fields)?)?;
-            }
-        }
-        for view in all_views(fields)
-            .iter()
-            .filter(|view| named.contains(view.name))
-        {
-            let plan = plan_of(&context, &view.sql).await?;
-            context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
-        }
-        Ok(context)
-    }
-
-    fn provider(
-        &self,
-        table: Table,
-        fields: &StepFields,
-    ) -> Result<Arc<dyn TableProvider>, QueryError> {
-        // other engines know no table that reads codes
-        let fields = if self.remote_engine.is_some() {
-            &fields.as_values()
-        } else {
-            fields
-        };
-        Ok(provider(&self.store, table, fields)?)
-    }
-
-    /// Tables and views that a text needs.
-    fn named(&self, context: &SessionContext, sql: &str) -> Result<BTreeSet<String>, QueryError> {
-        let state = context.state();
-        let mut named = BTreeSet::new();
-        let mut open = vec![sql.to_owned()];
-        while let Some(sql) = open.pop() {
-            let dialect = state.config().options().sql_parser.dialect;
-            let statement = state.sql_to_statement(&sql, &dialect)?;
-            let references: BTreeSet<String> = state
-                .resolve_table_references(&statement)?
-                .iter()
-                .map(|reference| reference.table().to_owned())
-                .collect();
-            // who lists the tables wants to see them all
-            let all = references.iter().any(|name| !self.knows(name))
-                || sql.to_ascii_lowercase().contains("show ");
-            let wanted: Vec<String> = if all {
-                self.names().map(str::to_owned).collect()
-            } else {
-                references.into_iter().collect()
-            };
-            for name in wanted {
-                if named.insert(name.clone()) {
-                    open.extend(
-                        self.views
-                            .iter()
-                            .filter(|view| view.name == name)
-                            .map(|view| view.sql.clone()),
-                    );
-                }
-            }
-        }
-        Ok(named)
-    }
-
-    fn names(&self) -> impl Iterator<Item = &'static str> {
-        Table::ALL
-            .into_iter()
-            .map(Table::name)
-            .chain(self.views.iter().map(|view| view.name))
-    }
-
-    fn knows(&self, name: &str) -> bool {
-        self.names().any(|known| known == name)
-    }
-
-    /// Lets the functions open the traces of the store, and no other files.
-    async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
-        // in a cluster, whoever runs the functions decides which files they open
-        if self.control.knows_traces() || self.remote_engine.is_some() {
-            return Ok(());
-        }
-        let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
-        let batches = context
-            .read_table(table)?
-            .select_columns(&[TRACE])?
-            .collect()
-            .await?;
-        let mut traces = BTreeSet::new();
-        for batch in &batches {
-            let column = cast(batch.column(0), &DataType::Utf8)?;
-            traces.extend(
-                column
-                    .as_string::<i32>()
-                    .iter()
-                    .flatten()
-                    .map(str::to_owned),
-            );
-        }
-        self.control.allow(TraceAccess::These(traces));
-        Ok(())
-    }
-
-    async fn hand_on(
-        &self,
-        context: &SessionContext,
-        plan: LogicalPlan,
-        to: mpsc::Sender<Part>,
-    ) -> Result<(), QueryError> {
-        let rows_max = self.limits.rows;
-        let frame = context.execute_logical_plan(plan.clone()).await?;
-        let columns = Arc::new(frame.schema().as_arrow().clone());
-        let tasks = Arc::new(frame.task_ctx());
-        let physical = frame.create_physical_plan().await?;
-        if self.remote_engine.is_none()
-            && context.copied_config().batch_size() == estimate::BATCH_ROWS
-            && let Some(rows) = estimate::batch_rows(&physical)?
-        {
-            // Tables that are made while planning have the size of their batches from then on.
-            {
-                let state = context.state_ref();
-                let mut state = state.write();
-                let options = state.config_mut().options_mut();
-                options.set("datafusion.execution.batch_size", &rows.to_string())?;
-            }
-            return Box::pin(self.hand_on(context, plan, to)).await;
-        }
-        let physical = match &self.remote_engine {
-            Some(_) => physical,
-            None => {
-                estimate::check_plan(&physical)?;
-                watched(physical, &self.control)?
-            }
-        };
-        let mut answer = tokio::spawn(async move {
-            let mut stream = execute_stream(physical, tasks)?;
-            let (mut rows, mut empty) = (0, true);
-            while let Some(batch) = stream.next().await {
-                let batch = in_plain_types(&batch?)?;
-                rows += batch.num_rows();
-                if rows > rows_max {
-                    return Err(DataFusionError::External(Box::new(StopReason::Rows {
-                        rows: rows_max,
-                    })));
-                }
-                empty = false;
-                if to.send(Part::Batch(batch)).await.is_err() {
-                    return Ok(());
-                }
-            }
-            if empty {
-                let empty = in_plain_types(&RecordBatch::new_empty(columns))?;
-                let _ = to.send(Part::Batch(empty)).await;
-            }
-            Ok::<_, DataFusionError>(())
-        });
-        let cancelled = async {
-            while !self.control.is_cancelled() {
-                tokio::time::sleep(LOOK_EVERY).await;
-            }
-        };
-        tokio::select! {
-            answer = &mut answer => Ok(answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??),
-            () = cancelled => {
-                answer.abort();
-                // another engine is told when the answer is let go of
-                let _ = tokio::time::timeout(GRACE, answer).await;
-                Err(QueryError::Stopped(StopReason::Cancelled))
-            }
-        }
-    }
 }
 
 /// Whether a plan calls a function that opens traces.
@@ -661,29 +340,6 @@ fn calls(
     Ok(found)
 }
 
-/// An answer in the types of the tables, however they were read.
-fn in_plain_types(batch: &RecordBatch) -> Result<RecordBatch, ArrowError> {
-    let schema = batch.schema();
-    let fields: Vec<Field> = schema
-        .fields()
-        .iter()
-        .map(|field| {
-            field
-                .as_ref()
-                .clone()
-                .with_data_type(plain(field.data_type()))
-        })
-        .collect();
-    let columns: Result<_, _> = batch
-        .columns()
-        .iter()
-        .zip(&fields)
-        .map(|(column, field)| cast(column, field.data_type()))
-        .collect();
-    let rows = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
-    RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), columns?, &rows)
-}
-
 impl std::fmt::Debug for QuerySession {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Session")
@@ -719,29 +375,4 @@ pub(crate) fn equip(context: &SessionContext, control: &Arc<Control>) {
 /// Names of the columns of an answer.
 fn columns(plan: &LogicalPlan) -> impl Iterator<Item = &String> {
     plan.schema().fields().iter().map(|field| field.name())
-}
-
-/// The flat views and the named queries as views.
-fn all_views(fields: &StepFields) -> Vec<View> {
-    let named = |query: &named::NamedQuery| View {
-        name: query.name,
-        meaning: "",
-        sql: query.with_defaults(),
-    };
-    let flat = views(|field| fields.has(field));
-    flat.into_iter()
-        .chain(named::ALL.iter().map(named))
-        .collect()
-}
-
-fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// The engine's own words, without its wrappers and its names for where the tables are.
-fn message(error: &DataFusionError) -> String {
-    error
-        .find_root()
-        .strip_backtrace()
-        .replace("datafusion.public.", "")
 }

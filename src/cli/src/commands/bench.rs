@@ -1,20 +1,21 @@
 //! `reel bench`: how good an agent is, in the form of the paper's tables.
 
+mod budget;
+mod comparison;
+mod table;
+
 use std::{
-    collections::BTreeMap,
     fs,
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicU64, Ordering},
     },
-    time::{Duration, Instant},
 };
 
 use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeJob, EpisodeReport, Participants, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
-use reel_query::statistics::{bootstrap, mcnemar, wilson};
 use reel_reward::Preset;
 use reel_sim::sim_version;
 use reel_tasks::ObjectOrder;
@@ -23,7 +24,7 @@ use reel_world::{
     Digest, Family, Profile, Skills, Task,
     record::{EndReason, PolicyInfo},
 };
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::{
     ExitStatus,
@@ -31,10 +32,10 @@ use crate::{
     commands::run::remove_abandoned,
     inputs, progress,
 };
+use budget::Budget;
+use comparison::compare;
+use table::{rows, table};
 
-/// Samples of the bootstrap, and its seed.
-const SAMPLES: usize = 10_000;
-const SEED: u64 = 7;
 /// Episodes at a time where models are asked: they wait for the endpoint most of the time.
 const JOBS_WITH_MODELS: usize = 8;
 
@@ -354,113 +355,6 @@ fn tell_missing_logprobs(reports: &[EpisodeReport]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What a run may cost.
-struct Budget {
-    tokens: [AtomicU64; 2],
-    most_tokens: Option<u64>,
-    most_cost: Option<(f64, [f64; 2])>,
-    until: Option<Instant>,
-}
-
-impl Budget {
-    fn new(arguments: &Arguments) -> Self {
-        let minutes = arguments
-            .max_minutes
-            .filter(|minutes| *minutes >= 0.0 && minutes.is_finite());
-        Self {
-            tokens: [AtomicU64::new(0), AtomicU64::new(0)],
-            most_tokens: arguments.max_total_tokens,
-            most_cost: arguments.max_cost.zip(arguments.prices()),
-            until: minutes
-                .map(|minutes| Instant::now() + Duration::from_secs_f64((60.0 * minutes).min(1e9))),
-        }
-    }
-
-    fn spend(&self, report: &EpisodeReport) {
-        for (spent, tokens) in self.tokens.iter().zip(report.tokens.unwrap_or_default()) {
-            spent.fetch_add(tokens, Ordering::Relaxed);
-        }
-    }
-
-    /// Why nothing may be begun any more.
-    fn check(&self) -> Result<(), String> {
-        let spent = self
-            .tokens
-            .each_ref()
-            .map(|tokens| tokens.load(Ordering::Relaxed));
-        if self
-            .most_tokens
-            .is_some_and(|most| spent[0] + spent[1] >= most)
-        {
-            return Err(format!("{} tokens were spent", spent[0] + spent[1]));
-        }
-        if let Some((most, prices)) = self.most_cost
-            && cost(spent, prices) >= most
-        {
-            return Err(format!("{:.2} was spent", cost(spent, prices)));
-        }
-        if self.until.is_some_and(|until| Instant::now() >= until) {
-            return Err("the time is over".to_owned());
-        }
-        Ok(())
-    }
-}
-
-fn cost(tokens: [u64; 2], prices: [f64; 2]) -> f64 {
-    tokens
-        .iter()
-        .zip(prices)
-        .map(|(tokens, price)| *tokens as f64 * price / 1e6)
-        .sum()
-}
-
-/// A line of the table: a family, or all of them.
-fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value {
-    let n = group.len() as f64;
-    let mean = |value: &dyn Fn(&EpisodeReport) -> f64| {
-        group.iter().map(|report| value(report)).sum::<f64>() / n
-    };
-    let successes = group.iter().filter(|report| report.success).count();
-    let (low, high) = wilson(successes as f64, n).unwrap_or((0.0, 1.0));
-    let spl: Vec<f64> = group.iter().filter_map(|report| report.spl).collect();
-    let counted: Vec<[u64; 2]> = group.iter().filter_map(|report| report.tokens).collect();
-    let tokens = counted.iter().fold([0, 0], |sum, tokens| {
-        [sum[0] + tokens[0], sum[1] + tokens[1]]
-    });
-    let mut broken: BTreeMap<&str, usize> = BTreeMap::new();
-    group
-        .iter()
-        .flat_map(|report| &report.broken_rules)
-        .for_each(|rule| *broken.entry(rule).or_default() += 1);
-    let mut refused: BTreeMap<&str, usize> = BTreeMap::new();
-    group
-        .iter()
-        .flat_map(|report| &report.refused_rules)
-        .for_each(|rule| *refused.entry(rule).or_default() += 1);
-    json!({
-        "family": name, "episodes": group.len(), "successes": successes,
-        "success_rate": successes as f64 / n, "success_low": low, "success_high": high,
-        "completion": mean(&|report| report.completion),
-        "spl": (!spl.is_empty()).then(|| spl.iter().sum::<f64>() / spl.len() as f64),
-        "steps": mean(&|report| f64::from(report.length)),
-        "asks": mean(&|report| f64::from(report.asks)),
-        "reward": mean(&|report| report.total_reward),
-        "latency_s": mean(&|report| report.latency_ns as f64 / 1e9),
-        "prompt_tokens": (!counted.is_empty()).then_some(tokens[0]),
-        "completion_tokens": (!counted.is_empty()).then_some(tokens[1]),
-        "cost": prices.filter(|_| !counted.is_empty()).map(|prices| cost(tokens, prices)),
-        "user_rules_broken": broken,
-        "user_replies_refused": refused,
-    })
-}
-
-fn rows(reports: &[EpisodeReport], prices: Option<[f64; 2]>) -> Vec<Value> {
-    by_family(reports.iter(), |report| report.family)
-        .iter()
-        .map(|(name, group)| row(name, group, prices))
-        .collect()
-}
-
 /// What there is of each family, and all of it at the end.
 fn by_family<T: Copy>(
     all: impl Iterator<Item = T> + Clone,
@@ -478,232 +372,4 @@ fn by_family<T: Copy>(
     groups.retain(|(_, group)| !group.is_empty());
     groups.push(("all", all.collect()));
     groups
-}
-
-fn table(
-    name: &str,
-    skills: Skills,
-    reports: &[EpisodeReport],
-    prices: Option<[f64; 2]>,
-) -> String {
-    let skills = if skills.are_perfect() {
-        String::new()
-    } else {
-        format!(", skills {}", skills.as_str())
-    };
-    let mut text = format!("{name}{skills}\n");
-    if reports.is_empty() {
-        return text + "  no episode was played to its end\n";
-    }
-    text.push_str(&format!(
-        "  {:6} {:>9} {:>5}  {:15} {:>6} {:>6} {:>6} {:>6} {:>7} {:>10} {:>12}\n",
-        "family",
-        "episodes",
-        "SR %",
-        "(95 %)",
-        "CR %",
-        "SPL",
-        "steps",
-        "asks",
-        "reward",
-        "latency s",
-        "tokens"
-    ));
-    for row in rows(reports, prices) {
-        let number = |key: &str| row[key].as_f64().unwrap_or_default();
-        let spl = row["spl"]
-            .as_f64()
-            .map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
-        let tokens = match (
-            row["prompt_tokens"].as_u64(),
-            row["completion_tokens"].as_u64(),
-        ) {
-            (Some(read), Some(written)) => format!("{read} + {written}"),
-            _ => "-".to_owned(),
-        };
-        text.push_str(&format!(
-            "  {:6} {:9.0} {:5.1}  ({:4.1} to {:5.1}) {:6.1} {spl:>6} {:6.1} {:6.2} {:7.2} {:10.2} {tokens:>12}",
-            row["family"].as_str().unwrap_or_default(),
-            number("episodes"),
-            100.0 * number("success_rate"),
-            100.0 * number("success_low"),
-            100.0 * number("success_high"),
-            100.0 * number("completion"),
-            number("steps"),
-            number("asks"),
-            number("reward"),
-            number("latency_s"),
-        ));
-        if let Some(cost) = row["cost"].as_f64() {
-            text.push_str(&format!("  cost {cost:.2}"));
-        }
-        text.push('\n');
-        for (column, what) in [
-            ("user_rules_broken", "rules that the user's answers broke"),
-            (
-                "user_replies_refused",
-                "rules that refused answers of the user broke",
-            ),
-        ] {
-            let counts = row[column]
-                .as_object()
-                .filter(|counts| row["family"] == "all" && !counts.is_empty());
-            if let Some(counts) = counts {
-                let counts: Vec<String> = counts
-                    .iter()
-                    .map(|(rule, times)| format!("{rule} {times}"))
-                    .collect();
-                text.push_str(&format!("  {what}: {}\n", counts.join(", ")));
-            }
-        }
-    }
-    text
-}
-
-/// Two episodes of one task and seed.
-#[derive(Clone, Copy)]
-struct Pair<'a> {
-    a: &'a EpisodeReport,
-    b: &'a EpisodeReport,
-}
-
-fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
-    let (ours, theirs) = (recorded(a)?, recorded(b)?);
-    let other: BTreeMap<_, _> = theirs
-        .iter()
-        .map(|report| ((&report.task_id, report.seed), report))
-        .collect();
-    let pairs: Vec<Pair<'_>> = ours
-        .iter()
-        .filter_map(|a| {
-            Some(Pair {
-                a,
-                b: other.get(&(&a.task_id, a.seed))?,
-            })
-        })
-        .collect();
-    if pairs.is_empty() {
-        bail!(
-            "{} and {} have no task and seed in common; compare runs of the same tasks and seeds",
-            a.display(),
-            b.display()
-        );
-    }
-    let alone = ours.len() + theirs.len() - 2 * pairs.len();
-    let rows: Vec<Value> = by_family(pairs.iter(), |pair| pair.a.family)
-        .iter()
-        .map(|(name, group)| difference(name, group))
-        .collect();
-    if as_json {
-        let names = [name_of(&ours), name_of(&theirs)];
-        println!(
-            "{}",
-            json!({"a": names[0], "b": names[1], "pairs": pairs.len(), "unpaired": alone, "rows": rows})
-        );
-        return Ok(ExitStatus::Success);
-    }
-    println!(
-        "A {} ({})\nB {} ({})",
-        name_of(&ours),
-        a.display(),
-        name_of(&theirs),
-        b.display()
-    );
-    println!(
-        "  {:6} {:>6} {:>6} {:>6}  {:25} {:>7} {:>7} {:>8} {:>9} {:>13}",
-        "family",
-        "pairs",
-        "SR A",
-        "SR B",
-        "B - A (95 %)",
-        "only A",
-        "only B",
-        "p",
-        "CR B - A",
-        "reward B - A"
-    );
-    for row in &rows {
-        let number = |key: &str| row[key].as_f64().unwrap_or_default();
-        let interval = |key: &str| {
-            row[key].as_array().map_or([0.0; 3], |of| {
-                [0, 1, 2].map(|i| of[i].as_f64().unwrap_or_default())
-            })
-        };
-        let [difference, low, high] = interval("success").map(|value| 100.0 * value);
-        println!(
-            "  {:6} {:6.0} {:6.1} {:6.1}  {difference:+6.1} ({low:+6.1} to {high:+6.1}) {:7.0} {:7.0} {:8.4} {:+9.3} {:+13.3}",
-            row["family"].as_str().unwrap_or_default(),
-            number("pairs"),
-            100.0 * number("success_a"),
-            100.0 * number("success_b"),
-            number("only_a"),
-            number("only_b"),
-            number("p"),
-            interval("completion")[0],
-            interval("reward")[0],
-        );
-    }
-    println!("intervals: paired bootstrap, {SAMPLES} samples; p: McNemar's exact test");
-    if alone > 0 {
-        println!("{alone} episodes have no partner and were left out");
-    }
-    Ok(ExitStatus::Success)
-}
-
-fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {
-    let n = pairs.len() as f64;
-    let count = |holds: &dyn Fn(&Pair<'_>) -> bool| pairs.iter().filter(|pair| holds(pair)).count();
-    let (only_a, only_b) = (
-        count(&|pair| pair.a.success && !pair.b.success),
-        count(&|pair| pair.b.success && !pair.a.success),
-    );
-    let interval = |value: &dyn Fn(&EpisodeReport) -> f64| {
-        let differences: Vec<f64> = pairs
-            .iter()
-            .map(|pair| value(pair.b) - value(pair.a))
-            .collect();
-        bootstrap(&differences, SAMPLES, SEED)
-    };
-    json!({
-        "family": name, "pairs": pairs.len(),
-        "success_a": count(&|pair| pair.a.success) as f64 / n, "success_b": count(&|pair| pair.b.success) as f64 / n,
-        "success": interval(&|report| f64::from(u8::from(report.success))),
-        "only_a": only_a, "only_b": only_b, "p": mcnemar(only_a as f64, only_b as f64),
-        "completion": interval(&|report| report.completion),
-        "reward": interval(&|report| report.total_reward),
-        "steps": interval(&|report| f64::from(report.length)),
-    })
-}
-
-/// The episodes of a folder that came to their end, in a fixed order.
-fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
-    let mut reports = Vec::new();
-    let files = inputs::trace_files();
-    for path in inputs::traces(&files, &[folder.to_owned()])? {
-        let trace = files.read(&path)?;
-        reports.extend(
-            EpisodeReport::of_trace(&trace, &path)
-                .filter(|report| report.end_reason != EndReason::Aborted),
-        );
-    }
-    reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
-    if let Some([one, _]) = reports
-        .array_windows()
-        .find(|[one, next]| (&one.task_id, one.seed) == (&next.task_id, next.seed))
-    {
-        bail!(
-            "{} has several episodes of task {} at seed {}; give a folder of one agent",
-            folder.display(),
-            one.task_id,
-            one.seed
-        );
-    }
-    Ok(reports)
-}
-
-fn name_of(reports: &[EpisodeReport]) -> String {
-    reports
-        .first()
-        .map(|report| report.policy.clone())
-        .unwrap_or_default()
 }

@@ -1,6 +1,18 @@
 //! From SQL text to a bound plan: dotted names become field access, parameters become values.
 
-use super::*;
+use std::{collections::BTreeSet, ops::ControlFlow};
+
+use arrow::datatypes::DataType;
+use datafusion::{
+    common::ParamValues,
+    error::DataFusionError,
+    logical_expr::LogicalPlan,
+    prelude::SessionContext,
+    scalar::ScalarValue,
+    sql::{parser::Statement, sqlparser::ast},
+};
+
+use super::{Parameters, QueryError};
 
 /// Plans one statement. Fields are taken with a dot from anything, not
 /// from columns alone: `replay(trace).verdict`.

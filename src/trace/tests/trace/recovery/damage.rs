@@ -1,5 +1,7 @@
 //! Damage in the middle of a recording, recovery of what was recovered, and rewriting.
 
+use reel_trace::{Durability, RecordOptions};
+
 use super::*;
 
 /// A crash in `end` may leave a whole part beside the finished trace, or beside
