@@ -65,6 +65,10 @@ pub(crate) struct MapAlignment {
     worst: (f64, String),
 }
 
+/// How far the receptacles of a map may stay from those of the scene after the motion, in metres
+/// root mean square: robots may name the place before a piece of furniture instead of its middle.
+const ERROR_MAX_M: f64 = 1.0;
+
 impl MapAlignment {
     /// The motion that takes the map's receptacles nearest to the scene's. `None` where map and scene
     /// have no two receptacles in common.
@@ -118,10 +122,24 @@ impl MapAlignment {
         }
     }
 
-    /// What a trace says of it.
-    pub(crate) fn settings(&self) -> Value {
+    /// Whether it is a map of the scene; else what is wrong with it.
+    pub(crate) fn check(&self, error_max_m: Option<f64>) -> Result<(), String> {
+        let error_max_m = error_max_m.unwrap_or(ERROR_MAX_M);
+        if self.rmse_m <= error_max_m {
+            return Ok(());
+        }
+        let (worst, id) = &self.worst;
+        Err(format!(
+            "the robot's map does not fit the scene: its {} receptacles stay {:.2} m root mean square from those of the scene, {worst:.2} m at {id}, at most {error_max_m} m are allowed (map_error_max_m); poses stay in the robot's frame. Is it a map of this scene, and are its places in metres?",
+            self.pairs, self.rmse_m
+        ))
+    }
+
+    /// What a trace says of it, and whether poses were brought into the frame of the scene by it.
+    pub(crate) fn settings(&self, used: bool) -> Value {
         let PlanarMotion { yaw, shift } = self.motion;
         json!({
+            "used": used,
             "yaw_rad": yaw, "x_m": shift[0], "y_m": shift[1], "receptacles": self.pairs,
             "rmse_m": self.rmse_m, "max_error_m": self.worst.0,
         })

@@ -199,6 +199,9 @@ pub struct Mapping {
     pub(crate) policy: Option<String>,
     /// Metres between the poses of a relative pose error, if the file says it.
     pub(crate) rpe_interval_m: Option<f64>,
+    /// How far the receptacles of the robot's map may stay from those of the scene, in metres root
+    /// mean square, if the file says it.
+    pub(crate) map_error_max_m: Option<f64>,
     pub(crate) tools: Tools,
     pub(crate) topics: BTreeMap<String, Vec<Entry>>,
 }
@@ -254,15 +257,18 @@ impl Mapping {
                 "policy" => {
                     mapping.policy = Some(file.text_of(value, "the name of the policy, in quotes")?)
                 }
-                "rpe_interval_m" => {
+                name @ ("rpe_interval_m" | "map_error_max_m") => {
                     let metres = number_of(&file, value, "metres above 0, e.g. 1.0")?;
                     if metres <= 0.0 {
-                        return Err(file.error(
-                            Some(value.span()),
-                            "rpe_interval_m must be above 0".to_owned(),
-                        ));
+                        return Err(
+                            file.error(Some(value.span()), format!("{name} must be above 0"))
+                        );
                     }
-                    mapping.rpe_interval_m = Some(metres);
+                    if name == "rpe_interval_m" {
+                        mapping.rpe_interval_m = Some(metres);
+                    } else {
+                        mapping.map_error_max_m = Some(metres);
+                    }
                 }
                 "tools" => mapping.tools = Tools::parse(&file, value)?,
                 "topics" => {
@@ -275,7 +281,7 @@ impl Mapping {
                 }
                 other => {
                     let what = format!(
-                        "unknown key '{other}'; there are: clock, policy, rpe_interval_m, tools, topics"
+                        "unknown key '{other}'; there are: clock, map_error_max_m, policy, rpe_interval_m, tools, topics"
                     );
                     return Err(file.error(Some(key.span()), what));
                 }

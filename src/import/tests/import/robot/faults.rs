@@ -1,6 +1,8 @@
 //! Recordings that are torn, damaged, out of order or no recordings: what can be read is read,
 //! the rest is named.
 
+use proptest::prelude::*;
+
 use super::*;
 
 #[test]
@@ -295,5 +297,51 @@ fn issue_schemas_that_cannot_be_meant() {
             error.contains("1 of the messages on /call") && error.contains(expected),
             "{error}"
         );
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn changed_bytes_never_panic(
+        encoding in prop_oneof![Just(Encoding::Json), Just(Encoding::Protobuf), Just(Encoding::Cdr)],
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12),
+        cut in prop::option::of(any::<prop::sample::Index>()),
+    ) {
+        let place = Place::new();
+        let path = place.path("changed.mcap");
+        // Without compression and checksums every change reaches the messages.
+        bags::write_with(&path, &without_images(), encoding, None);
+        let mut bytes = fs::read(&path).unwrap();
+        for (at, byte) in changes {
+            let at = at.index(bytes.len());
+            bytes[at] = byte;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        fs::write(&path, &bytes).unwrap();
+        if let Ok(recording) = import(&path, &Mapping::parse(MAPPING).unwrap(), &place.out, &PLAIN) {
+            recording.episodes.iter().for_each(|imported| drop(healthy(&imported.trace)));
+        }
+    }
+
+    #[test]
+    fn changed_messages_never_panic(
+        encoding in prop_oneof![Just(Encoding::Json), Just(Encoding::Protobuf), Just(Encoding::Cdr)],
+        changes in prop::collection::vec((any::<prop::sample::Index>(), prop::collection::vec(any::<u8>(), 0..80)), 1..12),
+    ) {
+        let place = Place::new();
+        let path = place.path("changed.mcap");
+        let mut messages = without_images();
+        messages.insert(6, jpeg(2_400, (64, 64), [1, 2, 3]));
+        for (index, bytes) in changes {
+            index.get_mut(&mut messages).instead = Some(bytes);
+        }
+        bags::write_with(&path, &messages, encoding, None);
+        if let Ok(recording) = import(&path, &Mapping::parse(MAPPING).unwrap(), &place.out, &PLAIN) {
+            recording.episodes.iter().for_each(|imported| drop(healthy(&imported.trace)));
+        }
     }
 }
