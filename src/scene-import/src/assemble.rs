@@ -45,8 +45,9 @@ pub(crate) fn assemble(scene_id: &str, mut house: House) -> Option<Assembled> {
     let mut built = Vec::new();
     let mut uncoloured = 0;
     for mut piece in std::mem::take(&mut house.pieces) {
+        notes.about(&piece.source);
         let Some(room) = room_of(&piece, &house.rooms) else {
-            notes.left_out(format!("furniture outside of every room: {}", piece.source));
+            notes.left_out("furniture outside of every room");
             continue;
         };
         off_the_walls(&mut piece, &house.rooms[room], &mut notes);
@@ -58,11 +59,12 @@ pub(crate) fn assemble(scene_id: &str, mut house: House) -> Option<Assembled> {
         }
         built.push((piece, names[room].clone()));
     }
+    notes.about("");
     let (mut receptacles, sources) = receptacles(built, &mut notes);
     if receptacles.is_empty() {
         return None;
     }
-    write_captions(&mut receptacles, &mut notes);
+    write_captions(&mut receptacles, &house.rooms, &mut notes);
     let rooms = house
         .rooms
         .iter()
@@ -262,6 +264,7 @@ fn receptacles(pieces: Vec<(Piece, String)>, notes: &mut Notes) -> (Vec<Receptac
             category,
             body,
         } = piece;
+        notes.about(&source);
         match body {
             Body::Sized(extent) => {
                 let attributes = looks.next().unwrap_or_default();
@@ -272,12 +275,13 @@ fn receptacles(pieces: Vec<(Piece, String)>, notes: &mut Notes) -> (Vec<Receptac
                 let attributes = colors::attributes(&solids);
                 let (parts, facing) = parts(&category, solids, notes);
                 if parts.is_empty() {
-                    notes.left_out(format!("furniture without a level surface: {category}"));
+                    notes.left_out("furniture without a level surface");
                 }
                 found.solids((&source, &category), &parts, facing, &room, &attributes);
             }
         }
     }
+    notes.about("");
     (found.receptacles, found.sources)
 }
 
@@ -418,7 +422,7 @@ fn board(receptacle: &Receptacle, color: [u8; 3]) -> Solid {
     }
 }
 
-fn write_captions(receptacles: &mut [Receptacle], notes: &mut Notes) {
+fn write_captions(receptacles: &mut [Receptacle], rooms: &[RoomPlan], notes: &mut Notes) {
     let mut wholes: Vec<Receptacle> = receptacles
         .iter()
         .filter(|receptacle| receptacle.part_of.is_none())
@@ -433,7 +437,9 @@ fn write_captions(receptacles: &mut [Receptacle], notes: &mut Notes) {
                 other.category == wholes[*index].category && other.room == wholes[*index].room
             })
             .count();
-        let name = crate::captions::numbered(&wholes[*index], number);
+        let kind = wholes[*index].room_name();
+        let rooms_of_kind = rooms.iter().filter(|room| room.kind == kind).count();
+        let name = crate::captions::numbered(&wholes[*index], number, rooms_of_kind);
         wholes[*index].captions.insert(name, 1.0);
     }
     let captions: BTreeMap<_, _> = wholes

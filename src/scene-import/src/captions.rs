@@ -11,14 +11,15 @@ const ORDINALS: &[&str] = &[
 /// Parts whose heights differ less are in one row, in metres.
 const ROW_M: f64 = 0.08;
 
-/// Furniture by its number in its room.
-pub(crate) fn numbered(piece: &Receptacle, number: usize) -> String {
-    format!(
-        "the {} {} in the {}",
-        ordinal(number),
-        piece.category,
-        piece.room_name()
-    )
+/// Furniture by its number in its room, and the room by its number among the rooms of its kind
+/// where there are several.
+pub(crate) fn numbered(piece: &Receptacle, number: usize, rooms_of_kind: usize) -> String {
+    let (kind, index) = piece.room.rsplit_once('/').unwrap_or((&piece.room, "0"));
+    let room = match index.parse::<usize>() {
+        Ok(index) if rooms_of_kind > 1 => format!("{} {kind}", ordinal(index + 1)),
+        _ => kind.to_owned(),
+    };
+    format!("the {} {} in the {room}", ordinal(number), piece.category)
 }
 
 fn ordinal(number: usize) -> String {

@@ -53,6 +53,11 @@ impl ImportFiles {
             })
     }
 
+    /// Whether there is such a file in the folder.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.folder.read(name).is_ok()
+    }
+
     pub(crate) fn text(&self, name: &str) -> Result<String, ImportError> {
         String::from_utf8(self.bytes(name)?).map_err(|error| ImportError::Unreadable {
             file: name.to_owned(),

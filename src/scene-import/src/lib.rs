@@ -33,6 +33,7 @@ use reel_tasks::generate::scene::check;
 use reel_world::Scene;
 
 pub use error::ImportError;
+pub use notes::Note;
 pub use report::{ImportReport, ReceptacleReport};
 
 use assemble::assemble;
@@ -178,14 +179,14 @@ fn scene_id(file: &str, house: &House) -> String {
     }
 }
 
-fn nothing(left_out: &std::collections::BTreeMap<String, usize>) -> String {
+fn nothing(left_out: &std::collections::BTreeMap<String, Note>) -> String {
     if left_out.is_empty() {
         return "it has no solids".to_owned();
     }
     let kinds: Vec<String> = left_out
         .iter()
         .take(8)
-        .map(|(kind, count)| format!("{count} x {kind}"))
+        .map(|(kind, note)| format!("{} x {kind}", note.count))
         .collect();
     format!("left out were {}", kinds.join("; "))
 }

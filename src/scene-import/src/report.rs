@@ -9,7 +9,7 @@ use reel_tasks::{
 };
 use serde::Serialize;
 
-use crate::{SceneFormat, notes::Notes};
+use crate::{Note, SceneFormat, notes::Notes};
 
 /// The report of one file.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -24,10 +24,10 @@ pub struct ImportReport {
     pub rooms: usize,
     /// The receptacles, in the order of the scene.
     pub receptacles: Vec<ReceptacleReport>,
-    /// What is not exactly as in the file, counted by kind.
-    pub approximated: BTreeMap<String, usize>,
-    /// What is in the file but not in the scene, counted by kind.
-    pub left_out: BTreeMap<String, usize>,
+    /// What is not exactly as in the file, by kind.
+    pub approximated: BTreeMap<String, Note>,
+    /// What is in the file but not in the scene, by kind.
+    pub left_out: BTreeMap<String, Note>,
     /// What is doubtful in the scene.
     pub warnings: Vec<String>,
     /// What `reel scene check` finds, one sentence each.

@@ -47,6 +47,7 @@ pub(crate) fn pieces(roots: Vec<Node>, model: &str, notes: &mut Notes) -> Vec<Pi
     let is_alone = candidates.len() == 1;
     let mut pieces = Vec::new();
     for node in candidates {
+        notes.about(&node.name);
         let of_model = || is_alone.then(|| categories::furniture(model)).flatten();
         let category = categories::furniture(&node.name).or_else(of_model);
         let guessed = || {
@@ -74,6 +75,7 @@ pub(crate) fn pieces(roots: Vec<Node>, model: &str, notes: &mut Notes) -> Vec<Pi
             body: Body::Solids(solids(node, notes)),
         });
     }
+    notes.about("");
     pieces
 }
 

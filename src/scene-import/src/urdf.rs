@@ -135,6 +135,7 @@ impl<'a> Reader<'a> {
                 link.error("is its own ancestor, has two parents, or is over 100 joints deep")
             );
         }
+        let outer = self.notes.about(link.name());
         let mut node = Node {
             name: link.name().to_owned(),
             solids: self.solids(link, pose)?,
@@ -143,10 +144,12 @@ impl<'a> Reader<'a> {
         for (joint, child) in self.joints.get(link.name()).cloned().unwrap_or_default() {
             let frame = pose.after(&origin(joint)?);
             let mut below = self.node(self.links[child], &frame, depth + 1)?;
+            self.notes.about(joint.name());
             below.joint = self.joint(joint, &frame)?;
             below.joint_name = joint.name().to_owned();
             node.children.push(below);
         }
+        self.notes.about(&outer);
         Ok(node)
     }
 
@@ -159,6 +162,10 @@ impl<'a> Reader<'a> {
             return Err(joint.error("its axis has no direction"));
         };
         let kind = joint.get("type").unwrap_or_default();
+        if joint.child("mimic").is_some() {
+            self.notes
+                .approximated("joint that follows another one (<mimic>): moves on its own");
+        }
         let open = |limited: bool| -> Result<Option<f64>, ImportError> {
             let Some(limit) = joint.child("limit").filter(|_| limited) else {
                 return Ok(None);
@@ -209,10 +216,14 @@ impl<'a> Reader<'a> {
         let seen = self.shapes(link, "visual", pose)?;
         let collide = self.shapes(link, "collision", pose)?;
         let rough = |solids: &[SourceSolid]| solids.iter().filter(|solid| solid.is_bounds).count();
-        let takes_collision =
-            !collide.is_empty() && (seen.is_empty() || rough(&collide) < rough(&seen));
+        let takes_collision = !collide.is_empty()
+            && (seen.is_empty() || (rough(&collide) < rough(&seen) && fills(&collide, &seen)));
         if !takes_collision {
             return Ok(seen);
+        }
+        if !seen.is_empty() {
+            self.notes
+                .approximated("link that is seen as a mesh: what collides of it stands for it");
         }
         let color = seen
             .iter()
@@ -309,9 +320,20 @@ impl<'a> Reader<'a> {
             .get("filename")
             .ok_or_else(|| shape.error("has no filename"))?;
         let name = named.strip_prefix("file://").unwrap_or(named);
-        // A package is a folder somewhere: its files are looked for beside the URDF.
+        // A package is a folder somewhere: its files are looked for in a folder of its name beside
+        // the URDF, then beside the URDF itself.
         let name = match name.strip_prefix("package://") {
-            Some(path) => path.split_once('/').map_or(path, |(_, below)| below),
+            Some(path) if self.files.has(path) => path,
+            Some(path) => match path.split_once('/') {
+                Some((package, below)) => {
+                    let shown: String = package.chars().take(40).collect();
+                    self.notes.approximated(format!(
+                        "mesh of the package {shown}: looked for beside the file"
+                    ));
+                    below
+                }
+                None => path,
+            },
             None => name,
         };
         let scale = shape.numbers("scale")?.unwrap_or([1.0; 3]);
@@ -330,6 +352,23 @@ impl<'a> Reader<'a> {
             true,
         )))
     }
+}
+
+/// Whether some solids reach as far as others do, but for ten centimetres and a tenth of their size
+/// on each side: a post that collides does not stand for a cabinet that is seen, a front without
+/// its handle does.
+pub(crate) fn fills(solids: &[SourceSolid], others: &[SourceSolid]) -> bool {
+    const MISSED_MAX_M: f64 = 0.1;
+    const MISSED_SHARE_MAX: f64 = 0.1;
+    let bounds =
+        |solids: &[SourceSolid]| Bounds::of_all(solids.iter().map(|solid| &solid.primitive));
+    let (Some(inner), Some(outer)) = (bounds(solids), bounds(others)) else {
+        return false;
+    };
+    (0..3).all(|axis| {
+        let missed = MISSED_MAX_M + MISSED_SHARE_MAX * (outer.high[axis] - outer.low[axis]);
+        inner.low[axis] <= outer.low[axis] + missed && inner.high[axis] >= outer.high[axis] - missed
+    })
 }
 
 /// A shape at the origin.

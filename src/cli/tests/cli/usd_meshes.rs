@@ -53,6 +53,12 @@ fn episodes_with_objects_of_usd_replay_exactly() {
         listed.contains("4 triangles, 4 vertices, 1.000 x 1.000 x 1.000, watertight"),
         "{listed}"
     );
+    assert!(!listed.contains("note:"), "{listed}");
+    fs::write(folder.join("meshes/mugg_01.usda"), USD).unwrap();
+    let misspelt = reel!(folder, "scene check-assets meshes");
+    let note = "note: no object of the library has the asset mugg_01; only";
+    assert!(misspelt.contains(note), "{misspelt}");
+    fs::remove_file(folder.join("meshes/mugg_01.usda")).unwrap();
     reel!(
         folder,
         "run --tasks tasks --assets meshes --out traces --no-images"

@@ -56,6 +56,23 @@ impl Defaults {
         Ok(())
     }
 
+    /// Every class that an element or one below it names is there.
+    pub(super) fn check_classes(&self, element: &Element) -> Result<(), ImportError> {
+        for name in ["class", "childclass"] {
+            if let Some(class) = element.get(name)
+                && class != MAIN
+                && !self.classes.contains_key(class)
+            {
+                let shown: String = class.chars().take(60).collect();
+                return Err(element.error(format!("no class {shown:?} among the defaults")));
+            }
+        }
+        element
+            .children
+            .iter()
+            .try_for_each(|child| self.check_classes(child))
+    }
+
     /// An attribute of an element, else that of its class. `inherited` is the class of the bodies
     /// around it.
     pub(super) fn get(

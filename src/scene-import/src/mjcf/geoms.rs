@@ -108,7 +108,7 @@ impl Reader<'_> {
             }
             .to_owned()
         });
-        let mut half_length = size.get(1).copied();
+        let mut between_ends = None;
         if let Some(text) = get("fromto") {
             let ends: [f64; 6] = geom.numbers_in("fromto", &text)?;
             let (from, to) = ([ends[0], ends[1], ends[2]], [ends[3], ends[4], ends[5]]);
@@ -117,7 +117,7 @@ impl Reader<'_> {
             pose = pose
                 .after(&Affine::translation(middle))
                 .after(&upright_to(along));
-            half_length = Some(length(along) * 0.5);
+            between_ends = Some(length(along) * 0.5);
         }
         let is_visual = ["contype", "conaffinity"]
             .iter()
@@ -132,7 +132,7 @@ impl Reader<'_> {
             .map(|[r, g, b, _]| bytes_of([r, g, b]));
         let color = own.or_else(|| self.assets.colors.get(&get("material")?).copied());
         let mesh = get("mesh");
-        let Some((local, is_bounds)) = self.shape(geom, &kind, &size, half_length, mesh)? else {
+        let Some((local, is_bounds)) = self.shape(geom, &kind, &size, between_ends, mesh)? else {
             return Ok(None);
         };
         let placed = pose.primitive(&local);
@@ -152,7 +152,7 @@ impl Reader<'_> {
         geom: &Element,
         kind: &str,
         size: &[f64],
-        half_length: Option<f64>,
+        between_ends: Option<f64>,
         mesh: Option<String>,
     ) -> Result<Option<(Solid, bool)>, ImportError> {
         let side = |value: Option<f64>| {
@@ -166,10 +166,10 @@ impl Reader<'_> {
                 if kind == "ellipsoid" {
                     self.notes.approximated("ellipsoid: the box of its bounds");
                 }
-                let half = if size.len() < 3 && half_length.is_some() && kind == "box" {
-                    [at(0)?, at(0)?, side(half_length)?]
-                } else {
-                    [at(0)?, at(1)?, at(2)?]
+                // between two ends, its first size is half its width
+                let half = match between_ends {
+                    Some(_) => [at(0)?, at(0)?, side(between_ends)?],
+                    None => [at(0)?, at(1)?, at(2)?],
                 };
                 (unplaced(SolidShape::Box { half }), false)
             }
@@ -181,7 +181,7 @@ impl Reader<'_> {
                 let round = if kind == "capsule" { radius } else { 0.0 };
                 let shape = SolidShape::Cylinder {
                     radius,
-                    half_height: side(half_length)? + round,
+                    half_height: side(between_ends.or(size.get(1).copied()))? + round,
                 };
                 (unplaced(shape), false)
             }

@@ -13,6 +13,7 @@ use crate::{
     house::{House, Joint, SourceSolid},
     notes::Notes,
     tree::{self, Node},
+    urdf::fills,
 };
 use defaults::Defaults;
 use geoms::Assets;
@@ -62,6 +63,7 @@ pub(crate) fn read(files: &ImportFiles) -> Result<House, ImportError> {
     }
     let mut roots = Vec::new();
     for world in root.children_of("worldbody") {
+        reader.defaults.check_classes(world)?;
         let node = reader.node(world, &Affine::IDENTITY, None, 0)?;
         let geoms = world
             .children_of("geom")
@@ -132,6 +134,8 @@ struct Compiler {
     /// Axes of Euler angles, and whether they are the turned ones.
     sequence: Vec<(usize, bool)>,
     mesh_folder: String,
+    /// Whether a joint with a range has limits without saying so (`autolimits`).
+    limits_by_range: bool,
 }
 
 impl Compiler {
@@ -140,12 +144,16 @@ impl Compiler {
             angle: std::f64::consts::PI / 180.0,
             sequence: vec![(0, true), (1, true), (2, true)],
             mesh_folder: String::new(),
+            limits_by_range: true,
         };
         for element in root.children_of("compiler") {
             match element.get("angle") {
                 Some("radian") => compiler.angle = 1.0,
                 Some("degree") | None => {}
                 Some(_) => return Err(element.error("angle is radian or degree")),
+            }
+            if let Some(text) = element.get("autolimits") {
+                compiler.limits_by_range = text != "false";
             }
             if let Some(text) = element.get("eulerseq") {
                 let axis = |letter: char| {
@@ -188,11 +196,16 @@ impl Compiler {
             None => [0.0; 3],
         };
         let wrong = |name: &str| element.error(format!("{name} has the wrong number of values"));
+        let zero = |name: &str| element.error(format!("{name} has no direction: it is zero"));
         let turn = if let Some(quat) = list("quat")? {
             let [w, x, y, z]: [f64; 4] = quat.try_into().map_err(|_| wrong("quat"))?;
+            if [w, x, y, z] == [0.0; 4] {
+                return Err(zero("quat"));
+            }
             Affine::of_quaternion([x, y, z, w])
         } else if let Some(values) = list("axisangle")? {
             let [x, y, z, angle]: [f64; 4] = values.try_into().map_err(|_| wrong("axisangle"))?;
+            unit([x, y, z]).ok_or_else(|| zero("axisangle"))?;
             Affine::around([x, y, z], angle * self.angle)
         } else if let Some(values) = list("euler")? {
             let angles: [f64; 3] = values.try_into().map_err(|_| wrong("euler"))?;
@@ -246,8 +259,11 @@ impl Reader<'_> {
         let class = body.get("childclass").or(class);
         let own = |name: &str| body.get(name).map(str::to_owned);
         let pose = pose.after(&self.compiler.pose(body, &own)?);
+        // what a frame holds is of the body around it
+        let name = body.name();
+        let outer = (!name.is_empty()).then(|| self.notes.about(name));
         let mut node = Node {
-            name: body.name().to_owned(),
+            name: name.to_owned(),
             ..Node::default()
         };
         let (mut collide, mut seen): (Vec<SourceSolid>, Vec<SourceSolid>) =
@@ -273,6 +289,7 @@ impl Reader<'_> {
                     }
                 }
                 "joint" => {
+                    let body = self.notes.about(child.name());
                     let joint = self.joint(child, &pose, class)?;
                     match (&node.joint, joint) {
                         (None, joint) => node.joint = joint,
@@ -281,6 +298,7 @@ impl Reader<'_> {
                             .left_out("joint: a second one of a body, kept closed"),
                         _ => {}
                     }
+                    self.notes.about(&body);
                     child.name().clone_into(&mut node.joint_name);
                 }
                 "site" | "light" | "camera" | "inertial" | "freejoint" | "geom" => {}
@@ -291,6 +309,9 @@ impl Reader<'_> {
             }
         }
         node.solids.extend(self.shown(collide, seen));
+        if let Some(outer) = outer {
+            self.notes.about(&outer);
+        }
         Ok(node)
     }
 
@@ -300,7 +321,8 @@ impl Reader<'_> {
             return seen;
         }
         let rough = |solids: &[SourceSolid]| solids.iter().filter(|solid| solid.is_bounds).count();
-        if !seen.is_empty() && rough(&seen) < rough(&collide) {
+        let is_finer = rough(&seen) < rough(&collide);
+        if !seen.is_empty() && (is_finer || !fills(&collide, &seen)) {
             return seen;
         }
         seen.iter().for_each(|_| {
@@ -340,8 +362,15 @@ impl Reader<'_> {
             Some(text) => joint.numbers_in("pos", &text)?,
             None => [0.0; 3],
         };
-        let is_free = get("limited").is_some_and(|limited| limited == "false");
-        let range: Option<[f64; 2]> = match get("range").filter(|_| !is_free) {
+        let limited = get("limited").filter(|limited| limited != "auto");
+        let range = get("range");
+        if range.is_some() && limited.is_none() && !self.compiler.limits_by_range {
+            return Err(joint.error(
+                "has a range, but does not say `limited`, which the compiler's autolimits=\"false\" asks for",
+            ));
+        }
+        let is_free = limited.is_some_and(|limited| limited == "false");
+        let range: Option<[f64; 2]> = match range.filter(|_| !is_free) {
             Some(text) => Some(joint.numbers_in("range", &text)?),
             None => None,
         };

@@ -129,12 +129,23 @@ pub(super) fn pieces(
                 format!("more than {ITEMS_MAX} objects on it"),
             ));
         }
+        notes.about(name_of(item));
         match category(item, known) {
             Some(category) => pieces.push(piece((item, position), category, known, notes)),
             None => notes.left_out(format!("not furniture to put objects on: {}", kind(item))),
         }
     }
+    notes.about("");
     Ok(pieces)
+}
+
+/// The id of an object, or its asset where it has none.
+fn name_of(item: &ObjectItem) -> &str {
+    if item.id.is_empty() {
+        &item.asset_id
+    } else {
+        &item.id
+    }
 }
 
 fn count_children(children: &[ObjectItem], notes: &mut Notes, count: &mut usize) {
@@ -199,14 +210,10 @@ fn piece(
         off.abs() > TURN_MAX_DEG
     });
     if is_tilted.contains(&true) {
-        notes.approximated(format!("furniture out of plumb, set upright: {}", item.id));
+        notes.approximated("furniture out of plumb, set upright");
     }
     Piece {
-        source: if item.id.is_empty() {
-            item.asset_id.clone()
-        } else {
-            item.id.clone()
-        },
+        source: name_of(item).to_owned(),
         category: category.to_owned(),
         body: Body::Sized(Extent {
             center: position.floor(),

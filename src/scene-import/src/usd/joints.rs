@@ -43,7 +43,9 @@ pub(super) fn place(walk: &mut Walk) -> Result<(), ImportError> {
             "PhysicsFixedJoint" => LinkKind::Fixed,
             other => {
                 let notes = &mut walk.content.notes;
+                notes.about(prim.path().as_str());
                 notes.left_out(format!("joint: {other}, kept closed"));
+                notes.about("");
                 continue;
             }
         };
@@ -70,7 +72,9 @@ pub(super) fn place(walk: &mut Walk) -> Result<(), ImportError> {
         let joint = moves.and_then(|moves| Some((moves, joint(walk, &link, is_second)?)));
         let Some((moves, joint)) = joint else {
             let notes = &mut walk.content.notes;
+            notes.about(&link.path);
             notes.left_out("joint: its bodies or axis are not in the stage, kept closed");
+            notes.about("");
             continue;
         };
         let path = link.path;
@@ -203,7 +207,9 @@ fn joint(walk: &mut Walk, link: &Link, is_second: bool) -> Option<Joint> {
     };
     if farther.is_none() {
         let notes = &mut walk.content.notes;
+        notes.about(&link.path);
         notes.approximated("joint without limits: opens 0.3 m or 90 degrees");
+        notes.about("");
     }
     let sense = if is_second { 1.0 } else { -1.0 };
     let axis = frame.axes[axis];

@@ -41,7 +41,9 @@ pub(super) fn house(content: Content) -> House {
                 .is_none()
             {
                 let kind = categories::kind_of(tree.owner_name(&shape.path));
+                notes.about(&shape.path);
                 notes.left_out(format!("not furniture to put objects on: {kind}"));
+                notes.about("");
             }
             continue;
         };

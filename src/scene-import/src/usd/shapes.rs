@@ -18,7 +18,10 @@ pub(super) fn solid(
     frame: &Affine,
     notes: &mut Notes,
 ) -> Result<Option<SourceSolid>, String> {
-    let Some((local, is_bounds)) = shape(prim, kind, notes)? else {
+    notes.about(prim.path().as_str());
+    let found = shape(prim, kind, notes);
+    notes.about("");
+    let Some((local, is_bounds)) = found? else {
         return Ok(None);
     };
     let color = color(prim);

@@ -145,11 +145,11 @@ fn meshes_stand_for_their_bounds_and_are_hollow_where_something_opens() {
     assert_eq!(drawer.surface_max[2], 0.415);
     let approximated = &scene.report.approximated;
     assert_eq!(
-        approximated["carcass given as a mesh: five boards, open at the front"],
+        approximated["carcass given as a mesh: five boards, open at the front"].count,
         1
     );
     assert_eq!(
-        approximated["drawer given as a mesh or one block: a box of boards"],
+        approximated["drawer given as a mesh or one block: a box of boards"].count,
         1
     );
     assert_eq!(scene.report.reached(), 2, "{:?}", scene.report.findings);
@@ -207,7 +207,124 @@ fn joints_that_cannot_be_used_stay_closed_and_are_counted() {
         kinds,
         ["joint: a hinge that is not upright or opens under 10 degrees, kept closed"]
     );
+    let note = scene.report.left_out.values().next().expect("one kind");
+    assert_eq!(
+        (note.count, note.of.as_slice()),
+        (1, &["cabinet".to_owned()][..])
+    );
     assert_eq!(scene.report.receptacles.len(), 1);
+}
+
+/// A URDF of one link with what is seen of it and what collides.
+fn link(seen: &str, collides: &str) -> String {
+    format!(
+        r#"<robot name="dresser"><link name="dresser"><visual>{seen}</visual>
+        <collision>{collides}</collision></link></robot>"#
+    )
+}
+
+#[test]
+fn what_collides_stands_for_a_mesh_only_where_it_fills_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let corner = |half: f64, z: f64| format!("v {half} {half} {z}\nv -{half} -{half} {z}\n");
+    let mesh = format!("{}{}", corner(0.4, 0.0), corner(0.4, 0.8));
+    fs::write(folder.path().join("seen.obj"), mesh).expect("writes");
+    let seen = r#"<geometry><mesh filename="package://other/seen.obj"/></geometry>"#;
+    let solids = |half: &str| {
+        let box_shape = format!(
+            r#"<origin xyz="0 0 0.4"/><geometry><box size="{half} {half} 0.8"/></geometry>"#
+        );
+        let file = folder.path().join("dresser.urdf");
+        fs::write(&file, link(seen, &box_shape)).expect("writes");
+        let scene = import(&file, &ImportOptions::default()).expect("imports");
+        let top = receptacle(&scene, "chestofdrawers_1");
+        let width = top.surface_max[0] - top.surface_min[0];
+        ((width * 100.0).round(), scene.report.approximated)
+    };
+    let (width, post) = solids("0.1");
+    assert_eq!(width, 80.0, "a post does not stand for the furniture");
+    assert_eq!(post["mesh: the box of its bounds"].of, ["dresser"]);
+    assert!(post.contains_key("mesh of the package other: looked for beside the file"));
+    let (width, exact) = solids("0.7");
+    assert_eq!(width, 70.0);
+    assert!(exact.contains_key("link that is seen as a mesh: what collides of it stands for it"));
+}
+
+#[test]
+fn a_mesh_of_a_package_is_taken_from_its_own_folder_first() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("pkg")).expect("a folder");
+    let mesh = |half: f64| format!("v {half} {half} 0.8\nv -{half} -{half} 0\n");
+    fs::write(folder.path().join("seen.obj"), mesh(0.3)).expect("writes");
+    fs::write(folder.path().join("pkg/seen.obj"), mesh(0.5)).expect("writes");
+    let file = folder.path().join("dresser.urdf");
+    let seen = r#"<geometry><mesh filename="package://pkg/seen.obj"/></geometry>"#;
+    let text = format!(
+        r#"<robot name="dresser"><link name="dresser"><visual>{seen}</visual></link></robot>"#
+    );
+    fs::write(&file, text).expect("writes");
+    let scene = import(&file, &ImportOptions::default()).expect("imports");
+    let top = receptacle(&scene, "chestofdrawers_1");
+    assert_eq!((top.surface_max[0] - top.surface_min[0]).round(), 1.0);
+}
+
+#[test]
+fn a_joint_that_follows_another_is_said() {
+    let scene = import_text(
+        "cabinet.urdf",
+        r#"<robot name="cabinet"><link name="cabinet">
+  <visual><origin xyz="0 0 0.4"/><geometry><box size="0.5 0.8 0.8"/></geometry></visual></link>
+ <link name="drawer"><visual><geometry><box size="0.02 0.7 0.2"/></geometry></visual></link>
+ <joint name="slide" type="prismatic"><parent link="cabinet"/><child link="drawer"/>
+  <origin xyz="0.26 0 0.5"/><axis xyz="1 0 0"/><limit lower="0" upper="0.3"/>
+  <mimic joint="other"/></joint></robot>"#,
+    );
+    let note =
+        &scene.report.approximated["joint that follows another one (<mimic>): moves on its own"];
+    assert_eq!(note.of, ["slide"]);
+}
+
+#[test]
+fn furniture_of_two_rooms_of_a_kind_has_captions_of_its_own() {
+    let bedroom = |x: f64| {
+        format!(
+            r#"{{"roomType": "Bedroom", "floorPolygon": [{{"x": {x}, "y": 0, "z": 0}},
+            {{"x": {x}, "y": 0, "z": 6}}, {{"x": {0}, "y": 0, "z": 6}}, {{"x": {0}, "y": 0, "z": 0}}]}}"#,
+            x + 6.0
+        )
+    };
+    let stands = (0..24).map(|index| {
+        let (x, z) = (
+            f64::from(index / 12) * 6.0 + 1.0 + f64::from(index % 4) * 1.3,
+            1.0 + f64::from(index % 12 / 4) * 1.8,
+        );
+        format!(
+            r#"{{"id": "SideTable|{index}", "assetId": "Side_Table_1", "position":
+            {{"x": {x}, "y": 0.3, "z": {z}}}, "rotation": {{"x": 0, "y": 0, "z": 0}}}}"#
+        )
+    });
+    let text = format!(
+        r#"{{"rooms": [{}, {}], "objects": [{}], "walls": [], "doors": []}}"#,
+        bedroom(0.0),
+        bedroom(6.0),
+        stands.collect::<Vec<_>>().join(", ")
+    );
+    let scene = import_text("house.json", &text);
+    let captions: Vec<&str> = scene
+        .report
+        .receptacles
+        .iter()
+        .map(|receptacle| receptacle.caption.as_str())
+        .collect();
+    let distinct: std::collections::BTreeSet<&str> = captions.iter().copied().collect();
+    assert_eq!(captions.len(), 24);
+    assert_eq!(distinct.len(), 24, "{captions:?}");
+    assert!(
+        captions
+            .iter()
+            .any(|caption| caption.ends_with("in the second bedroom")),
+        "{captions:?}"
+    );
 }
 
 /// A dresser of USD with two drawers, whose joints have one name; `swapped`: the drawer is the

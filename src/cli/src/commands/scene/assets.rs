@@ -3,7 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use reel_tasks::assets::{AssetFolder, FileReport, MeshVerdict, Survey};
+use reel_tasks::{
+    assets::{AssetFolder, FileReport, MeshVerdict, Survey},
+    library,
+};
 use serde_json::json;
 
 use crate::ExitStatus;
@@ -21,7 +24,9 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
     }
     for file in &listed {
         if as_json {
-            println!("{}", json!(file));
+            let mut row = json!(file);
+            row["in_library"] = is_in_library(file).into();
+            println!("{row}");
         } else {
             println!("{}", told(file));
         }
@@ -36,12 +41,43 @@ pub fn check(path: &Path, as_json: bool) -> anyhow::Result<ExitStatus> {
             "{loads} of {} files load, {refused} are refused",
             listed.len()
         );
+        print_strangers(&listed);
     }
     Ok(if refused == 0 {
         ExitStatus::Success
     } else {
         ExitStatus::CheckFailed
     })
+}
+
+fn is_in_library(file: &FileReport) -> bool {
+    let mut known = library::objects().iter();
+    known.any(|object| object.asset.as_str() == file.asset)
+}
+
+/// Names the meshes that no object of the library has: a slip in a file name shows here, and
+/// nowhere else.
+fn print_strangers(listed: &[FileReport]) {
+    const NAMED_MAX: usize = 5;
+    let loads = |file: &&FileReport| matches!(file.verdict, MeshVerdict::Loads(_));
+    let strangers: Vec<&str> = listed
+        .iter()
+        .filter(loads)
+        .filter(|file| !is_in_library(file))
+        .map(|file| file.asset.as_str())
+        .collect();
+    if strangers.is_empty() {
+        return;
+    }
+    let named = &strangers[..strangers.len().min(NAMED_MAX)];
+    let more = match strangers.len() - named.len() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    println!(
+        "note: no object of the library has the asset {}{more}; only tasks of your own that name it show it (reel scene objects lists the library)",
+        named.join(", ")
+    );
 }
 
 fn told(file: &FileReport) -> String {

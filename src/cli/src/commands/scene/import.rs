@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::Context;
-use reel_scene_import::{ImportOptions, ImportReport, Imported, SceneFormat, import};
+use reel_scene_import::{ImportOptions, ImportReport, Imported, Note, SceneFormat, import};
 use serde_json::json;
 
 use super::{scene_file, write};
@@ -61,7 +61,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         let Imported { scene, report } = match import(path, &options) {
             Ok(imported) => imported,
             Err(error) => {
-                eprintln!("reel: {}: {error}", path.display());
+                let error = error.to_string();
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                // an error in another file, which this one names, begins with that one's name
+                let said = error.strip_prefix(&format!("{name}: ")).unwrap_or(&error);
+                eprintln!("reel: {}: {said}", path.display());
                 failed += 1;
                 continue;
             }
@@ -126,8 +130,8 @@ fn print_report(report: &ImportReport, out: &Path) {
         ("approximated", &report.approximated),
         ("left out", &report.left_out),
     ] {
-        for (kind, count) in kinds.iter().take(KINDS_SHOWN) {
-            println!("  {title}: {count} x {kind}");
+        for (kind, note) in kinds.iter().take(KINDS_SHOWN) {
+            println!("  {title}: {} x {kind}{}", note.count, named(note));
         }
         if kinds.len() > KINDS_SHOWN {
             println!(
@@ -139,4 +143,15 @@ fn print_report(report: &ImportReport, out: &Path) {
     for line in report.warnings.iter().chain(&report.findings) {
         println!("  check: {line}");
     }
+}
+
+/// In brackets, the first pieces of the file that a note concerns.
+fn named(note: &Note) -> String {
+    const NAMED_SHOWN: usize = 4;
+    if note.of.is_empty() {
+        return String::new();
+    }
+    let shown = note.of.len().min(NAMED_SHOWN);
+    let more = if note.of.len() > shown { ", ..." } else { "" };
+    format!(" ({}{more})", note.of[..shown].join(", "))
 }

@@ -159,7 +159,7 @@ enum Command {
     /// Example:
     ///   reel scene check-assets meshes
     ///
-    /// Exit code 1: a file is refused.
+    /// Names meshes that no object of the library has, too. Exit code 1: a file is refused.
     CheckAssets {
         /// Folder of glTF, OBJ and USD files, each named by the asset it shows
         #[arg(value_name = "DIR")]
