@@ -23,7 +23,7 @@ macro_rules! queries {
 }
 
 queries! {
-    overview quarantined end_reasons benchmark main_results success_intervals real_world
+    summary overview quarantined end_reasons benchmark main_results success_intervals real_world
     primitives repeatability oscillations failed_episodes failures hardest_tasks errors
     error_classes questions question_summary user_fidelity answer_fidelity vocabulary_misses rollouts funnel policy_comparison
     regressions flaky_tasks object_confusions receptacle_confusions distractors reward_components

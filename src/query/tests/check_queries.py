@@ -20,7 +20,7 @@ from deltalake import DeltaTable
 
 from independent.bootstrap import bootstrap
 
-TABLES = ["episodes", "tasks", "scenes", "rescored", "quarantine", "classes", "answer_labels"]
+TABLES = ["episodes", "tasks", "scenes", "rescored", "quarantine", "classes", "blame", "answer_labels"]
 SQL = ["words", "dialogue", "results", "failures", "tasks", "spending"]
 
 

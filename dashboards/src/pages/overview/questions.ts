@@ -71,3 +71,11 @@ export interface LeftOut {
 }
 
 export const QUARANTINE = "SELECT reason, count(*) AS files FROM quarantine GROUP BY reason ORDER BY files DESC, reason";
+
+export interface Statement {
+  number: number;
+  sentence: string;
+  traces: string[];
+}
+
+export const SUMMARY = "SELECT number, sentence, traces FROM summary ORDER BY number";

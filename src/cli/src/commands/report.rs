@@ -206,7 +206,10 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         }
     );
     html.push_str("<h2>In short</h2>\n<ul>\n");
-    for summary::Statement { sentence, traces } in summary::statements(session, &these)? {
+    for summary::Statement {
+        sentence, traces, ..
+    } in summary::statements(session, &these)?
+    {
         let traces: Vec<String> = traces
             .iter()
             .map(|trace| format!("<code>{}</code>", escaped(trace)))

@@ -77,3 +77,56 @@ SELECT
 FROM calls JOIN (SELECT task_digest, dest_distractors FROM tasks) USING (task_digest)
 WHERE letter(call) = 'l' AND call.goal_object AND NOT call.goal_receptacle
 GROUP BY ALL ORDER BY places DESC, policy, scene_id, wanted, placed_on, alike, source;
+
+-- A store in sentences. An object is left elsewhere where the last place of one that the goal does not move comes after the last
+-- that puts one back.
+CREATE TABLE answer.summary AS
+WITH seen AS (
+  SELECT e.*, said.class AS class, said.sub_class AS kind, said.cause AS cause, len(said.conflicts) > 0 AS doubt
+  FROM told e LEFT JOIN (SELECT episode_id || trace_digest AS what, list(classes)[1] AS said FROM classes GROUP BY what)
+    ON what = e.episode_id || e.trace_digest
+),
+facts AS (
+  SELECT
+    seen.*, measured.step AS decisive, measured.repairable_at_end AS saved,
+    list_max([c.step FOR c IN seen.steps IF letter(c) = 'm' AND c.put_back IS NOT TRUE]) AS moved,
+    list_max([c.step FOR c IN seen.steps IF c.tool = 'place' AND c.put_back]) AS returned
+  FROM seen LEFT JOIN blame measured
+    ON measured.episode_id = seen.episode_id AND measured.trace_digest = seen.trace_digest
+),
+topics AS (
+  SELECT 1 AS part, 'episodes succeeded' AS what, success AS holds, success IS NOT NULL AS among, trace, length, episode_id FROM facts
+  UNION ALL
+  SELECT
+    2, 'successes left an object elsewhere that the goal does not move', moved > ifnull(returned, -1), success, trace, length,
+    episode_id
+  FROM facts
+  UNION ALL
+  SELECT 4, 'measured failures could still have been saved by a competent agent at the last call', saved, NOT success AND decisive IS NOT NULL, trace, length, episode_id FROM facts
+  UNION ALL
+  SELECT 5, 'explanations are in doubt: rules and measurement disagree', doubt, NOT success, trace, length, episode_id FROM facts
+  UNION ALL
+  SELECT
+    3, 'failures are ' || kind || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success, trace,
+    length, episode_id
+  FROM (
+    SELECT k.kind, k.class, k.least_cause, facts.success, facts.trace, facts.length, facts.episode_id,
+      ifnull(facts.kind = k.kind AND facts.class = k.class, false) AS same
+    FROM facts, (
+      SELECT class, kind, min(cause) AS least_cause FROM facts WHERE NOT success AND class IS NOT NULL
+      GROUP BY class, kind ORDER BY count(*) DESC, class, kind LIMIT 4
+    ) k
+  )
+),
+counted AS (
+  SELECT
+    part, what, tally(among AND ifnull(holds, false)) AS episodes, tally(among) AS whole,
+    list(trace ORDER BY length, episode_id) FILTER (among AND ifnull(holds, false))[1:3] AS traces
+  FROM topics GROUP BY part, what
+)
+SELECT
+  row_number() OVER (ORDER BY part, episodes DESC, what) AS number,
+  format('{} of {} {}, {}% [{}, {}].', episodes, whole, what, round(100 * episodes / whole)::INT, round(100 * low(episodes, whole))::INT,
+    round(100 * high(episodes, whole))::INT) AS sentence,
+  episodes, whole AS "of", ifnull(traces, []) AS traces
+FROM counted WHERE whole > 0 AND (part = 1 OR episodes > 0) ORDER BY number;
