@@ -10,6 +10,7 @@
 mod answer;
 mod error;
 mod prompt;
+mod reading;
 mod vocabulary;
 
 use std::sync::{
@@ -193,15 +194,28 @@ pub struct JudgedCase {
     pub reduced: bool,
     /// Name of the model that gave the opinion.
     pub model: String,
-    /// Version of the prompt: its digest.
+    /// Version of the prompts that were used: their digest.
     pub prompt: Digest,
     /// Of the request that was answered; leads to the client's log and cache.
     pub request: Digest,
 }
 
-/// How much of an episode is shown.
+/// How the judge reads an episode (Zhang et al. 2025, Which Agent Causes Task Failures and When).
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum JudgeReading {
+    /// The whole record at once: one question an episode.
+    #[default]
+    Whole,
+    /// Step by step: after each step, without what comes after it, whether it is the decisive one;
+    /// at the first that is, why. As many questions as there are steps up to it, and one.
+    Steps,
+}
+
+/// How much of an episode is shown, and how.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct JudgeOptions {
+    /// How the record is read.
+    pub reading: JudgeReading,
     /// Most bytes of the record, images apart; what is over it is left out in the middle. At
     /// least [`JudgeOptions::TRANSCRIPT_BYTES_MIN`] are used.
     pub transcript_bytes: usize,
@@ -218,6 +232,7 @@ impl Default for JudgeOptions {
     /// 60,000 bytes, which is about 15,000 tokens, and 8 images.
     fn default() -> Self {
         Self {
+            reading: JudgeReading::Whole,
             transcript_bytes: 60_000,
             frames: 8,
         }
@@ -300,7 +315,11 @@ fn judged(
             source,
         })
     };
-    let mut request = prompt::request(case, options);
+    let found = match options.reading {
+        JudgeReading::Whole => None,
+        JudgeReading::Steps => reading::decisive(case, options, &ask)?,
+    };
+    let mut request = prompt::request(case, options, found.as_ref());
     let first = ask(&request)?;
     let (reply, opinion) = match answer::parse(&first.text, case) {
         Ok(opinion) => (first, opinion),
@@ -326,12 +345,17 @@ fn judged(
         case,
         opinion,
         &client.endpoint().model,
-        reply.request,
+        (prompt_version(options.reading), reply.request),
     ))
 }
 
 /// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.
-fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> JudgedCase {
+fn verdict(
+    case: &Case,
+    mut opinion: Opinion,
+    model: &str,
+    (prompt, request): (Digest, Digest),
+) -> JudgedCase {
     let binding = case
         .rule_finding
         .as_ref()
@@ -363,7 +387,7 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> J
         agrees,
         reduced: case.reduced,
         model: model.to_owned(),
-        prompt: prompt_version(),
+        prompt,
         request,
     }
 }

@@ -6,6 +6,7 @@
 //! trace or runs physics.
 
 mod agreement;
+mod calibration;
 mod classify;
 pub mod clusters;
 mod drift;
@@ -19,6 +20,7 @@ mod stored;
 use std::path::PathBuf;
 
 pub use agreement::{Agreement, ClassAgreement, agreement};
+pub use calibration::{Calibration, CalibrationBin, calibration};
 pub use classify::{Classification, classify};
 pub use drift::{Drift, drift};
 pub use labels::{

@@ -283,7 +283,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     };
     let before = classes("store");
     let url = endpoint(
-        r#"{"class": "Other", "sub_class": null, "step": 0, "comment": "it rained", "confidence": 0.9}"#,
+        r#"{"class": "Other", "sub_class": null, "step": 0, "decisive": true, "comment": "it rained", "confidence": 0.9}"#,
     );
     let judge = [
         "taxonomy",
@@ -340,6 +340,19 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
             && agreement.contains("accuracy 1.000"),
         "{agreement}"
     );
+    let calibrated = "confidence of 1 answers of 'judge': Brier score 0.010 (0.000 if it always";
+    assert!(agreement.contains(calibrated), "{agreement}");
+    // another reading is another author
+    let by_steps = [&judge[..], &["--step-by-step"]].concat();
+    assert!(expect(folder, 0, &by_steps).starts_with("4 episodes judged"));
+    let labels = reel!(folder, "store label list --store store");
+    assert_eq!(
+        labels.matches("scripted step by step").count(),
+        4,
+        "{labels}"
+    );
+    let calls = fs::read_to_string(folder.join("judge-calls.jsonl")).unwrap();
+    assert!(calls.lines().count() >= 4 + 2 * 4, "two calls an episode");
 }
 
 #[test]

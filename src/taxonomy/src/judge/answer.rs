@@ -20,14 +20,8 @@ pub fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
     let answer = text
         .rsplit_once("</think>")
         .map_or(text, |(_, answer)| answer);
-    let fields = object(answer).or_else(|| object(&without_trailing_commas(answer)));
-    let fields = fields.ok_or("it holds no complete JSON object with a field `class`")?;
-    let field = |name: &str| {
-        fields
-            .iter()
-            .find(|(key, _)| vocabulary::letters(key) == name)
-            .map(|(_, value)| value)
-    };
+    let fields = fields(answer, "class")?;
+    let field = |name: &str| field(&fields, name);
 
     let named = words(field("class")).unwrap_or_default();
     let class = vocabulary::class(&named).ok_or_else(|| {
@@ -67,6 +61,41 @@ pub fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
     })
 }
 
+/// Reads whether a step is decisive: the reason if it is.
+pub(super) fn parse_step(text: &str) -> Result<Option<String>, String> {
+    let answer = text
+        .rsplit_once("</think>")
+        .map_or(text, |(_, answer)| answer);
+    let fields = fields(answer, "decisive")?;
+    let value = field(&fields, "decisive");
+    let said = value.and_then(|value| match value {
+        Value::Bool(said) => Some(*said),
+        Value::String(text) => match text.trim().to_lowercase().as_str() {
+            "true" | "yes" => Some(true),
+            "false" | "no" => Some(false),
+            _ => None,
+        },
+        _ => None,
+    });
+    let said = said.ok_or("`decisive` has to be true or false")?;
+    let comment = words(field(&fields, "comment")).unwrap_or_default();
+    Ok(said.then(|| one_line(&comment, COMMENT_CHARACTERS)))
+}
+
+/// The fields of the last JSON object that has one of this name.
+fn fields(answer: &str, name: &str) -> Result<Map<String, Value>, String> {
+    object(answer, name)
+        .or_else(|| object(&without_trailing_commas(answer), name))
+        .ok_or_else(|| format!("it holds no complete JSON object with a field `{name}`"))
+}
+
+fn field<'a>(fields: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
+    fields
+        .iter()
+        .find(|(key, _)| vocabulary::letters(key) == name)
+        .map(|(_, value)| value)
+}
+
 /// A text as one line of at most so many characters, without what a terminal would obey.
 pub(super) fn one_line(text: &str, characters: usize) -> String {
     let line: String = text
@@ -78,8 +107,8 @@ pub(super) fn one_line(text: &str, characters: usize) -> String {
     line.trim_end().to_owned()
 }
 
-/// The last JSON object with a field `class`: models weigh before they decide.
-fn object(text: &str) -> Option<Map<String, Value>> {
+/// The last JSON object with a field of this name: models weigh before they decide.
+fn object(text: &str, name: &str) -> Option<Map<String, Value>> {
     let (mut last, mut from) = (None, 0);
     for (at, _) in text.match_indices('{').take(TRIES_MAX) {
         if at < from {
@@ -87,7 +116,7 @@ fn object(text: &str) -> Option<Map<String, Value>> {
         }
         let mut objects = Deserializer::from_str(&text[at..]).into_iter::<Map<String, Value>>();
         if let Some(Ok(object)) = objects.next()
-            && object.keys().any(|key| vocabulary::letters(key) == "class")
+            && object.keys().any(|key| vocabulary::letters(key) == name)
         {
             from = at + objects.byte_offset();
             last = Some(object);

@@ -6,7 +6,7 @@ use reel_llm::client::{Message, Part, Request, Role};
 use reel_world::Digest;
 use serde_json::json;
 
-use super::{Case, CaseImage, CaseStep, JudgeOptions};
+use super::{Case, CaseImage, CaseStep, JudgeOptions, JudgeReading, reading::DecisiveStep};
 
 /// What the judge is told before it gets a record.
 pub(super) const PROMPT: &str = include_str!("../../prompts/judge.md");
@@ -18,13 +18,46 @@ const TEXT_BYTES_MIN: usize = 250;
 /// Room for the line that says what was left out.
 const NOTE_BYTES: usize = 150;
 
-/// The prompt's version: the digest of its file.
-pub fn version() -> Digest {
-    Digest::of(PROMPT.as_bytes())
+/// What the judge is told before it gets a record up to a step.
+const STEP_PROMPT: &str = include_str!("../../prompts/judge-step.md");
+
+/// The version of the prompts of a reading: the digest of their files.
+pub fn version(reading: JudgeReading) -> Digest {
+    match reading {
+        JudgeReading::Whole => Digest::of(PROMPT.as_bytes()),
+        JudgeReading::Steps => Digest::of(format!("{STEP_PROMPT}{PROMPT}").as_bytes()),
+    }
 }
 
-/// What the model is asked about a case.
-pub(super) fn request(case: &Case, options: &JudgeOptions) -> Request {
+/// What the model is asked about a case. `found` is the step that it held for decisive when it read
+/// the case step by step.
+pub(super) fn request(
+    case: &Case,
+    options: &JudgeOptions,
+    found: Option<&DecisiveStep>,
+) -> Request {
+    let question = match found {
+        None => "Why did this episode fail? Answer with the one JSON object.".to_owned(),
+        Some(found) => format!(
+            "Reading it step by step, you held step {} for the decisive one: {} Why did this episode fail? Answer with the one JSON object; its `step` is {}, unless the whole record shows that you were wrong.",
+            found.step,
+            json!(found.comment),
+            found.step
+        ),
+    };
+    asked(case, options, PROMPT, &question)
+}
+
+/// What the model is asked about the last step of a case that ends there.
+pub(super) fn step_request(case: &Case, options: &JudgeOptions) -> Request {
+    let step = case.transcript.last().map_or(0, |step| step.step);
+    let question = format!(
+        "Is step {step}, the last of this record, the decisive one? Answer with the one JSON object."
+    );
+    asked(case, options, STEP_PROMPT, &question)
+}
+
+fn asked(case: &Case, options: &JudgeOptions, prompt: &str, question: &str) -> Request {
     let record = record(
         case,
         options
@@ -34,8 +67,7 @@ pub(super) fn request(case: &Case, options: &JudgeOptions) -> Request {
     // Nobody who writes into the record knows the digest of all of it.
     let code = Digest::of(record.as_bytes()).short();
     let record = format!("BEGIN RECORD {code}\n{record}END RECORD {code}");
-    let question = "Why did this episode fail? Answer with the one JSON object.";
-    let system = Message::text(Role::System, PROMPT);
+    let system = Message::text(Role::System, prompt);
     if case.frames.is_empty() || options.frames == 0 {
         return Request {
             messages: vec![

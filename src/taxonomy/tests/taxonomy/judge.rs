@@ -7,8 +7,8 @@ use std::{
 
 use reel_llm::client::{Cache, Client, Endpoint};
 use reel_taxonomy::judge::{
-    Case, CaseImage, CaseStep, JudgeError, JudgeOptions, JudgedCase, REFUSED_MAX, RuleFinding,
-    Source, judge, judge_all, prompt_version,
+    Case, CaseImage, CaseStep, JudgeError, JudgeOptions, JudgeReading, JudgedCase, REFUSED_MAX,
+    RuleFinding, Source, judge, judge_all, prompt_version,
 };
 use serde_json::{Value, json};
 
@@ -103,7 +103,7 @@ fn agreement() {
     );
     assert_eq!(
         (verdict.prompt, verdict.model.as_str(), received.len()),
-        (prompt_version(), "judge-1", 1)
+        (prompt_version(JudgeReading::Whole), "judge-1", 1)
     );
     // it is blind: neither the rules' result nor the id reaches it
     let text = shown(&received[0]);
@@ -354,6 +354,7 @@ fn a_long_episode_is_cut_in_the_middle_and_images_are_chosen() {
     let options = JudgeOptions {
         transcript_bytes: 20_000,
         frames: 2,
+        ..JudgeOptions::default()
     };
     // a step that was left out is still a step of the episode
     assert_eq!(
@@ -505,4 +506,73 @@ fn an_episode_without_steps_is_not_asked_about() {
     };
     let (verdict, received) = judged(&case, "{}");
     assert!(matches!(verdict, Err(JudgeError::NoSteps { .. })) && received.is_empty());
+}
+
+/// The verdict of a reading step by step, where the model holds step `decisive` for decisive.
+fn judged_by_steps(decisive: u32) -> (Result<JudgedCase, JudgeError>, Vec<Received>) {
+    let server = Scripted::answering(move |received| {
+        let text = shown(received);
+        let last = |step: u32| text.contains(&format!("Is step {step}, the last of this record"));
+        Act::Reply(match (0..12).find(|step| last(*step)) {
+            Some(step) if step == decisive => {
+                r#"<think>hm</think> {"decisive": true, "comment": "it turns back"}"#.to_owned()
+            }
+            Some(_) => r#"{"decisive": "no"}"#.to_owned(),
+            None => answer("Lost Memory", Some("oscillation"), decisive.min(11)),
+        })
+    });
+    let options = JudgeOptions {
+        reading: JudgeReading::Steps,
+        ..JudgeOptions::default()
+    };
+    let verdict = judge(&case("mug"), &client(&server.base_url), &options);
+    (verdict, server.received())
+}
+
+#[test]
+fn read_step_by_step_it_sees_nothing_of_what_comes_after() {
+    let (verdict, received) = judged_by_steps(4);
+    let verdict = verdict.unwrap();
+    assert_eq!((verdict.opinion.step, received.len()), (4, 6));
+    assert_eq!(verdict.prompt, prompt_version(JudgeReading::Steps));
+    assert_ne!(verdict.prompt, prompt_version(JudgeReading::Whole));
+    for (index, request) in received[..5].iter().enumerate() {
+        let text = shown(request);
+        assert!(text.contains(&format!("\"step\":{index},")), "{text}");
+        assert!(
+            !text.contains(&format!("\"step\":{},", index + 1)),
+            "{text}"
+        );
+        assert!(!text.contains("Lost Memory"), "{text}");
+    }
+    let last = shown(&received[5]);
+    assert!(last.contains("\"step\":11,"), "{last}");
+    assert!(
+        last.contains(r#"you held step 4 for the decisive one: "it turns back""#),
+        "{last}"
+    );
+}
+
+#[test]
+fn where_no_step_is_held_for_decisive_the_whole_record_decides() {
+    let (verdict, received) = judged_by_steps(99);
+    assert_eq!((verdict.unwrap().opinion.step, received.len()), (11, 13));
+    assert!(shown(&received[12]).contains("Why did this episode fail?"));
+}
+
+#[test]
+fn a_step_without_a_readable_answer_is_asked_again_and_named() {
+    let server = Scripted::answering(|_| Act::Reply("no idea".to_owned()));
+    let options = JudgeOptions {
+        reading: JudgeReading::Steps,
+        ..JudgeOptions::default()
+    };
+    let error = judge(&case("mug"), &client(&server.base_url), &options).unwrap_err();
+    assert_eq!(server.received().len(), 2);
+    assert!(
+        error
+            .to_string()
+            .contains("step 0: it holds no complete JSON object"),
+        "{error}"
+    );
 }

@@ -9,8 +9,8 @@ use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
     StoredClass,
     judge::{
-        Case, CaseImage, CaseObject, CaseStep, CaseTruth, JudgeOptions, JudgedCase, RuleFinding,
-        Source, judge_all,
+        Case, CaseImage, CaseObject, CaseStep, CaseTruth, JudgeOptions, JudgeReading, JudgedCase,
+        RuleFinding, Source, judge_all,
     },
 };
 use reel_trace::TraceFiles;
@@ -31,10 +31,11 @@ use crate::{
 /// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript,
 /// with `--max-frames` images and with `--truth` goal and captions, but not what the rules say, and cannot overturn what the simulator proved.
 /// Its opinions are kept as labels of kind `judge`; `reel taxonomy agreement --reference judge` compares
-/// them with the rules. Every call is logged, and asked only once.
+/// them with the rules, and with `--prediction judge` says how far its confidence can be trusted. Every call is logged, and asked only once.
 ///
-/// Example:
+/// Examples:
 ///   reel taxonomy judge --store store --endpoint http://localhost:8000/v1 --model qwen3-vl --max-episodes 50
+///   reel taxonomy judge --store store --endpoint http://localhost:8000/v1 --model qwen3-vl --step-by-step   # an author of its own
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -65,6 +66,10 @@ pub struct Arguments {
     /// the looks of all objects, and what each call acted on
     #[arg(long)]
     truth: bool,
+    /// Read each episode step by step, without what comes after the step: as many calls as there are
+    /// steps up to the decisive one, and one. Its labels have the author `MODEL step by step`
+    #[arg(long)]
+    step_by_step: bool,
     /// Folder in which replies are kept
     #[arg(long, value_name = "DIR", default_value = "judge-cache")]
     cache: PathBuf,
@@ -90,6 +95,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
     let options = JudgeOptions {
+        reading: match arguments.step_by_step {
+            true => JudgeReading::Steps,
+            false => JudgeReading::Whole,
+        },
         frames: arguments.frames,
         ..JudgeOptions::default()
     };
@@ -126,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             if arguments.json {
                 println!("{}", serde_json::to_string(&verdict)?);
             }
-            labels.push(label(&verdict));
+            labels.push(label(&verdict, options.reading));
         }
     }
     bar.finish_and_clear();
@@ -272,7 +281,7 @@ fn acted_on(task: &Task, step: &StepRecord) -> String {
 }
 
 /// The judge's opinion as a label; what it was overruled in is said in the note.
-fn label(verdict: &JudgedCase) -> LabelRow {
+fn label(verdict: &JudgedCase, reading: JudgeReading) -> LabelRow {
     let opinion = &verdict.opinion;
     let proposal = opinion
         .proposed_sub_class
@@ -285,7 +294,10 @@ fn label(verdict: &JudgedCase) -> LabelRow {
     };
     LabelRow {
         episode_id: verdict.episode_id.clone(),
-        author: verdict.model.clone(),
+        author: match reading {
+            JudgeReading::Whole => verdict.model.clone(),
+            JudgeReading::Steps => format!("{} step by step", verdict.model),
+        },
         kind: "judge".into(),
         class: opinion.class.clone(),
         sub_class: opinion.sub_class.clone(),

@@ -10,8 +10,8 @@ use anyhow::{Context, bail};
 use reel_query::{Format, Limits, QuerySession, format};
 use reel_tables::{LabelRow, Store};
 use reel_taxonomy::{
-    Agreement, CLASSES, RuleSet, StoredClass, agreement, baseline, classify, disputed, drift,
-    label_set,
+    Agreement, CLASSES, Calibration, LabelSet, RuleSet, StoredClass, agreement, baseline,
+    calibration, classify, disputed, drift, label_set,
     sankey::{Flow, Sankey},
     stored_classes,
 };
@@ -469,6 +469,10 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
         }
         println!();
     }
+    let calibration = confidence(&labels, &arguments.of, &truth);
+    if let Some(found) = calibration.as_ref().filter(|_| !arguments.json) {
+        print!("{}", calibrated(&arguments.of, found));
+    }
     let (_, found) = &reports[0];
     let differing: Vec<_> = found
         .iter()
@@ -489,7 +493,10 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
             .collect();
         println!(
             "{}",
-            json!({ "reports": printed, "disagreements": list, "disputed": open.keys().collect::<Vec<_>>() })
+            json!({
+                "reports": printed, "calibration": calibration, "disagreements": list,
+                "disputed": open.keys().collect::<Vec<_>>(),
+            })
         );
         return Ok(ExitStatus::Success);
     }
@@ -522,6 +529,47 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
         );
     }
     Ok(ExitStatus::Success)
+}
+
+/// How far the stated confidence of a set of labels goes with being right about the class; `None`
+/// for the rules and for labels without a confidence.
+fn confidence(labels: &[LabelRow], of: &str, truth: &LabelSet) -> Option<Calibration> {
+    if of == "rules" {
+        return None;
+    }
+    let answers: Vec<(f64, bool)> = label_set(labels, of)
+        .into_values()
+        .filter_map(|label| {
+            let right = truth.get(&label.episode_id)?.class == label.class;
+            Some((label.confidence?, right))
+        })
+        .collect();
+    calibration(&answers)
+}
+
+fn calibrated(of: &str, found: &Calibration) -> String {
+    let mut text = format!(
+        "confidence of {} answers of '{of}': Brier score {:.3} ({:.3} if it always stated its accuracy), expected calibration error {:.3}\n  {:12} {:>8} {:>11} {:>9}\n",
+        found.answers,
+        found.brier,
+        found.brier_baseline,
+        found.expected_error,
+        "confidence",
+        "answers",
+        "mean",
+        "right"
+    );
+    for bin in &found.bins {
+        let [low, high] = bin.range;
+        text += &format!(
+            "  {:12} {:>8} {:>11.2} {:>8.0}%\n",
+            format!("{low:.1} to {high:.1}"),
+            bin.answers,
+            bin.confidence,
+            100.0 * bin.accuracy
+        );
+    }
+    text + "\n"
 }
 
 /// A label in the place of what the rules found.
