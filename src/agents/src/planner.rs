@@ -8,7 +8,7 @@ use crate::plan::{
     Belief, CallEffect, DeliveryGoal, Move, ObjectIndex, Objection, PerceivedView, Presumption,
 };
 use reel_world::{
-    ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
+    ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Scene, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},
 };
 
@@ -36,6 +36,9 @@ pub struct GoalHint {
     /// Where it may stand and may have to go, in identifier order, and which of
     /// these the words mean.
     pub goal: DeliveryGoal,
+    /// Whether it has nothing but the words: else it knows which receptacles they may mean, and
+    /// the caption of the object.
+    pub by_words: bool,
 }
 
 impl GoalHint {
@@ -78,9 +81,38 @@ impl GoalHint {
                     vague: purpose.is_some(),
                 },
                 category: purpose.unwrap_or_else(|| object.category.clone()),
+                by_words: false,
             }
         };
         moved.iter().map(hint).collect()
+    }
+
+    /// The same for one who has nothing but the words of the instruction: any furniture of the kind
+    /// that they name may be meant, and any object of the kind that they describe.
+    pub fn of_words(task: &Task, scene: &Scene) -> Vec<GoalHint> {
+        let of_kind = |named: &[ReceptacleId]| {
+            let is_kind = |category: &str| {
+                let mut named = named.iter().filter_map(|id| scene.receptacle(id));
+                named.any(|known| known.category == category)
+            };
+            let alike = scene
+                .receptacles
+                .iter()
+                .filter(|receptacle| is_kind(&receptacle.category))
+                .map(|receptacle| &receptacle.id);
+            let all: BTreeSet<ReceptacleId> = named.iter().chain(alike).cloned().collect();
+            all.into_iter().collect::<Vec<_>>()
+        };
+        let widened = |hint: GoalHint| GoalHint {
+            goal: DeliveryGoal {
+                sources: of_kind(&hint.goal.sources),
+                destinations: of_kind(&hint.goal.destinations),
+                ..hint.goal
+            },
+            by_words: true,
+            ..hint
+        };
+        Self::of_task(task).into_iter().map(widened).collect()
     }
 
     /// The same for one who knows which receptacles are meant.
@@ -100,6 +132,10 @@ impl GoalHint {
     /// Whether the instruction may mean a thing that looks like this.
     fn fits(&self, seen: &PerceivedItem, instruction: &str) -> bool {
         match self.goal.vague {
+            false if self.by_words => {
+                language::is_a(&seen.category, &self.category)
+                    && language::fits(instruction, &seen.described(), Some(&self.category))
+            }
             false => {
                 seen.category == self.category
                     && (self.caption.is_none() || seen.caption == self.caption)
@@ -440,7 +476,9 @@ fn names_it(reply: &str) -> bool {
 
 impl Policy for Planner {
     fn info(&self) -> PolicyInfo {
-        policy::info("planner", self.seed)
+        let by_words = self.hints.iter().any(|hint| hint.by_words);
+        let name = if by_words { "planner-words" } else { "planner" };
+        policy::info(name, self.seed)
     }
 
     fn needs_privileged(&self) -> bool {

@@ -103,6 +103,10 @@ pub const POLICIES: &[(&str, &str)] = &[
         "planner",
         "sees only what an agent sees: searches the candidates, remembers, asks when several fit",
     ),
+    (
+        "planner-words",
+        "the planner with nothing but the words: any furniture and object of the kind they name may be meant",
+    ),
     ("wrong-object", "the oracle, but it takes a similar object for the target"),
     ("wrong-receptacle", "the oracle, but it takes a similar receptacle for the destination"),
     ("no-ask", "the oracle, but it never asks and takes any object that fits the instruction"),
@@ -131,6 +135,7 @@ pub fn policy(
     Ok(match name {
         "oracle" => Box::new(Oracle::new(task.clone(), seed)),
         "planner" => Box::new(Planner::new(GoalHint::of_task(task), seed)),
+        "planner-words" => Box::new(Planner::new(GoalHint::of_words(task, scene), seed)),
         "wrong-object" => Box::new(faults::wrong_object(task, seed)),
         "wrong-receptacle" => Box::new(faults::wrong_receptacle(task, scene, seed)),
         "no-ask" => Box::new(faults::no_ask(task, seed)),

@@ -238,7 +238,7 @@ impl Analysis {
             1,
             &BlameOptions {
                 alternatives: true,
-                branches: None,
+                ..BlameOptions::default()
             },
             || (),
         );

@@ -504,7 +504,9 @@ fn an_unknown_name_lists_the_known_ones() {
         .unwrap()
         .to_string();
     assert!(
-        error.starts_with("no policy is called 'clever'; known are oracle, planner, wrong-object"),
+        error.starts_with(
+            "no policy is called 'clever'; known are oracle, planner, planner-words, wrong-object"
+        ),
         "{error}"
     );
 }

@@ -34,7 +34,7 @@ use reel_llm::client::Endpoint;
 ///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
 ///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel task real-bench
 ///
-/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door,
+/// Policies: oracle, planner, planner-words, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door,
 /// gibberish, explorer.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]

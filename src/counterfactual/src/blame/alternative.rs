@@ -11,16 +11,13 @@ use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{ToolCall, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
-use crate::blame::Decisive;
-
-/// Who may take over, the one that knows less first.
-const HEIRS: [&str; 2] = ["planner", "oracle"];
+use crate::blame::{CompetentAgent, Decisive};
 
 /// What would have been better.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Alternative {
-    /// The policy that takes over at the decisive step: `planner` knows what the agent knew,
-    /// `oracle` knows the truth.
+    /// The policy that takes over at the decisive step: the competent agent, which knows what the
+    /// agent knew, or `oracle`, which knows the truth.
     pub policy: String,
     /// Decisions of the whole episode then.
     pub length: u32,
@@ -40,9 +37,10 @@ pub fn alternative(
     trace: &Trace,
     decisive: &Decisive,
     record: Option<&Path>,
+    agent: CompetentAgent,
 ) -> Result<Result<Alternative, String>, BranchError> {
     let fork = fork(trace, decisive.step as usize, None)?;
-    let better = match better_future(&fork)? {
+    let better = match better_future(&fork, agent)? {
         Ok(better) => better,
         Err(why) => return Ok(Err(why)),
     };
@@ -68,12 +66,13 @@ pub(crate) struct SuccessfulFuture {
     pub calls: Vec<ToolCall>,
 }
 
-/// Lets each heir take over until one succeeds; else says how each failed.
+/// Lets the competent agent take over, then, where it fails, the oracle; else says how both failed.
 pub(crate) fn better_future(
     fork: &Fork<'_>,
+    agent: CompetentAgent,
 ) -> Result<Result<SuccessfulFuture, String>, BranchError> {
     let mut told = Vec::new();
-    for policy in HEIRS {
+    for policy in [agent.policy(), "oracle"] {
         let branch = Branch::policy(policy, fork.parent().header.seed);
         let (report, steps) = branch.play_for_steps(fork)?;
         if report.success {

@@ -7,13 +7,16 @@ use reel_replay::{Verdict, check_meshes};
 use reel_trace::{Trace, TraceFiles};
 use serde::{Deserialize, Serialize};
 
-use crate::blame::{Alternative, Blame, alternative, blame};
+use crate::blame::{Alternative, Blame, CompetentAgent, alternative, blame_against};
 
 /// A trace with what its measurement found.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct MeasuredTrace {
     /// Path of the trace that was measured.
     pub trace: PathBuf,
+    /// The competent agent that it was measured against.
+    #[serde(default)]
+    pub competent_agent: CompetentAgent,
     /// What the measurement found; its fields stand beside `trace` in JSON.
     #[serde(flatten)]
     pub blame: Blame,
@@ -26,6 +29,8 @@ pub struct MeasuredTrace {
 /// How traces are measured.
 #[derive(Clone, Debug, Default)]
 pub struct BlameOptions {
+    /// The competent agent that episodes are measured against, and that takes over.
+    pub competent_agent: CompetentAgent,
     /// Whether what would have been better is played.
     pub alternatives: bool,
     /// The folder for those branches, verified; none: they are played and thrown away.
@@ -64,14 +69,14 @@ pub fn blame_all(
 /// Refuses a trace whose meshes are not there: its costs would be those of other objects.
 pub fn measure(trace: &Trace, options: &BlameOptions) -> Result<MeasuredTrace, Verdict> {
     check_meshes(trace)?;
-    let blame = blame(trace);
+    let blame = blame_against(trace, options.competent_agent);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
         let path = options
             .branches
             .as_ref()
             .map(|folder| folder.join(branch_name(&trace.path, decisive.step)));
-        match alternative(trace, decisive, path.as_deref()) {
+        match alternative(trace, decisive, path.as_deref(), options.competent_agent) {
             Ok(Ok(alternative)) => found = Some(alternative),
             Ok(Err(why)) => reason = Some(why),
             Err(error) => reason = Some(error.to_string()),
@@ -79,6 +84,7 @@ pub fn measure(trace: &Trace, options: &BlameOptions) -> Result<MeasuredTrace, V
     }
     Ok(MeasuredTrace {
         trace: trace.path.clone(),
+        competent_agent: options.competent_agent,
         blame,
         alternative: found,
         no_alternative: reason,

@@ -12,6 +12,34 @@ use reel_world::{
 };
 use serde::{Deserialize, Serialize};
 
+/// The competent agent that an episode is measured against: a built-in policy.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CompetentAgent {
+    /// Knows which receptacles the words may mean, and the caption of a precisely described object.
+    #[default]
+    Planner,
+    /// Knows the words: any furniture and any object of the kind that they name may be meant.
+    PlannerWords,
+}
+
+impl CompetentAgent {
+    /// Name of the policy that plays it.
+    pub fn policy(self) -> &'static str {
+        match self {
+            Self::Planner => "planner",
+            Self::PlannerWords => "planner-words",
+        }
+    }
+
+    fn hints(self, trace: &Trace) -> Vec<GoalHint> {
+        match self {
+            Self::Planner => GoalHint::of_task(&trace.task),
+            Self::PlannerWords => GoalHint::of_words(&trace.task, &trace.scene),
+        }
+    }
+}
+
 /// A moment of an episode: before a call, or after the last.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct DecisionPoint {
@@ -85,8 +113,8 @@ pub(crate) fn outcome(trace: &Trace) -> Option<bool> {
 }
 
 /// Every moment of an episode, one more than it has steps.
-pub(crate) fn decision_points(trace: &Trace) -> Vec<DecisionPoint> {
-    let hints = GoalHint::of_task(&trace.task);
+pub(crate) fn decision_points(trace: &Trace, agent: CompetentAgent) -> Vec<DecisionPoint> {
+    let hints = agent.hints(trace);
     let mut knowing = Planner::new(hints.iter().map(GoalHint::in_hindsight).collect(), 0);
     let mut planner = Planner::new(hints, 0);
     let mut truth = Truth::new(trace);

@@ -16,8 +16,8 @@ mod report;
 
 pub use alternative::{Alternative, alternative};
 pub use batch::{BlameOptions, MeasuredTrace, blame_all, measure};
-pub use cost::StepCost;
+pub use cost::{CompetentAgent, StepCost};
 pub use decide::Harm;
 pub use preferred::{Preferred, preferred};
 pub use repair::{Edit, Repair, repair};
-pub use report::{Blame, Cause, Decisive, Shares, blame};
+pub use report::{Blame, Cause, Decisive, Shares, blame, blame_against};

@@ -15,7 +15,7 @@ use reel_world::{Tool, ToolCall};
 use serde::Serialize;
 
 use crate::blame::{
-    Decisive,
+    CompetentAgent, Decisive,
     alternative::{better_future, recorded},
 };
 
@@ -98,7 +98,7 @@ pub fn repair(
     let script = match search.one_edit(trace, decisive, &parent)? {
         Some(script) => script,
         None => {
-            let better = match better_future(&moment)? {
+            let better = match better_future(&moment, CompetentAgent::default())? {
                 Ok(better) => better,
                 Err(why) => return Ok(Err(why)),
             };

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::blame::{
     StepCost,
-    cost::{self, DecisionPoint},
+    cost::{self, CompetentAgent, DecisionPoint},
     decide::{self, Harm},
     explanation::explanation,
 };
@@ -123,9 +123,14 @@ pub struct Blame {
     pub costs: Vec<StepCost>,
 }
 
-/// Measures an episode; nothing is executed.
+/// Measures an episode against the policy `planner`; nothing is executed.
 pub fn blame(trace: &Trace) -> Blame {
-    let moments = cost::decision_points(trace);
+    blame_against(trace, CompetentAgent::default())
+}
+
+/// Measures an episode against a competent agent; nothing is executed.
+pub fn blame_against(trace: &Trace, agent: CompetentAgent) -> Blame {
+    let moments = cost::decision_points(trace, agent);
     let costs = cost::step_costs(&moments);
     let success = cost::outcome(trace);
     let decided = if success == Some(false) {

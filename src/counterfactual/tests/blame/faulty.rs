@@ -2,7 +2,7 @@
 //! comes of the advice.
 
 use reel_agents::{FaultKind, Injection, Label, RecordTo, SampleOptions, sample};
-use reel_counterfactual::blame::{Edit, Harm, alternative, blame, repair};
+use reel_counterfactual::blame::{CompetentAgent, Edit, Harm, alternative, blame, repair};
 use reel_counterfactual::branch::{Branch, Continuation};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Family, ToolCall};
@@ -72,8 +72,13 @@ fn the_decisive_step_is_where_the_fault_began_and_the_advice_succeeds() {
                 told(&trace, &found)
             ));
         }
-        let better =
-            alternative(&trace, &decisive, Some(&stage.folder().join("better.mcap"))).unwrap();
+        let better = alternative(
+            &trace,
+            &decisive,
+            Some(&stage.folder().join("better.mcap")),
+            CompetentAgent::default(),
+        )
+        .unwrap();
         let better = better.unwrap_or_else(|why| panic!("{why}\n{}", told(&trace, &blame(&trace))));
         assert!(better.verified);
     }

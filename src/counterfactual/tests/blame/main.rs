@@ -5,7 +5,7 @@ mod faulty;
 mod real_bench;
 mod stage;
 
-use reel_counterfactual::blame::blame;
+use reel_counterfactual::blame::{CompetentAgent, blame, blame_against};
 use reel_vectors::episodes;
 
 use crate::stage::{Stage, told};
@@ -32,6 +32,40 @@ fn the_planner_regrets_nothing() {
         bad.len(),
         stage.tasks.len(),
         bad.join("\n")
+    );
+}
+
+/// Its own play costs an agent nothing, and one who has nothing but the words measures other costs:
+/// it may take for meant what they only fit.
+#[test]
+fn who_has_nothing_but_the_words_measures_otherwise_and_regrets_nothing() {
+    let stage = Stage::new(24, 11);
+    let (mut others, mut succeeded, mut regretted) = (0, 0, Vec::new());
+    for task in &stage.tasks {
+        let trace = stage.play(task, "planner-words");
+        let [told_more, by_words] = [CompetentAgent::Planner, CompetentAgent::PlannerWords]
+            .map(|agent| blame_against(&trace, agent));
+        if by_words.wasted_steps > 0 {
+            regretted.push(format!("{}\n{}", task.task_id, told(&trace, &by_words)));
+        }
+        succeeded += usize::from(by_words.success == Some(true));
+        let costs = by_words.costs.iter().zip(&told_more.costs);
+        others += costs
+            .filter(|(one, other)| one.before != other.before)
+            .count();
+    }
+    println!(
+        "{succeeded} of {} succeed, {others} costs differ",
+        stage.tasks.len()
+    );
+    assert!(others > 0, "the words say as much as the task");
+    assert!(succeeded * 2 > stage.tasks.len(), "{succeeded}");
+    assert!(
+        regretted.is_empty(),
+        "{} of {}:\n{}",
+        regretted.len(),
+        stage.tasks.len(),
+        regretted.join("\n")
     );
 }
 

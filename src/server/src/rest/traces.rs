@@ -481,7 +481,7 @@ pub(super) async fn blame(
         let path = app.archive.existing(&name)?;
         let options = BlameOptions {
             alternatives: asked.alternative,
-            branches: None,
+            ..BlameOptions::default()
         };
         let measured =
             reel_counterfactual::blame::blame_all(app.archive.files(), &[path], 1, &options, || ())

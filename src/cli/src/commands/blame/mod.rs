@@ -6,12 +6,30 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use reel_counterfactual::blame::{Blame, BlameOptions, Cause, MeasuredTrace, blame_all};
+use reel_counterfactual::blame::{
+    Blame, BlameOptions, Cause, CompetentAgent, MeasuredTrace, blame_all,
+};
 #[cfg(feature = "analytics")]
 use reel_tables::{BlameRow, Store};
 use reel_trace::Trace;
 
 use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
+
+/// The agents that episodes can be measured against.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
+enum Competent {
+    Planner,
+    PlannerWords,
+}
+
+impl From<Competent> for CompetentAgent {
+    fn from(agent: Competent) -> Self {
+        match agent {
+            Competent::Planner => Self::Planner,
+            Competent::PlannerWords => Self::PlannerWords,
+        }
+    }
+}
 
 /// What stands for paths.
 #[cfg(feature = "analytics")]
@@ -29,6 +47,7 @@ const STORE: [&str; 0] = [];
 ///   reel blame trace.mcap                        # the decisive step, why, and what would have been better
 ///   reel blame trace.mcap --steps                # what every step cost
 ///   reel blame traces-out --branches better      # of every failed one a branch that succeeds, replayed
+///   reel blame traces-out --competent-agent planner-words   # measured against one with nothing but the words
 ///   reel blame traces-out --json | jq -r '.decisive.cause'
 ///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
 ///   reel blame faulty --labels                   # how often it is right, on what `reel agent faults run` wrote
@@ -47,6 +66,11 @@ pub struct Arguments {
     assets: inputs::Assets,
     #[command(flatten)]
     in_cluster: ClusterArguments,
+    /// Competent agent to measure against, a built-in policy. `planner` knows which receptacles the
+    /// words may mean and the caption of the object; `planner-words` knows nothing but the words
+    /// and may take for meant what they only fit
+    #[arg(long, value_name = "POLICY", value_enum, default_value_t = Competent::Planner)]
+    competent_agent: Competent,
     /// Print the cost of every step
     #[arg(long)]
     steps: bool,
@@ -59,7 +83,7 @@ pub struct Arguments {
     /// Measure every failed episode of this store, and keep the results in its table `blame`; check
     /// the claims of its Histories, too (table `contradictions`)
     #[cfg(feature = "analytics")]
-    #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels"])]
+    #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels", "competent_agent"])]
     store: Option<String>,
     /// Compare with the labels of injected faults that lie beside the traces
     #[arg(long)]
@@ -93,6 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let bar = progress::bar(paths.len(), "blame");
     let options = BlameOptions {
+        competent_agent: arguments.competent_agent.into(),
         alternatives: !arguments.no_alternatives,
         branches: arguments.branches.clone(),
     };
@@ -166,8 +191,12 @@ struct ExecutorReply {
 
 /// What an executor is asked: whether alternatives are played, and whether
 /// their branches are wanted.
-fn asked(options: &BlameOptions) -> (bool, bool) {
-    (options.alternatives, options.branches.is_some())
+fn asked(options: &BlameOptions) -> (CompetentAgent, bool, bool) {
+    (
+        options.competent_agent,
+        options.alternatives,
+        options.branches.is_some(),
+    )
 }
 
 /// What an executor said, with trace and branch where they are here.
@@ -201,12 +230,13 @@ fn received(
 pub fn work(files: reel_trace::TraceFiles) -> reel_cluster::TraceJob {
     crate::cluster_arguments::work(
         "blame",
-        move |traces, (alternatives, branches): (bool, bool)| {
+        move |traces, (competent_agent, alternatives, branches): (CompetentAgent, bool, bool)| {
             let folder = branches
                 .then(tempfile::tempdir)
                 .transpose()
                 .map_err(|error| error.to_string())?;
             let options = BlameOptions {
+                competent_agent,
                 alternatives,
                 branches: folder.as_ref().map(|folder| folder.path().to_owned()),
             };
@@ -269,6 +299,7 @@ pub fn measure_and_print(store: &str, jobs: Option<usize>) -> anyhow::Result<()>
         jobs,
         steps: false,
         branches: None,
+        competent_agent: Competent::Planner,
         no_alternatives: false,
         labels: false,
         json: false,
@@ -288,8 +319,12 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
         Some(false) => "failed",
         None => "broken off",
     };
+    let against = match measured.competent_agent {
+        CompetentAgent::Planner => "",
+        CompetentAgent::PlannerWords => " against planner-words",
+    };
     println!(
-        "{}: {how} after {} calls, {} decisions lost",
+        "{}: {how} after {} calls, {} decisions lost{against}",
         measured.trace.display(),
         trace.steps.len(),
         blame.wasted_steps
@@ -309,7 +344,9 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
     match (alternative, no_alternative) {
         (Some(found), _) => {
             let who = match found.policy.as_str() {
-                "planner" => "a competent agent goes on and succeeds",
+                agent if agent == measured.competent_agent.policy() => {
+                    "a competent agent goes on and succeeds"
+                }
                 _ => "only the oracle, which knows the truth, goes on and succeeds",
             };
             println!(

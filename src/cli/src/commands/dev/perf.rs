@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Context, anyhow};
 use reel_agents::{EpisodeJob, RecordTo, builtin, run_all};
-use reel_counterfactual::blame::{alternative, blame};
+use reel_counterfactual::blame::{CompetentAgent, alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
@@ -312,8 +312,12 @@ fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Res
         };
         let better = path.with_extension("better.mcap");
         let records = seconds(&mut || Ok(_ = std::hint::black_box(blame(&trace))))?;
-        let played = seconds(&mut || Ok(_ = alternative(&trace, &decisive, None)?))?;
-        let replayed = seconds(&mut || Ok(_ = alternative(&trace, &decisive, Some(&better))?))?;
+        let played = seconds(&mut || {
+            Ok(_ = alternative(&trace, &decisive, None, CompetentAgent::default())?)
+        })?;
+        let replayed = seconds(&mut || {
+            Ok(_ = alternative(&trace, &decisive, Some(&better), CompetentAgent::default())?)
+        })?;
         for (ratios, cost) in ratios
             .iter_mut()
             .zip([records, records + played, records + replayed])
