@@ -28,7 +28,7 @@ pub enum DataError {
     #[error("neither Parquet nor JSON lines; convert it, or leave it out: {}", path.display())]
     UnknownFormat { path: PathBuf },
     /// Files without any row or column.
-    #[error("the files hold no rows: {}", path.display())]
+    #[error("the files hold no rows, or rows without a column: {}", path.display())]
     Empty { path: PathBuf },
     /// A row of a JSON file that cannot be read.
     #[error("{message}; correct or delete the row: {}:{line}:{column}", path.display())]

@@ -4,7 +4,7 @@
 //! a text beside a list into a list, and names no line. This pass reads every row once, stops at
 //! the first that is broken, and keeps what Polars would hide.
 
-use std::fmt;
+use std::{collections::HashSet, fmt};
 
 use indexmap::IndexMap;
 use polars::prelude::{DataType, Field, PlSmallStr};
@@ -260,12 +260,12 @@ impl<'de> Visitor<'de> for Seed<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
         self.shape.see(Kind::Object, self.line);
         let mut ignored = Shape::default();
+        let mut seen = SeenKeys::default();
         while let Some(key) = entries.next_key::<std::borrow::Cow<'de, str>>()? {
-            let known = self.shape.fields.len();
-            let field = match self.shape.fields.get_mut(&*key) {
-                Some(field) => field,
-                None if known <= RECORD_KEYS_MAX => {
-                    self.shape.fields.entry(key.into_owned()).or_default()
+            let field = match field(&mut self.shape.fields, key, RECORD_KEYS_MAX + 1) {
+                Some((index, key, field)) => {
+                    seen.note(index, key)?;
+                    field
                 }
                 // Not a record any more: what the other keys hold does not matter.
                 None => &mut ignored,
@@ -276,6 +276,38 @@ impl<'de> Visitor<'de> for Seed<'_> {
             })?;
         }
         Ok(())
+    }
+}
+
+/// The field of a key, made where there are fewer than so many; with its index and its name.
+fn field<'a>(
+    fields: &'a mut IndexMap<String, Shape>,
+    key: std::borrow::Cow<'_, str>,
+    fields_max: usize,
+) -> Option<(usize, &'a str, &'a mut Shape)> {
+    let index = match fields.get_index_of(&*key) {
+        Some(index) => index,
+        None if fields.len() < fields_max => {
+            fields.insert_full(key.into_owned(), Shape::default()).0
+        }
+        None => return None,
+    };
+    let (name, field) = fields.get_index_mut(index)?;
+    Some((index, name, field))
+}
+
+/// The keys that an object had so far. Readers of JSON keep one of two equal keys, and not all the
+/// same one.
+#[derive(Default)]
+struct SeenKeys(HashSet<usize>);
+
+impl SeenKeys {
+    fn note<E: serde::de::Error>(&mut self, index: usize, key: &str) -> Result<(), E> {
+        if self.0.insert(index) {
+            return Ok(());
+        }
+        let shown: String = key.chars().take(60).collect();
+        Err(E::custom(format!("the key {shown:?} is there twice")))
     }
 }
 
@@ -306,19 +338,15 @@ impl<'de> Visitor<'de> for Row<'_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
         self.columns.see(Kind::Object, self.line);
+        let mut seen = SeenKeys::default();
         while let Some(key) = entries.next_key::<std::borrow::Cow<'de, str>>()? {
-            let known = self.columns.fields.len();
-            let field = match self.columns.fields.get_mut(&*key) {
-                Some(field) => field,
-                None if known < COLUMNS_MAX => {
-                    self.columns.fields.entry(key.into_owned()).or_default()
-                }
-                None => {
-                    return Err(A::Error::custom(format!(
-                        "more than {COLUMNS_MAX} keys in the rows so far: the keys are data"
-                    )));
-                }
+            let Some((index, key, field)) = field(&mut self.columns.fields, key, COLUMNS_MAX)
+            else {
+                return Err(A::Error::custom(format!(
+                    "more than {COLUMNS_MAX} keys in the rows so far: the keys are data"
+                )));
             };
+            seen.note(index, key)?;
             entries.next_value_seed(Seed {
                 shape: field,
                 line: self.line,

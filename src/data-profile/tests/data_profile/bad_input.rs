@@ -57,6 +57,31 @@ fn files_that_are_no_sets_are_told_as_such() {
     assert!(message(text(root, "a.txt", "words")).starts_with("neither Parquet nor JSON"));
     assert!(message(text(root, "empty.jsonl", "")).starts_with("the files hold no rows"));
     assert!(message(text(root, "blank.jsonl", "\n \n")).starts_with("the files hold no rows"));
+    let bare = message(text(root, "bare.jsonl", "{}\n{}\n"));
+    assert!(
+        bare.starts_with("the files hold no rows, or rows without a column"),
+        "{bare}"
+    );
+    let twice = message(text(
+        root,
+        "twice.jsonl",
+        "{\"b\": 1, \"a\": 1}\n{\"a\": 1, \"b\": 2, \"a\": 3}\n",
+    ));
+    assert!(twice.contains("the key \"a\" is there twice"), "{twice}");
+    assert!(twice.contains("twice.jsonl:2:"), "{twice}");
+    let within = message(text(
+        root,
+        "within.jsonl",
+        "{\"a\": {\"b\": 1, \"b\": 2}}\n",
+    ));
+    assert!(within.contains("the key \"b\" is there twice"), "{within}");
+    // a row that ends too early is named by its own line
+    let torn = message(text(
+        root,
+        "torn.jsonl",
+        "{\"a\": 1}\n{\"a\": 2\n{\"a\": 3}\n",
+    ));
+    assert!(torn.contains("torn.jsonl:2:8"), "{torn}");
     assert!(message(text(root, "empty.parquet", "")).starts_with("not a whole Parquet file"));
     assert!(message(text(root, "bad.parquet", "PAR1PAR1")).starts_with("not a whole Parquet file"));
     assert!(message(root.join("a[")).starts_with("invalid pattern"));

@@ -43,7 +43,13 @@ impl JsonText {
         } else {
             ""
         };
-        broken(error, (self.line, self.column), torn, expected)
+        let mut found = broken(error, (self.line, self.column), torn, expected);
+        // the parser takes the line break after a row for the beginning of another line
+        if self.lines && found.line != self.line {
+            let row = self.text.as_deref().unwrap_or_default().trim_ascii_end();
+            (found.line, found.column) = (self.line, self.column + row.len());
+        }
+        found
     }
 }
 
