@@ -12,13 +12,12 @@ Images are NumPy arrays of 480 x 640 x 3 (uint8, RGB), depth is in millimetres, 
 metres in the scene's frame (z up), angles in radians.
 """
 
+from ._arguments import ArgumentError
 from ._command import command, command_json
+from ._counterfactual import Comparison, Explanation, Fork
 from ._display import Sankey, sankey
 from ._episode import (
-    Comparison,
     Episode,
-    Explanation,
-    Fork,
     RenderedFrame,
     Step,
     Steps,
@@ -29,7 +28,7 @@ from ._episode import (
 )
 from ._play import Episodes, Policy, Tasks, run, tools
 from ._record import Recorder, record
-from ._reel import SIM_VERSION, DivergenceError, Observation, ReelError, StepResult, __version__
+from ._reel import SIM_VERSION, DivergenceError, Observation, PolicyError, ReelError, StepResult, __version__
 from ._simulation import Action, Simulation
 from ._store import Store, Table, export_rl, export_sft
 from .polars import scan_traces
@@ -37,6 +36,7 @@ from .polars import scan_traces
 __all__ = [
     "SIM_VERSION",
     "Action",
+    "ArgumentError",
     "Comparison",
     "DivergenceError",
     "Episode",
@@ -45,6 +45,7 @@ __all__ = [
     "Fork",
     "Observation",
     "Policy",
+    "PolicyError",
     "Recorder",
     "ReelError",
     "RenderedFrame",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _reel
+from ._arguments import ArgumentError, call_index, threads, whole
+from ._counterfactual import Comparison, Explanation, Fork
 from ._reel import ReelError
-from ._simulation import Action, Call, Simulation, as_call, recording
+from ._simulation import Action, Call, as_call
 from ._types import Image, Layer, PathLike, Record
 
 if TYPE_CHECKING:
@@ -86,6 +88,20 @@ class RenderedFrame:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self.rgb, dtype=dtype)
+
+
+def calls_of(calls: Iterable[Action]) -> list[Call]:
+    """The calls of a list. One call alone is refused: its letters or keys would be taken for calls."""
+    match calls:
+        case str() | Mapping():
+            alone = True
+        case (str(), dict() as arguments):
+            alone = not {"name", "tool_name"} & set(arguments)
+        case _:
+            alone = False
+    if alone:
+        raise ReelError(f"calls is one call alone, not a list of calls; put it in a list: [{calls!r:.200}]")
+    return [as_call(action) for action in calls]
 
 
 class Step:
@@ -331,13 +347,14 @@ class Episode:
         return Verdict._of(self._trace.replay())
 
     def at(self, call: int) -> Fork:
-        """The state before a call (from 0): any number of other futures start there.
+        """The state before a call (from 0; negative ones count from the end): any number of other
+        futures start there.
 
         Raises:
+            ArgumentError: the episode has no such call.
             DivergenceError: the episode does not replay up to there.
         """
-        count = len(self._trace)
-        return Fork(self, self._trace.fork(call + count if call < 0 else call, snapshot_cache()))
+        return Fork(self, self._trace.fork(call_index(call, len(self)), snapshot_cache()))
 
     def branch(
         self,
@@ -354,8 +371,8 @@ class Episode:
 
         Args:
             call: the first call that is replaced (from 0; negative ones count from the end).
-            calls: what is called instead: `("pick", {"marker_id": 2})`, or dictionaries with
-                `name` and `arguments`.
+            calls: what is called instead, a list also of one call: `[("pick", {"marker_id": 2})]`.
+                A call is a tuple, a dictionary with `name` and `arguments`, or JSON text.
             policy: who goes on after them: a built-in policy by name, or a function (`reel.run`).
             then: instead of a policy `"parent"` (this episode's calls after those that were
                 replaced) or `"parent:J"` (from its call J on).
@@ -365,10 +382,15 @@ class Episode:
 
         Returns:
             The branch, a trace like any other; its header names the parent.
+
+        Raises:
+            ArgumentError: the episode has no such call, or `seed` is out of range.
+            PolicyError: the function raised an exception. The branch up to there is recorded, with
+                the end `aborted`.
         """
-        count = len(self._trace)
-        at = call + count if call < 0 else call
-        made = [as_call(action) for action in calls]
+        at = call_index(call, len(self))
+        seed = None if seed is None else whole("seed", seed)
+        made = calls_of(calls)
         path = Path(out) if out is not None else scratch_path(f"{self.path.stem}--at-{at}.mcap")
         if callable(policy):
             fork = self.at(at)
@@ -423,9 +445,9 @@ class Episode:
         count = len(self._trace)
         if call is None:
             return None
-        at = call + count if call < 0 else call
-        if not 0 <= at < count:
-            raise ReelError(f"unknown call {call}: the episode has {count} calls, from 0")
+        at = call_index(call, count)
+        if at == count:
+            raise ArgumentError(f"unknown call {call}: the episode has {count} calls, from 0")
         return at
 
     def __len__(self) -> int:
@@ -453,125 +475,6 @@ class Episode:
         return episode_html(self)
 
 
-class Fork:
-    """The state of a recorded episode before one of its calls."""
-
-    def __init__(self, episode: Episode, point: _reel.ForkPoint) -> None:
-        self.episode = episode
-        self._point = point
-
-    @property
-    def call(self) -> int:
-        """The first call that may differ."""
-        return self._point.calls
-
-    def play(
-        self,
-        *,
-        policy: str = "python",
-        record: PathLike | None = None,
-        images: bool = True,
-        group: tuple[str, int] | None = None,
-    ) -> Simulation:
-        """An episode that went as the recorded one up to here, to go on with.
-
-        Args:
-            policy: name of who decides from now on, for the trace.
-            record: the trace to write; None: it is not recorded.
-            images: whether images are rendered (and recorded). Without them it takes a third of the
-                time; everything else is the same.
-            group: prompt group and index in it, for the trace.
-        """
-        to = None if record is None else recording(record, images)
-        return Simulation(
-            self._point.open(policy=policy, group=group, images=images, record=to), record
-        )
-
-    def __repr__(self) -> str:
-        return f"<Fork before call {self.call} of {self.episode.path.name}>"
-
-
-class Explanation:
-    """Why an episode failed: its decisive step, and a future that was better."""
-
-    def __init__(self, episode: Episode, record: Record) -> None:
-        self.episode = episode
-        self.record = record
-
-    @property
-    def _decisive(self) -> Record:
-        return self.record.get("decisive") or {}
-
-    @property
-    def decisive(self) -> Step | None:
-        """The decision after which a competent agent would no longer have succeeded as cheaply; None
-        if no single one decided."""
-        found = self._decisive
-        return self.episode.steps[int(found["step"])] if found else None
-
-    @property
-    def cause(self) -> str | None:
-        """The class of the mistake."""
-        return self._decisive.get("cause")
-
-    @property
-    def why(self) -> str | None:
-        """The explanation in words."""
-        return self._decisive.get("explanation")
-
-    @property
-    def advised_call(self) -> Call | None:
-        """The call that would have been better: tool and arguments, as `Episode.branch` and
-        `Simulation.step` take them; None if there is none."""
-        advised = self._decisive.get("advised_call")
-        return as_call(advised) if advised else None
-
-    @property
-    def better(self) -> Episode | None:
-        """The future that was played instead, if one was found and kept."""
-        found: Record = self.record.get("alternative") or {}
-        return open(found["trace"]) if found.get("trace") else None
-
-    def __repr__(self) -> str:
-        if self.decisive is None:
-            return f"<Explanation of {self.episode.path.name}: no decisive step>"
-        return f"<Explanation: call {self.decisive.index} {self.decisive.call}: {self.why}>"
-
-    def _repr_html_(self) -> str:
-        from ._display import explanation_html
-
-        return explanation_html(self)
-
-
-class Comparison:
-    """Two episodes of one task, call by call."""
-
-    def __init__(self, a: Episode, b: Episode, record: Record) -> None:
-        self.a = a
-        self.b = b
-        self.record = record
-
-    @property
-    def calls(self) -> list[Record]:
-        """Pairs of calls from the first difference on: `a`, `b`, `same_call`, `same_outcome`."""
-        return self.record["rows"]
-
-    @property
-    def first_difference(self) -> int | None:
-        """Index of the first call that differs, in itself or in what came of it."""
-        return self.record["same_calls"] if self.calls else None
-
-    def __repr__(self) -> str:
-        first = self.first_difference
-        where = "no call differs" if first is None else f"the first difference is at call {first}"
-        return f"<Comparison of {self.a.path.name} and {self.b.path.name}: {where}>"
-
-    def _repr_html_(self) -> str:
-        from ._display import comparison_html
-
-        return comparison_html(self)
-
-
 def open(path: PathLike, *, assets: PathLike | None = None) -> Episode:
     """Reads a trace, verifies it, and returns its episode.
 
@@ -582,6 +485,12 @@ def open(path: PathLike, *, assets: PathLike | None = None) -> Episode:
     Raises:
         ReelError: the file is torn, damaged or no trace; the text says where and what to do.
     """
+    if os.path.isdir(path):
+        raise ReelError(
+            f"{os.fspath(path)} is a folder, and open reads one trace: open a .mcap file in it "
+            "(reel.trace_paths finds them), or read all of them as tables with reel.scan_traces or "
+            "reel.Store.ingest"
+        )
     return Episode(_reel.Trace.read(path, assets))
 
 
@@ -602,21 +511,32 @@ def replay(
 
     Returns:
         The verdicts, in the order of `trace_paths(paths)`.
+
+    Raises:
+        ReelError: there is no trace among the paths.
+        ArgumentError: `jobs` is less than 1.
     """
     from ._progress import bar
 
+    workers = threads(jobs)
     found = trace_paths(paths)
     with bar(len(found), "replay", progress) as tell:
-        verdicts = _reel.replay_all(found, jobs or os.cpu_count() or 1, assets, tell)
+        verdicts = _reel.replay_all(found, workers, assets, tell)
     return [Verdict._of(verdict) for verdict in verdicts]
 
 
 def trace_paths(paths: PathLike | Iterable[PathLike]) -> list[Path]:
     """The trace files among paths: files as given, and all below folders and by glob patterns,
-    sorted."""
+    sorted.
+
+    Raises:
+        ReelError: there are none.
+    """
     import glob
 
     given = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
+    if not given:
+        raise ReelError("no paths are given: the list is empty; name .mcap files, folders of them, or a pattern")
     named: list[PathLike] = []
     for path in given:
         text = os.fspath(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast, overload
 
 from . import _reel
+from ._arguments import place_in_group, threads, whole
 from ._command import command
 from ._episode import Episode, open
 from ._progress import bar
@@ -43,7 +43,11 @@ def as_function(policy: Policy) -> Callable[[Observation], tuple[str, Mapping[st
 
 
 class Tasks(Sequence[Record]):
-    """Tasks of files, each with the scene it plays in."""
+    """Tasks of files, each with the scene it plays in.
+
+    Pickle keeps the tasks and scenes themselves, not the paths of their files; meshes are read again
+    from their folder, and other ones than before are refused.
+    """
 
     def __init__(self, native: _reel.TaskSet) -> None:
         self._native = native
@@ -74,7 +78,7 @@ class Tasks(Sequence[Record]):
 
         Options are those of `reel task generate`, e.g. `scene=["S1", "S2"]`.
         """
-        command("task", "generate", count=count, out=out, seed=seed, **options)
+        command("task", "generate", count=whole("count", count, 1), out=out, seed=whole("seed", seed), **options)
         return cls.load(out)
 
     @property
@@ -93,7 +97,7 @@ class Tasks(Sequence[Record]):
 
     def scene(self, index: int) -> Record:
         """The scene of a task: rooms, furniture, receptacles, in metres."""
-        return self._native.scene(index)
+        return self._native.scene(self._at(index))
 
     def start(
         self,
@@ -121,13 +125,23 @@ class Tasks(Sequence[Record]):
                 time; everything else is the same.
             record: the trace to write; None: it is not recorded.
             group: prompt group and index in it, for the trace.
+
+        Raises:
+            ArgumentError: `seed` or the index in the group is out of range.
+            ReelError: there is no such task, profile, preset or skills, or the trace cannot be written.
         """
-        index = self.index(task) if isinstance(task, str) else task
+        index = self._at(self.index(task) if isinstance(task, str) else task)
         to = None if record is None else recording(record, images)
         started = _reel.Simulation.start(
-            self._native, index, seed, profile, preset, skills, policy, None, group, images, to
+            self._native, index, whole("seed", seed), profile, preset, skills, policy, None, place_in_group(group), images, to
         )
         return Simulation(started, record)
+
+    def _at(self, index: int) -> int:
+        """An index that a task has."""
+        if not -len(self) <= index < len(self):
+            raise ReelError(f"no task {index}: there are {len(self)}, from 0")
+        return index
 
     def __len__(self) -> int:
         return len(self._native)
@@ -158,6 +172,7 @@ def run(
     preset: str = "paper",
     skills: str = "perfect",
     images: bool = True,
+    replace: bool = True,
     jobs: int | None = None,
     progress: bool | None = None,
 ) -> Episodes:
@@ -174,19 +189,24 @@ def run(
         preset: reward preset of the steps.
         skills: `perfect`, or `real-v1`: picks, places and doors fail as on the paper's robot.
         images: whether the traces hold images; replay renders them again.
+        replace: whether traces of the same policy name, task and seed in `out` are replaced, as `reel
+            run` does. False: nothing is played if there is one.
         jobs: episodes at a time; None: one for each core. Python policies share one interpreter.
         progress: whether a bar is shown; None: in terminals and notebooks.
 
     Returns:
-        The episodes with their reports, in the order of the tasks. Traces of the same policy, task
-        and seed in the folder are replaced.
+        The episodes with their reports, in the order of the tasks. What a killed run left of them
+        (`<trace>.part`) is removed, and they are played anew.
 
     Raises:
-        ReelError: no episode could be played. Where some could not, a warning says so.
+        ReelError: no episode could be played (where some could not, a warning says so), or there are
+            traces already and `replace` is False.
+        ArgumentError: `seed` or `jobs` is out of range.
+        PolicyError: a policy raised an exception, its `__cause__`; the text names the task and the
+            step. It ends its episode as aborted, and is raised when the others are done.
         KeyboardInterrupt: Ctrl-C; a Python policy is not asked again.
-        Exception: what a policy raised. It ends its episode as aborted, and is raised when the others
-            are done.
     """
+    workers, seed = threads(jobs), whole("seed", seed)
     loaded = tasks if isinstance(tasks, Tasks) else Tasks.load(tasks)
     called = policy if isinstance(policy, str) else name or getattr(policy, "__name__", type(policy).__name__)
     factory = None
@@ -198,17 +218,19 @@ def run(
     recordings: list[_reel.Recording | None] = [None] * len(loaded)
     if out is not None:
         folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
         # the name of the policy as the name of a file
         file_name = re.sub(r"[^\w.-]", "_", called)
-        recordings = [
-            recording(folder / f"{re.sub(SEPARATORS, '_', id)}--{file_name}--{seed}.mcap", images)
-            for id in loaded.ids
-        ]
+        paths = [folder / f"{re.sub(SEPARATORS, '_', id)}--{file_name}--{seed}.mcap" for id in loaded.ids]
+        there = [] if replace else [path for path in paths if path.exists()]
+        if there:
+            raise ReelError(
+                f"{len(there)} of {len(paths)} traces are there already, and replace=False keeps them; give another "
+                f"out, name or seed, or replace=True: {there[0]}"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        recordings = [recording(path, images) for path in paths]
     with bar(len(loaded), called, progress) as tell:
-        reports = _reel.run(
-            native, called, factory, recordings, seed, profile, preset, skills, jobs or os.cpu_count() or 1, tell
-        )
+        reports = _reel.run(native, called, factory, recordings, seed, profile, preset, skills, workers, tell)
     played = Episodes(reports)
     if played.errors and len(played.errors) == len(played):
         raise ReelError(f"no episode was played: {played.errors[0]}")

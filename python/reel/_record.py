@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -71,6 +72,22 @@ class Recorder:
         self.close()
 
 
+def check_upstream(upstream: str | Sequence[str]) -> None:
+    """Refuses a server that cannot be started: the recorder starts it when an agent connects."""
+    if isinstance(upstream, str):
+        if any(letter.isspace() for letter in upstream):
+            raise ReelError(
+                f"a server's URL has no spaces: '{upstream}'; give a command line as a list: {shlex.split(upstream)}"
+            )
+    elif not upstream:
+        raise ReelError("the command line of the server is empty; give its program and its arguments")
+    elif shutil.which(upstream[0]) is None:
+        raise ReelError(
+            f"no such program: {upstream[0]} (of the server's command line `{shlex.join(upstream)}`); install it, or "
+            "give its path"
+        )
+
+
 def record(
     upstream: str | Sequence[str],
     out: PathLike = "traces-out",
@@ -91,7 +108,12 @@ def record(
 
     Returns:
         The running recorder: agents connect to its `url`.
+
+    Raises:
+        ReelError: the command of the server is missing, or the recorder cannot start. Nothing is written
+            then.
     """
+    check_upstream(upstream)
     words = [*program(), "record", "--out", os.fspath(out), "--listen", listen, *flags(options)]
     if isinstance(upstream, str):
         words += ["--upstream", upstream]

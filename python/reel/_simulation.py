@@ -70,7 +70,9 @@ class Simulation:
     """A running episode.
 
     `Tasks.start` starts one from a task, `Episode.at(call).play()` from a call of a recorded
-    episode. As a context manager it is closed at the end of the block.
+    episode. As a context manager it is closed at the end of the block, also where an exception leaves
+    it: the trace then ends as `aborted`. A recorded simulation that is never closed leaves
+    `<trace>.part`, from which `reel trace recover` makes a trace.
     """
 
     def __init__(self, native: _reel.Simulation, record: PathLike | None = None) -> None:
@@ -96,22 +98,37 @@ class Simulation:
         return self._native.step(*as_call(action), output)
 
     def follow(self, policy: Policy, calls_max: int | None = None) -> None:
-        """Lets a policy decide until the episode ends, or for so many calls."""
+        """Lets a policy decide until the episode ends, or for so many calls.
+
+        Raises:
+            PolicyError: the policy raised an exception, its `__cause__`. The episode still runs: another
+                policy may go on, and leaving the `with` block ends it as aborted.
+        """
         from ._play import as_function
 
-        decide = as_function(policy)
+        try:
+            decide = as_function(policy)
+        except Exception as error:
+            raise self._policy_error(error) from error
         left = calls_max
         while self.ended is None and (left is None or left > 0):
-            name, arguments, output = decide(self.observe())
+            observation = self.observe()
+            try:
+                name, arguments, output = decide(observation)
+            except Exception as error:
+                raise self._policy_error(error) from error
             self._native.step(name, arguments, output)
             left = None if left is None else left - 1
+
+    def _policy_error(self, raised: Exception) -> BaseException:
+        return _reel.policy_error(self.header["task_id"], self.calls, raised)
 
     def observe(self) -> Observation:
         """What the agent knows now: nothing privileged."""
         return self._native.observe()
 
     def render(self) -> RenderedFrame:
-        """What the robot's head sees now."""
+        """What the robot's head sees now, also if the simulation renders no images by itself."""
         from ._episode import RenderedFrame
 
         return RenderedFrame(*self._native.render())

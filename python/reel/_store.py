@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import _reel
+from ._arguments import whole
 from ._command import Argument, command_json
 from ._reel import ReelError, Stream
 from ._simulation import plain
@@ -40,6 +41,12 @@ class Table:
         return self._native.columns
 
     @property
+    def schema(self) -> dict[str, str]:
+        """The Arrow type of each column, as Arrow's Rust library writes it: `Int32`, `Utf8View` (text),
+        `List(...)`. `to_polars().schema` and `to_pyarrow().schema` have those of the libraries."""
+        return dict(self._native.schema())
+
+    @property
     def nbytes(self) -> int:
         """Bytes of the columns in memory."""
         return self._native.nbytes
@@ -52,8 +59,17 @@ class Table:
 
     def rows(self, start: int = 0, end: int | None = None) -> list[Record]:
         """Rows as dictionaries. Whole decimals (counts, seeds of 64 bits) are `int`, those with a
-        fraction `float`; times are text."""
-        return self._native.rows(start, len(self) if end is None else end)
+        fraction `float`; times are text.
+
+        Args:
+            start: the first row; negative ones count from the end, as in slices.
+            end: the row after the last one; None: the end.
+
+        Raises:
+            ReelError: two columns have one name.
+        """
+        first, last, _ = slice(start, end).indices(len(self))
+        return self._native.rows(first, last)
 
     def to_polars(self) -> polars.DataFrame:
         """As a Polars DataFrame."""
@@ -101,7 +117,7 @@ class Store:
     """
 
     def __init__(self, location: PathLike, version: int | None = None) -> None:
-        self._native = _reel.Store(os.fspath(location), version)
+        self._native = _reel.Store(os.fspath(location), None if version is None else whole("version", version))
 
     @classmethod
     def ingest(
@@ -172,8 +188,10 @@ class Store:
 
         Raises:
             ReelError: the question is wrong or exceeds a limit.
+            ArgumentError: `memory` is negative.
             KeyboardInterrupt: Ctrl-C stops the question, too.
         """
+        memory = whole("memory", memory)
         values = {name: parameter(name, value) for name, value in (parameters or {}).items()}
         if stream:
             return self._native.stream(query, values, memory, timeout)

@@ -41,5 +41,14 @@ def test_a_recorder_stands_between_agent_and_server(tasks: reel.Tasks, played: P
         with urllib.request.urlopen(request, timeout=30) as answer:
             assert b"serverInfo" in answer.read()
         assert recorder.episodes() == []
+    for message, server in [
+        (r"no such program: no-such-server \(of the server's command line `no-such-server --port 1`\)", ["no-such-server", "--port", "1"]),
+        (r"no such program: .*/server.py", [str(tmp_path / "server.py")]),
+        ("the command line of the server is empty", []),
+        (r"a server's URL has no spaces.*as a list: \['python', 'server.py'\]", "python server.py"),
+    ]:
+        with pytest.raises(reel.ReelError, match=message):
+            reel.record(server, tmp_path / "missing")
+        assert not (tmp_path / "missing").exists()
     with pytest.raises(reel.ReelError, match="proxy or robot"):
         reel.record("http://127.0.0.1:1/mcp", tmp_path / "x", backend="spaceship")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import pickle
 import subprocess
@@ -46,8 +47,11 @@ def test_samples_have_columns_digest_and_verdict(store: reel.Store, played: Path
         assert sample["digest"] == digests[sample["episode_id"]] and sample["verdict"] == "unverified"
     assert keys(dataset) == sorted(keys(dataset)), "without ORDER BY rows come by episode and step"
     assert dataset[-1] == dataset[count - 1] and dataset.__getitems__([1, -1]) == [dataset[1], dataset[-1]]
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match=f"no sample {count}: there are {count}, from 0"):
         dataset[count]
+    assert dataset[0:2] == [dataset[0], dataset[1]] and dataset[-1::-2][:1] == [dataset[-1]] and dataset[5:2] == []
+    with pytest.raises(TypeError):
+        dataset["tool"]  # type: ignore[call-overload]
 
 
 def test_values_are_those_of_the_trace(store: reel.Store, played: Path) -> None:
@@ -180,6 +184,10 @@ def test_queries_are_checked(store: reel.Store) -> None:
         store.dataset("SELECT episode_id, trace_digest AS digest FROM episodes")
     with pytest.raises(reel.ReelError, match="nonsense"):
         store.dataset("SELECT nonsense FROM steps")
+    with pytest.raises(reel.ReelError, match=r"2 columns `step`, and a sample holds one.*`a.step AS first_step"):
+        store.dataset("SELECT a.step, b.step FROM steps a JOIN steps b ON a.episode_id = b.episode_id")
+    with pytest.raises(ValueError, match="jobs=-1: give an integer from 1 on"):
+        store.dataset(STEPS).verify(jobs=-1)
     with pytest.raises(reel.ReelError, match="shuffle_window needs"):
         store.dataset("SELECT task_id FROM episodes").order(shuffle_seed=1, shuffle_window=2)
 
@@ -374,6 +382,35 @@ def test_batches_have_arrays_and_lists(store: reel.Store) -> None:
     assert batch["frame"].shape == (2, 480, 640, 3) and batch["reward"].shape == (2,)
     assert batch["text"] == [dataset[0]["text"], dataset[1]["text"]]
     assert data.collate([{"x": 1}, {"x": None}]) == {"x": [1, None]}
+
+
+@pytest.mark.parametrize(
+    ("values", "dtype"),
+    [
+        ([1, -(2**63)], np.int64),
+        ([1, 2**64 - 1], np.uint64),
+        ([1, 0.5], np.float64),
+        ([2**53, 0.5], np.float64),
+        ([True, False], np.bool_),
+        # no type holds all of these
+        ([-1, 2**64 - 1], None),
+        ([1, 2**64], None),
+        ([2**53 + 1, 0.5], None),
+    ],
+)
+def test_batches_keep_the_values_of_numbers(values: list[Any], dtype: Any) -> None:
+    batch = data.collate([{"x": value} for value in values])["x"]
+    if dtype is None:
+        assert batch == values
+    else:
+        assert np.asarray(batch).dtype == dtype and batch.tolist() == values
+
+
+def test_a_stream_has_the_arguments_of_its_class(store: reel.Store) -> None:
+    dataset = store.dataset(STEPS)
+    names = list(inspect.signature(IterableDataset).parameters)
+    assert names == ["dataset", *inspect.signature(dataset.iterable).parameters]
+    assert dataset.iterable(batch_size=3).batch_size == 3 and "worker processes" in (dataset.iterable.__doc__ or "")
 
 
 def test_text_samples_are_fast(store: reel.Store) -> None:

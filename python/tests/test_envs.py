@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import pickle
 import subprocess
 import sys
 import time
@@ -130,6 +132,15 @@ def test_misuse_says_what_to_do() -> None:
             env.reset(options=options)
     with pytest.raises(reel.ReelError):
         env.reset(options={"trace": traces()[0], "call": 99})
+    for group in (5, ("g",), ("g", "first"), (5, 0)):
+        with pytest.raises(reel.ReelError, match=r"group=.* is no prompt group; give its name, 'NAME', or .*\('NAME', 0\)"):
+            env.reset(options={"task": 0, "group": group})
+    with pytest.raises(ValueError, match="index in group=-1: give an integer from 0"):
+        env.reset(options={"task": 0, "group": ("g", -1)})
+    for held in (env, HouseholdVectorEnv(2, tasks=tasks(), images=False)):
+        for copy_of in (pickle.dumps, copy.deepcopy):
+            with pytest.raises(TypeError, match="cannot be pickled or copied.*make it in the worker process"):
+                copy_of(held)
     env.reset(options={"task": 0})
     env.step(("finish", {}))
     with pytest.raises(reel.ReelError, match="ended"):

@@ -6,6 +6,7 @@ import pickle
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +40,11 @@ def test_replay_is_exact_and_a_tampered_trace_is_refused(planner: reel.Episode, 
         reel.open(tmp_path / "no-such.mcap")
     with pytest.raises(reel.ReelError, match="unknown call 99"):
         planner.frame(99)
+    with pytest.raises(reel.ReelError, match=r"is a folder.*reel.trace_paths.*reel.scan_traces"):
+        reel.open(tmp_path)
+    for nothing in ([], ()):
+        with pytest.raises(reel.ReelError, match="no paths are given: the list is empty"):
+            reel.replay(nothing)
 
 
 def test_frames_are_the_agents(planner: reel.Episode, played: Path) -> None:
@@ -79,6 +85,22 @@ def test_a_branch_is_a_trace_like_any_other(planner: reel.Episode, tmp_path: Pat
         planner.branch(1)
     with pytest.raises(reel.ReelError, match="no policy is called 'nobody'"):
         planner.branch(1, policy="nobody")
+
+
+@pytest.mark.parametrize(
+    "call",
+    ["finish", '{"name": "finish"}', {"name": "finish", "arguments": {}}, ("finish", {}), ["pick", {"marker_id": 1}]],
+)
+def test_one_call_alone_is_no_list_of_calls(planner: reel.Episode, call: Any) -> None:
+    with pytest.raises(reel.ReelError, match=r"one call alone, not a list of calls; put it in a list: \["):
+        planner.branch(2, call)
+    assert planner.branch(2, [call]).steps[2].tool in ("finish", "pick")
+
+
+def test_a_tuple_of_calls_is_a_list_of_calls(planner: reel.Episode) -> None:
+    for calls in (("walk_around", "finish"), ("walk_around", {"name": "finish"}), (("walk_around", {}), ("finish", {}))):
+        branch = planner.branch(1, calls)
+        assert [step.tool for step in branch.steps[1:]] == ["walk_around", "finish"]
 
 
 def test_forks_are_bit_identical(planner: reel.Episode) -> None:

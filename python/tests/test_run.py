@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -62,10 +63,64 @@ def test_gibberish_is_answered_and_an_exception_is_raised(tasks: reel.Tasks, tmp
             raise ValueError("no more ideas")
         return "walk_around", {}
 
-    with pytest.raises(ValueError, match="no more ideas"):
+    message = f"task {tasks.ids[0]}, step 1: the policy raised ValueError: no more ideas"
+    with pytest.raises(reel.PolicyError, match=message) as raised:
         reel.run(tasks[:1], breaks, out=tmp_path, progress=False)
+    assert isinstance(raised.value.__cause__, ValueError)
+    assert (raised.value.task_id, raised.value.step) == (tasks.ids[0], 1)
+    assert not list(tmp_path.glob("*.part"))
     left = reel.open(next(tmp_path.glob("*breaks*.mcap")))
     assert left.end and left.end["reason"] == "aborted" and len(left) == 1
+    with pytest.raises(reel.PolicyError, match=message) as raised, tasks.start(0, record=tmp_path / "f.mcap") as simulation:
+        simulation.follow(breaks)
+    assert isinstance(raised.value.__cause__, ValueError) and raised.value.step == 1
+    assert len(reel.open(tmp_path / "f.mcap")) == 1
+    with pytest.raises(reel.PolicyError, match="step 1: the policy raised ValueError: no more ideas"):
+        reel.open(tmp_path / "f.mcap").branch(0, policy=breaks)
+
+    class Unprepared:
+        def __init__(self) -> None:
+            raise OSError("no model")
+
+        def __call__(self, _: reel.Observation) -> reel.Action:
+            return "finish", {}
+
+    with pytest.raises(reel.PolicyError, match="step 0: the policy raised OSError: no model"):
+        reel.run(tasks[:1], Unprepared, out=None, progress=False)
+
+    def leaves(_: reel.Observation) -> reel.Action:
+        raise SystemExit(3)
+
+    with pytest.raises(SystemExit):
+        reel.run(tasks[:1], leaves, out=None, progress=False)
+
+
+def test_what_a_killed_run_left_is_played_anew(tasks: reel.Tasks, tmp_path: Path) -> None:
+    def play(**options: bool) -> reel.Episodes:
+        return reel.run(tasks[:1], "oracle", out=tmp_path, images=False, progress=False, **options)
+
+    (path,) = [episode.path for episode in play()]
+    part = Path(f"{path}.part")
+    part.write_bytes(path.read_bytes()[:1000])
+    assert not play().errors and not part.exists()
+    # one that is still recorded stays
+    path.unlink()
+    with tasks.start(0, record=path, images=False) as simulation:
+        simulation.step(("walk_around", {}))
+        with pytest.raises(reel.ReelError, match="unfinished recording is in the way"):
+            play()
+        assert part.exists()
+
+
+def test_traces_are_replaced_unless_they_shall_stay(tasks: reel.Tasks, tmp_path: Path) -> None:
+    options = {"out": tmp_path / "out", "name": "mine", "images": False, "progress": False}
+    finish = lambda _: ("finish", {})  # noqa: E731
+    (first,) = reel.run(tasks[:1], finish, replace=False, **options)
+    with pytest.raises(reel.ReelError, match=r"1 of 4 traces are there already, and replace=False keeps them.*--mine--0"):
+        reel.run(tasks, finish, replace=False, **options)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [first.path.name]
+    (second,) = reel.run(tasks[:1], lambda seen: ("finish" if seen.step else "walk_around", {}), **options)
+    assert second.path == first.path and second.digest != first.digest
 
 
 def test_built_in_policies_give_the_command_lines_traces(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
@@ -80,7 +135,14 @@ def test_simulations_step_by_step(tasks: reel.Tasks, tmp_path: Path) -> None:
     with tasks.start(0, record=tmp_path / "one.mcap", group=("g", 1)) as simulation:
         result = simulation.step(("nav_to", {"receptacle_name": "no such place"}))
         assert result.observation.error and not result.terminated
-        assert simulation.render().rgb.any() and simulation.calls == 1
+        seen = simulation.render()
+        assert seen.rgb.any() and simulation.calls == 1
+        with tasks.start(0, images=False) as blind:
+            # it renders no images by itself, and is asked for one
+            blind.step(("nav_to", {"receptacle_name": "no such place"}))
+            before = blind.state_digest
+            assert np.array_equal(blind.render().rgb, seen.rgb) and blind.state_digest == before
+            assert np.array_equal(blind.render().instance_ids, seen.instance_ids)
         result = simulation.step({"tool_name": "finish", "arguments": {}}, {"reasoning": "done", "tokens": [10, 2]})
         assert result.terminated and not result.truncated and result.end_reason == "finished"
         with pytest.raises(reel.ReelError, match="has ended"):
@@ -103,6 +165,53 @@ def test_wrong_arguments_say_what_there_is(tasks: reel.Tasks, tmp_path: Path) ->
     ]:
         with pytest.raises(reel.ReelError, match=message):
             call()
+
+
+def test_numbers_out_of_range_are_named(tasks: reel.Tasks, played: Path, planner: reel.Episode) -> None:
+    seeds = "give an integer from 0 to 18446744073709551615"
+    for message, call in [
+        (r"jobs=-1: give an integer from 1 on, or None", lambda: reel.run(tasks, out=None, jobs=-1)),
+        (r"jobs=0: give", lambda: reel.replay(played, jobs=0)),
+        (rf"seed=-1: {seeds}", lambda: reel.run(tasks, out=None, seed=-1)),
+        (rf"seed=18446744073709551616: {seeds}", lambda: tasks.start(0, seed=2**64)),
+        (rf"seed=-1: {seeds}", lambda: planner.branch(1, policy="oracle", seed=-1)),
+        (rf"seed=-1: {seeds}", lambda: reel.Tasks.generate(1, "nowhere", seed=-1)),
+        (r"index in group=-1: give an integer from 0 to 4294967295", lambda: tasks.start(0, group=("g", -1))),
+        (r"unknown call -99: the episode has 13 calls, from 0; .* down to -13", lambda: planner.at(-99)),
+        (r"unknown call -99", lambda: planner.branch(-99, [("finish", {})])),
+        (r"unknown call 36893488147419103232", lambda: planner.branch(2**65, [("finish", {})])),
+        (r"unknown call -14", lambda: planner.frame(-14)),
+    ]:
+        with pytest.raises(ValueError, match=message) as raised:
+            call()
+        assert isinstance(raised.value, reel.ReelError)
+    for index in (10**30, -(10**30)):
+        with pytest.raises(reel.ReelError, match="there are 4, from 0"):
+            tasks.start(index)
+
+
+def test_tasks_travel_to_workers(tasks: reel.Tasks, tmp_path: Path) -> None:
+    some = pickle.loads(pickle.dumps(tasks[1:3]))
+    assert some.ids == tasks.ids[1:3] and list(some) == list(tasks[1:3]) and some.scene(0) == tasks.scene(1)
+    before, after = (
+        reel.run(set_, out=tmp_path / name, images=False, progress=False)
+        for name, set_ in (("before", tasks[1:3]), ("after", some))
+    )
+    assert [episode.digest for episode in before] == [episode.digest for episode in after]
+
+
+def test_meshes_that_changed_are_not_unpickled(tasks: reel.Tasks, tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    asset = tasks[0]["objects"][0]["asset"]
+    mesh = tmp_path / "meshes" / f"{asset}.obj"
+    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    mesh.write_text(triangle)
+    loaded = reel.Tasks.load(tasks_folder(tasks, tmp_path), assets=tmp_path / "meshes")
+    kept = pickle.dumps(loaded)
+    assert pickle.loads(kept).ids == loaded.ids
+    mesh.write_text(triangle.replace("v 0 0 1", "v 0 0 2"))
+    with pytest.raises(reel.ReelError, match="the meshes are no longer those.*meshes"):
+        pickle.loads(kept)
 
 
 KERNEL = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from pathlib import Path
 
 import polars as pl
@@ -58,6 +59,29 @@ def test_questions_have_parameters_names_and_ends(store: reel.Store) -> None:
         store.sql("SELECT count(*) FROM steps a, steps b, steps c, steps d, steps e", timeout=0.5)
     with pytest.raises(reel.ReelError):
         reel.Store(store.location + "-not-there")
+
+
+def test_columns_of_one_name_are_refused(store: reel.Store) -> None:
+    table = store.sql("SELECT a.step, b.step FROM steps a JOIN steps b ON a.episode_id = b.episode_id LIMIT 3")
+    assert table.columns == ["step", "step"] and len(table) == 3
+    with pytest.raises(reel.ReelError, match=r"two columns of the answer are named `step`.*AS first_step"):
+        table.rows()
+
+
+def test_tables_have_types_slices_and_pickle(store: reel.Store) -> None:
+    table = store.sql("SELECT episode_id, step, reward, args FROM (SELECT *, [tool] AS args FROM steps) ORDER BY episode_id, step")
+    assert list(table.schema) == table.columns
+    assert table.schema["episode_id"] == "Utf8View" and table.schema["reward"] == "Float64"
+    assert table.schema["args"].startswith("List(")
+    again = pickle.loads(pickle.dumps(table))
+    assert again.schema == table.schema and again.rows() == table.rows() and str(again) == str(table)
+    empty = pickle.loads(pickle.dumps(store.sql("SELECT step FROM steps WHERE step > 1000")))
+    assert len(empty) == 0 and empty.columns == ["step"]
+    rows = table.rows()
+    assert table.rows(-2) == rows[-2:] and table.rows(1, -1) == rows[1:-1] and table.rows(5, 2) == []
+    for call in (lambda: store.sql("SELECT 1", memory=-1), lambda: reel.Store(store.location, -1)):
+        with pytest.raises(ValueError, match=r"(memory|version)=-1: give an integer from 0 to"):
+            call()
 
 
 def test_streams_come_batch_by_batch_and_once(store: reel.Store) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal, SupportsIndex
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
+from .._arguments import threads
 from .._episode import Episode
 from .._episode import open as open_trace
 from .._progress import bar
@@ -18,7 +20,7 @@ from .._store import Store
 from .._types import Image, PathLike
 from ._episodes import UNVERIFIED, EpisodeTable
 from ._huggingface import to_hf
-from ._iterable import IterableDataset
+from ._iterable import IterableDataset, method_of
 from ._options import IMAGES, MOMENTS, VERIFY, Images, Moment, Sample, Transform, Verify, check_choice
 from ._orders import Indices, shuffled_keys
 from ._rows import PackedRows
@@ -141,14 +143,18 @@ class Dataset:
 
         Returns:
             How many of the episodes have each verdict. The store is not changed.
+
+        Raises:
+            ArgumentError: `jobs` is less than 1.
         """
+        workers = threads(jobs)
         table = self._episodes
         unknown = [index for index, verdict in enumerate(table.verdicts) if verdict == UNVERIFIED]
 
         def replayed(index: int) -> str:
             return self._read(index).replay().name
 
-        with bar(len(unknown), "replay", progress) as tell, ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
+        with bar(len(unknown), "replay", progress) as tell, ThreadPoolExecutor(workers) as pool:
             for index, verdict in zip(unknown, pool.map(replayed, unknown), strict=True):
                 table.verdicts[index] = verdict
                 if tell is not None:
@@ -160,14 +166,21 @@ class Dataset:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def __getitem__(self, index: SupportsIndex) -> Any:
-        """A sample, or what the transform makes of it. Negative indices count from the end."""
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Any: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Any]: ...
+    def __getitem__(self, index: SupportsIndex | slice) -> Any:
+        """A sample, or what the transform makes of it; of a slice, the list of its samples. Negative
+        indices count from the end."""
         count = len(self._rows)
-        at = int(index)
+        if isinstance(index, slice):
+            return [self._sample(at) for at in range(*index.indices(count))]
+        at = operator.index(index)
         if at < 0:
             at += count
         if not 0 <= at < count:
-            raise IndexError(f"sample {int(index)} of {count}")
+            raise IndexError(f"no sample {operator.index(index)}: there are {count}, from 0")
         return self._sample(at)
 
     def __getitems__(self, indices: Iterable[SupportsIndex]) -> list[Any]:
@@ -293,27 +306,9 @@ class Dataset:
         place[np.argsort(shuffled_keys(count_episodes, seed ^ 0x9E37, epoch), kind="stable")] = np.arange(count_episodes)
         return np.lexsort((keys, place[episodes] // shuffle_window)).astype(np.int64)
 
-    def iterable(
-        self,
-        *,
-        batch_size: int = 1,
-        shuffle_seed: int | None = None,
-        shuffle_window: int | None = None,
-        rank: int | None = None,
-        ranks: int | None = None,
-        uneven: Literal["drop", "keep"] = "drop",
-    ) -> IterableDataset:
-        """The samples as a stream that is split over worker processes and ranks
-        (`IterableDataset`, which documents the arguments)."""
-        return IterableDataset(
-            self,
-            batch_size=batch_size,
-            shuffle_seed=shuffle_seed,
-            shuffle_window=shuffle_window,
-            rank=rank,
-            ranks=ranks,
-            uneven=uneven,
-        )
+    iterable = method_of(IterableDataset)
+    """The samples as a stream that is split over worker processes and ranks
+    (`IterableDataset`, which documents the arguments)."""
 
     # --- datasets
 

@@ -9,6 +9,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,9 +34,13 @@ def to_hf(
     features = None if dataset.transform is not None else features_of(dataset, datasets)
     parts = min(len(dataset), shards if streaming else num_proc or 1)
     bounds = np.linspace(0, len(dataset), parts + 1).astype(int).tolist()
-    arguments = {"dataset": dataset, "ranges": list(zip(bounds[:-1], bounds[1:], strict=True))}
+    arguments: dict[str, Any] = {"dataset": dataset, "ranges": list(zip(bounds[:-1], bounds[1:], strict=True))}
     if streaming:
         return datasets.IterableDataset.from_generator(generate, features=features, gen_kwargs=arguments)
+    if features is not None:
+        kinds = {name: str(getattr(kind, "dtype", "")) for name, kind in features.items()}
+        # a tuple: `datasets` splits lists among processes
+        arguments["wide"] = tuple(name for name, kind in kinds.items() if kind.startswith("decimal"))
     made = datasets.Dataset.from_generator
     # older versions hash the arguments, which is slower
     known = "fingerprint" in inspect.signature(made).parameters
@@ -71,15 +76,18 @@ def features_of(dataset: Dataset, datasets: Any) -> Any:
 
 
 def plain_type(pa: Any, kind: Any) -> Any:
-    """The Arrow type that a column of samples has in `datasets`: whole decimals are integers, times
-    are text. `pa` is PyArrow."""
+    """The Arrow type that a column of samples has in `datasets`: times are text, decimals with a
+    fraction floats. A whole decimal is the integer that holds all of its digits; one of 20 digits is a
+    `u64` of Reel (a seed); one of more stays a decimal. `pa` is PyArrow."""
     types = pa.types
     if types.is_list(kind) or types.is_large_list(kind):
         return pa.list_(plain_type(pa, kind.value_type))
     if types.is_struct(kind):
         return pa.struct([(field.name, plain_type(pa, field.type)) for field in kind])
     if types.is_decimal(kind):
-        return pa.uint64() if kind.scale == 0 else pa.float64()
+        if kind.scale:
+            return pa.float64()
+        return pa.int64() if kind.precision < 19 else pa.uint64() if kind.precision == 20 else kind
     if types.is_dictionary(kind):
         return plain_type(pa, kind.value_type)
     if re.search("string|utf8|date|time|duration|interval", str(kind)):
@@ -87,11 +95,15 @@ def plain_type(pa: Any, kind: Any) -> Any:
     return kind
 
 
-def generate(dataset: Dataset, ranges: Sequence[tuple[int, int]]) -> Iterator[Any]:
-    """The samples of ranges of indices, for `datasets`."""
+def generate(dataset: Dataset, ranges: Sequence[tuple[int, int]], wide: tuple[str, ...] = ()) -> Iterator[Any]:
+    """The samples of ranges of indices, for `datasets`. Integers of `wide` columns come as decimals, because
+    PyArrow infers no type for an integer beyond 63 bits; they are stored as the column's type."""
     for start, end in ranges:
         for index in range(start, end):
-            yield dataset[index]
+            sample = dataset[index]
+            for name in wide:
+                sample[name] = None if sample[name] is None else Decimal(sample[name])
+            yield sample
 
 
 def needed(module: str, extra: str) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -15,6 +16,21 @@ from ._workers import SharedNumber, distributed, worker_of
 
 if TYPE_CHECKING:
     from ._dataset import Dataset
+
+
+P = ParamSpec("P")
+D = TypeVar("D")
+S = TypeVar("S")
+
+
+def method_of(stream: Callable[Concatenate[D, P], S]) -> Callable[Concatenate[D, P], S]:
+    """A class of streams as a method of the dataset that it is made of, with the arguments of the class."""
+
+    @functools.wraps(stream, assigned=("__doc__",), updated=())
+    def iterable(dataset: D, *args: P.args, **options: P.kwargs) -> S:
+        return stream(dataset, *args, **options)
+
+    return iterable
 
 
 class IterableDataset:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import marshal
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from .._reel import ReelError
 from .._store import Store
 from ._orders import Indices
 
@@ -33,6 +35,7 @@ class PackedRows:
         ordered = ends_with_order(query)
         for batch in store.sql(query, parameters=parameters, stream=True):
             columns = tuple(batch.columns)
+            check_names(columns)
             rows = [tuple(map(record.get, columns)) for record in batch.rows(0, len(batch))]
             if not ordered:
                 places = [columns.index(name) if name in columns else None for name in ("episode_id", "step")]
@@ -71,6 +74,16 @@ class PackedRows:
             hasher.update(self._data)
             self._digest = hasher.hexdigest()
         return self._digest
+
+
+def check_names(columns: tuple[str, ...]) -> None:
+    """Refuses columns of one name: a sample is a dictionary, which holds one of them."""
+    twice = [name for name, count in Counter(columns).items() if count > 1]
+    if twice:
+        raise ReelError(
+            f"the query gives {columns.count(twice[0])} columns `{twice[0]}`, and a sample holds one; name them: "
+            f"`a.{twice[0]} AS first_{twice[0]}, b.{twice[0]} AS second_{twice[0]}`"
+        )
 
 
 def sort_key(row: tuple[Any, ...], episode: int | None, step: int | None) -> tuple[str, int]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _reel
+from .._arguments import place_in_group, whole
 from .._episode import Episode, Fork, open
 from .._play import Tasks
 from .._reel import ReelError
@@ -204,8 +205,8 @@ class EpisodeSource:
         path = self._path(record, f"{task_id}--{self.policy}--{seed}", group)
         native = tasks._native
         started = _reel.Simulation.start(
-            native, index, seed, self.profile, self.preset, self.skills, self.policy, self.run, group, self.images or self.draw,
-            self._recording(path),
+            native, index, whole("seed", seed), self.profile, self.preset, self.skills, self.policy, self.run,
+            place_in_group(group), self.images or self.draw, self._recording(path),
         )  # fmt: skip
         return Opened(Simulation(started, path), task_id, seed, path, group)
 
@@ -218,8 +219,9 @@ class EpisodeSource:
         path = self._path(record, f"{header['task_id']}--{self.policy}--at-{fork.call}", group)
         point = fork._point
         opened = point.open(
-            policy=self.policy, run_id=self.run, group=group, images=self.images or self.draw, record=self._recording(path)
-        )
+            policy=self.policy, run_id=self.run, group=place_in_group(group), images=self.images or self.draw,
+            record=self._recording(path),
+        )  # fmt: skip
         frame = frame_at(fork) if self.images else None
         return Opened(Simulation(opened, path), header["task_id"], int(header["seed"]), path, group, frame)
 

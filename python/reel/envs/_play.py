@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,16 @@ def open_episode(
 
 def resolve_group(source: EpisodeSource, group: str | Group) -> Group:
     """The place in a prompt group: as given, or the next one of that name."""
-    return source.sibling(group) if isinstance(group, str) else (str(group[0]), int(group[1]))
+    match cast(Any, group):
+        case str() as name:
+            return source.sibling(name)
+        case (str() as name, int() | np.integer() as index):
+            return name, int(index)
+        case _:  # options come from anybody
+            raise ReelError(
+                f"reset: group={group!r} is no prompt group; give its name, 'NAME', or the name and the index of the "
+                "rollout in it, ('NAME', 0)"
+            )
 
 
 def step_episode(episode: Episode, tools: ToolSet, action: Any) -> StepResult:

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,15 @@ def step_info(episode: Episode) -> Record:
     return episode.outcome() if episode.ended else {}
 
 
+def no_pickle(name: str) -> TypeError:
+    """Why an environment cannot be pickled: a simulation runs in this process, and a copy would give its
+    episodes the ids of the original's."""
+    return TypeError(
+        f"a {name} cannot be pickled or copied, because its simulation runs in this process: make it in the worker "
+        f"process, e.g. from functools.partial({name}, tasks='tasks')"
+    )
+
+
 class HouseholdEnv(gymnasium.Env[Record, Any]):
     """One robot in a simulated home, which carries out a task by calling tools.
 
@@ -159,6 +168,9 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
             The observation (`observation_space`), and `task_id`, `episode_id`, `seed`, `receptacles`
             (id, category, room of each), `group_id` and `rollout_index` in a group, `trace` if
             recorded.
+
+        Raises:
+            ReelError: an option is unknown or of another form, or what it names is missing.
         """
         super().reset(seed=seed)
         self._close_episode()
@@ -203,6 +215,9 @@ class HouseholdEnv(gymnasium.Env[Record, Any]):
     def simulation(self) -> Any:
         """The running `reel.Simulation`. Its records are privileged: no agent may see them."""
         return self._running().opened.simulation
+
+    def __reduce__(self) -> NoReturn:
+        raise no_pickle("HouseholdEnv")
 
     def _running(self) -> Episode:
         if self._episode is None:

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ try:
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space, iterate
 
-    from .gymnasium import HouseholdEnv, observation_space, observe, start_info, step_info
+    from .gymnasium import HouseholdEnv, no_pickle, observation_space, observe, start_info, step_info
 except ImportError as error:
     raise missing("gymnasium", error) from error
 
@@ -189,6 +189,9 @@ class HouseholdVectorEnv(VectorEnv[Record, Any, Any]):
         if len(each) != self.num_envs:
             raise ReelError(f"reset: {len(each)} options for {self.num_envs} episodes")
         return each, mask
+
+    def __reduce__(self) -> NoReturn:
+        raise no_pickle("HouseholdVectorEnv")
 
     def _seeds(self, seed: int | Sequence[int | None] | None, options: list[Record]) -> Sequence[int | None]:
         """The seed of each episode; None where its own draws go on."""

@@ -32,6 +32,16 @@ def test_rows_types_and_cache(store: reel.Store, tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("*.arrow"))) > len(files), "another query is another dataset"
 
 
+def test_whole_decimals_of_any_width(store: reel.Store, tmp_path: Path) -> None:
+    query = """
+        SELECT CAST(-3 AS DECIMAL(18, 0)) AS narrow, CAST(9223372036854775807 AS DECIMAL(20, 0)) AS seed,
+          CAST('-99999999999999999999999' AS DECIMAL(38, 0)) AS wide, CAST(1.5 AS DECIMAL(5, 2)) AS half"""
+    made = store.dataset(query).to_hf(cache_dir=tmp_path)
+    types = {name: feature.dtype for name, feature in made.features.items()}
+    assert types == {"narrow": "int64", "seed": "uint64", "wide": "decimal128(38, 0)", "half": "float64"}
+    assert made[0] == {"narrow": -3, "seed": 2**63 - 1, "wide": -(10**23) + 1, "half": 1.5}
+
+
 def test_frames_are_images(store: reel.Store, tmp_path: Path) -> None:
     dataset = store.dataset(IMAGES, images="auto")
     made = dataset.to_hf(cache_dir=tmp_path, num_proc=2)

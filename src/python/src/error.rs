@@ -2,7 +2,11 @@
 
 use std::{error::Error, fmt::Write as _};
 
-use pyo3::{create_exception, exceptions::PyException, prelude::*};
+use pyo3::{
+    create_exception,
+    exceptions::{PyBaseException, PyException},
+    prelude::*,
+};
 use reel_replay::Verdict;
 
 create_exception!(
@@ -17,6 +21,43 @@ create_exception!(
     ReelError,
     "A replay gave other bits than the trace holds; the text names the first difference."
 );
+
+create_exception!(
+    reel,
+    PolicyError,
+    ReelError,
+    "A policy written in Python raised an exception. The text names it, the task and the step, \
+     `task_id` and `step` hold them, and `__cause__` is the exception itself."
+);
+
+/// The exception of a policy as a [`PolicyError`] that names task and step. What ends the process
+/// (Ctrl-C, `sys.exit`) stays what it is.
+///
+/// # Errors
+/// Fails if the exception has no text.
+#[pyfunction]
+pub fn policy_error<'py>(
+    task_id: &str,
+    step: u32,
+    raised: Bound<'py, PyBaseException>,
+) -> PyResult<Bound<'py, PyBaseException>> {
+    let py = raised.py();
+    if !raised.is_instance_of::<PyException>() || raised.is_instance_of::<PolicyError>() {
+        return Ok(raised);
+    }
+    let text = raised.str()?;
+    let kind = raised.get_type().name()?;
+    let what = match raised.is_instance_of::<ReelError>() {
+        true => format!("failed: {text}"),
+        false => format!("raised {kind}: {text}"),
+    };
+    let error = PolicyError::new_err(format!("task {task_id}, step {step}: the policy {what}"));
+    error.set_cause(py, Some(PyErr::from_value(raised.into_any())));
+    let value = error.into_value(py).into_bound(py);
+    value.setattr("task_id", task_id)?;
+    value.setattr("step", step)?;
+    Ok(value)
+}
 
 /// An error and its causes in one line, as the command line prints them.
 pub fn raise(error: &dyn Error) -> PyErr {

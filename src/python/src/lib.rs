@@ -25,7 +25,7 @@ mod _reel {
     #[pymodule_export]
     use crate::command::main;
     #[pymodule_export]
-    use crate::error::{DivergenceError, ReelError};
+    use crate::error::{DivergenceError, PolicyError, ReelError, policy_error};
     #[pymodule_export]
     use crate::policy::{Observation, run};
     #[pymodule_export]

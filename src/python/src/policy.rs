@@ -1,6 +1,6 @@
 //! Policies in Python: what they are shown, and playing tasks with them.
 
-use std::sync::Arc;
+use std::{fs, path::Path, sync::Arc};
 
 use numpy::PyArray3;
 use pyo3::{exceptions::PyKeyboardInterrupt, prelude::*};
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::{
     convert,
-    error::refuse,
+    error::{policy_error, refuse},
     running::{Stop, interruptible, report_progress},
     simulation::{Recording, config, input},
     tasks::TaskSet,
@@ -108,6 +108,9 @@ impl Policy for PythonPolicy {
 
 /// Plays the tasks of a set, each once, with a built-in policy (a name) or a Python one (a function
 /// that makes, for each episode, the function that decides). Results in their order.
+///
+/// # Errors
+/// Fails with the first exception of a policy, when the other episodes are done.
 #[pyfunction]
 #[pyo3(signature = (tasks, policy, factory, recordings, seed, profile, preset, skills, jobs, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
@@ -125,6 +128,10 @@ pub fn run<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let job = |(index, record): (usize, Option<Recording>)| {
+        let record = record.map(|record| record.to());
+        if let Some(record) = &record {
+            remove_abandoned(&record.path.with_added_extension("part"));
+        }
         Ok(EpisodeJob {
             config: config(
                 tasks,
@@ -135,7 +142,7 @@ pub fn run<'py>(
                 None,
             )?,
             policy: policy.to_owned(),
-            record: record.map(|record| record.to()),
+            record,
             command: String::from("reel.run"),
         })
     };
@@ -190,8 +197,8 @@ pub fn run<'py>(
         reports.push(match result {
             Ok(played) => report(&played),
             Err(error) => {
-                if let Some(raised) = raised_by(&error) {
-                    return Err(raised.clone_ref(py));
+                if let Some(raised) = raised_by(py, &error)? {
+                    return Err(raised);
                 }
                 json!({ "error": chain(&error) })
             }
@@ -201,10 +208,25 @@ pub fn run<'py>(
 }
 
 /// The exception of a Python policy that ended an episode.
-fn raised_by(error: &reel_agents::AgentError) -> Option<&PyErr> {
-    match error {
-        reel_agents::AgentError::NoAnswer { source, .. } => source.0.downcast_ref(),
-        _ => None,
+fn raised_by(py: Python<'_>, error: &reel_agents::AgentError) -> PyResult<Option<PyErr>> {
+    let reel_agents::AgentError::NoAnswer {
+        task, step, source, ..
+    } = error
+    else {
+        return Ok(None);
+    };
+    let Some(raised) = source.0.downcast_ref::<PyErr>() else {
+        return Ok(None);
+    };
+    let raised = policy_error(task, *step, raised.value(py).clone())?;
+    Ok(Some(PyErr::from_value(raised.into_any())))
+}
+
+/// Removes what an interrupted run left of an episode, as `reel run` does: it is played again. A
+/// part whose recorder still lives is locked, and stays.
+fn remove_abandoned(part: &Path) {
+    if fs::File::open(part).is_ok_and(|file| file.try_lock().is_ok()) {
+        let _in_the_way = fs::remove_file(part);
     }
 }
 

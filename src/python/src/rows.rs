@@ -1,5 +1,7 @@
 //! Rows of Arrow arrays as Python dictionaries, column by column.
 
+use std::collections::BTreeSet;
+
 use arrow::{
     array::{Array, ArrayRef, AsArray as _, RecordBatch},
     compute::cast,
@@ -14,17 +16,30 @@ use pyo3::{
     types::{PyDict, PyList, PyString},
 };
 
-use crate::error::OrRaise as _;
+use crate::error::{OrRaise as _, refuse};
 
 type Object<'py> = Bound<'py, PyAny>;
 
 /// The rows of a batch, a dictionary each.
+///
+/// # Errors
+/// Fails if two columns have one name, of which a dictionary would hold only the last.
 pub fn dictionaries<'py>(
     py: Python<'py>,
     batch: &RecordBatch,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
-    let rows: Vec<Bound<'py, PyDict>> = (0..batch.num_rows()).map(|_| PyDict::new(py)).collect();
     let schema = batch.schema();
+    let mut names = BTreeSet::new();
+    for field in schema.fields() {
+        if !names.insert(field.name()) {
+            let name = field.name();
+            return Err(refuse(format!(
+                "two columns of the answer are named `{name}`, and a row as a dictionary holds one; name \
+                 them in the query: `SELECT a.{name} AS first_{name}, b.{name} AS second_{name}`"
+            )));
+        }
+    }
+    let rows: Vec<Bound<'py, PyDict>> = (0..batch.num_rows()).map(|_| PyDict::new(py)).collect();
     for (field, column) in schema.fields().iter().zip(batch.columns()) {
         let name = PyString::new(py, field.name());
         for (row, value) in rows.iter().zip(values(py, column)?) {

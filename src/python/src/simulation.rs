@@ -13,10 +13,10 @@ use reel_agents::{RecordTo, RunningEpisode};
 use reel_episode::{Episode, EpisodeConfig, PreparedTask, Rollout};
 use reel_replay::frames_at;
 use reel_reward::Preset;
-use reel_sim::{Snapshot, render::Detail};
+use reel_sim::{Simulator, Snapshot, render::Detail};
 use reel_trace::{Durability, Images, RecordOptions, Trace};
 use reel_world::{
-    Skills, ToolCall,
+    Frame, Skills, ToolCall,
     record::{EndReason, Parent, PolicyInfo, PolicyOutput, StepInput, StepRecord},
 };
 
@@ -198,7 +198,20 @@ impl Simulation {
 
     /// What the robot's head sees now: RGB, depth in millimetres, instance ids.
     fn render<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let frame = py.detach(|| self.with(|running| Ok(running.episode().render_frame())))?;
+        let look = |running: &mut RunningEpisode| -> PyResult<Frame> {
+            let episode = running.episode();
+            if self.images {
+                return Ok(episode.render_frame());
+            }
+            // this one draws geometry alone, and its image is black: a copy of it draws colours
+            let header = episode.header();
+            let stage = episode.simulator().stage().clone();
+            let snapshot = episode.snapshot();
+            let copy = Simulator::resume(stage, header.profile, header.seed, &snapshot);
+            let copy = copy.or_raise()?;
+            Ok(copy.render_from(&copy.camera()))
+        };
+        let frame = py.detach(|| self.with(look))?;
         convert::frame(py, frame)
     }
 

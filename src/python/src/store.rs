@@ -16,11 +16,12 @@ use arrow::{
     compute::cast,
     datatypes::{DataType, Field, Schema, SchemaRef},
     error::ArrowError,
+    ipc::{reader::StreamReader, writer::StreamWriter},
 };
 use pyo3::{
     exceptions::PyStopIteration,
     prelude::*,
-    types::{PyCapsule, PyList},
+    types::{PyBytes, PyCapsule, PyList},
 };
 use pyo3_arrow::ffi::{ArrayIterator, to_schema_pycapsule, to_stream_pycapsule};
 use reel_query::{Control, Format, Limits, Parameters, QueryError, QuerySession, format};
@@ -36,6 +37,9 @@ const AHEAD: usize = 4;
 
 /// How pickle makes a store again: the class, and its arguments.
 type Pickled<'py> = (Bound<'py, PyAny>, (String, Option<u64>));
+
+/// How pickle makes a table again: the function, and the bytes of an Arrow IPC stream.
+type PickledTable<'py> = (Bound<'py, PyAny>, (Bound<'py, PyBytes>,));
 
 /// A store of tables, as it is when a question is asked.
 #[pyclass(frozen, module = "reel._reel")]
@@ -175,6 +179,39 @@ impl Table {
             .iter()
             .map(|field| field.name().clone())
             .collect()
+    }
+
+    /// Names and Arrow types of the columns, as Arrow's Rust library writes them, e.g. `Int32`.
+    fn schema(&self) -> Vec<(String, String)> {
+        self.schema
+            .fields()
+            .iter()
+            .map(|field| (field.name().clone(), field.data_type().to_string()))
+            .collect()
+    }
+
+    /// A table from the bytes of an Arrow IPC stream, as pickle keeps it.
+    ///
+    /// # Errors
+    /// Fails if the bytes are damaged.
+    #[staticmethod]
+    fn from_ipc(bytes: &[u8]) -> PyResult<Self> {
+        let reader = StreamReader::try_new(bytes, None).or_raise()?;
+        let schema = reader.schema();
+        let batches = reader.collect::<Result<_, _>>().or_raise()?;
+        Ok(Self { schema, batches })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<PickledTable<'py>> {
+        let mut bytes = Vec::new();
+        let mut writer = StreamWriter::try_new(&mut bytes, &self.schema).or_raise()?;
+        for batch in &self.batches {
+            writer.write(batch).or_raise()?;
+        }
+        writer.finish().or_raise()?;
+        drop(writer);
+        let read = py.get_type::<Self>().getattr("from_ipc")?;
+        Ok((read, (PyBytes::new(py, &bytes),)))
     }
 
     /// Bytes of the columns.

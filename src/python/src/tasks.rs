@@ -1,7 +1,8 @@
 //! Tasks with the scenes they play in.
 
 use std::{
-    path::{Path, PathBuf},
+    collections::BTreeMap,
+    path::{self, Path, PathBuf},
     sync::Arc,
 };
 
@@ -11,7 +12,8 @@ use reel_tasks::{
     assets::AssetFolder,
     generate::scene::{built_in, by_id},
 };
-use reel_world::{Assets as _, Meshes, Profile, Scene, Scenes, Task, ToolSpec};
+use reel_world::{AssetId, Assets as _, Mesh, Meshes, Profile, Scene, Scenes, Task, ToolSpec};
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::{
@@ -31,6 +33,42 @@ pub struct TaskSet {
     /// Why files did not load: file, line and field.
     #[pyo3(get)]
     broken: Vec<String>,
+    /// Absolute path of the folder that the meshes come from; `None` without meshes.
+    assets: Option<PathBuf>,
+}
+
+/// A set of tasks as pickle keeps it: the documents themselves, and where the meshes lie.
+#[derive(Serialize, Deserialize)]
+struct Documents {
+    tasks: Vec<Task>,
+    scenes: Vec<Scene>,
+    warnings: Vec<String>,
+    broken: Vec<String>,
+    assets: Option<PathBuf>,
+    /// Digests of the meshes, by asset.
+    meshes: BTreeMap<AssetId, String>,
+}
+
+/// How pickle makes a set of tasks again: the function, and the JSON of its documents.
+type Pickled<'py> = (Bound<'py, PyAny>, (String,));
+
+/// The meshes of a folder that tasks name.
+///
+/// # Errors
+/// Fails if the folder cannot be read.
+fn meshes(assets: Option<&Path>, tasks: &[Arc<Task>]) -> PyResult<Meshes> {
+    Ok(match assets {
+        Some(folder) => AssetFolder::open(folder)
+            .or_raise()?
+            .meshes(&mut tasks.iter().flat_map(|task| task.assets())),
+        None => Meshes::default(),
+    })
+}
+
+/// The digest of each mesh.
+fn digests(meshes: &Meshes) -> BTreeMap<AssetId, String> {
+    let digest = |(asset, mesh): (&AssetId, &Arc<Mesh>)| (asset.clone(), mesh.digest().to_string());
+    meshes.iter().map(digest).collect()
 }
 
 impl TaskSet {
@@ -84,13 +122,11 @@ impl TaskSet {
                 )));
             }
             let tasks: Vec<Arc<Task>> = loaded.report.tasks.into_iter().map(Arc::new).collect();
-            let meshes = match &assets {
-                Some(folder) => AssetFolder::open(folder)
-                    .or_raise()?
-                    .meshes(&mut tasks.iter().flat_map(|task| task.assets())),
-                None => Meshes::default(),
-            };
+            let meshes = meshes(assets.as_deref(), &tasks)?;
+            // pickle may be read in another folder
+            let assets = assets.map(|folder| path::absolute(&folder).unwrap_or(folder));
             Ok(Self {
+                assets,
                 tasks,
                 scenes: loaded.scenes,
                 meshes,
@@ -151,7 +187,60 @@ impl TaskSet {
             meshes: self.meshes.clone(),
             warnings: self.warnings.clone(),
             broken: self.broken.clone(),
+            assets: self.assets.clone(),
         })
+    }
+
+    /// The set that [`TaskSet::__reduce__`] wrote down.
+    ///
+    /// # Errors
+    /// Fails if the text is damaged, or if the folder of meshes holds others than it did.
+    #[staticmethod]
+    fn from_documents(py: Python<'_>, text: &str) -> PyResult<Self> {
+        py.detach(|| {
+            let documents: Documents = serde_json::from_str(text).or_raise()?;
+            let tasks: Vec<Arc<Task>> = documents.tasks.into_iter().map(Arc::new).collect();
+            let meshes = meshes(documents.assets.as_deref(), &tasks)?;
+            if let (Some(folder), true) = (
+                &documents.assets,
+                digests(&meshes) != documents.meshes,
+            ) {
+                return Err(refuse(format!(
+                    "the meshes are no longer those that the tasks were loaded with; load the tasks here: {}",
+                    folder.display()
+                )));
+            }
+            let mut scenes = Scenes::default();
+            for scene in documents.scenes {
+                scenes.insert(Arc::new(scene));
+            }
+            Ok(Self {
+                tasks,
+                scenes,
+                meshes,
+                warnings: documents.warnings,
+                broken: documents.broken,
+                assets: documents.assets,
+            })
+        })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Pickled<'py>> {
+        let mut scenes = Scenes::default();
+        for task in &self.tasks {
+            scenes.insert(self.scene_of(task)?.clone());
+        }
+        let documents = Documents {
+            tasks: self.tasks.iter().map(|task| (**task).clone()).collect(),
+            scenes: scenes.iter().map(|scene| (**scene).clone()).collect(),
+            warnings: self.warnings.clone(),
+            broken: self.broken.clone(),
+            assets: self.assets.clone(),
+            meshes: digests(&self.meshes),
+        };
+        let text = serde_json::to_string(&documents).or_raise()?;
+        let read = py.get_type::<Self>().getattr("from_documents")?;
+        Ok((read, (text,)))
     }
 }
 

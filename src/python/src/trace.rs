@@ -262,6 +262,7 @@ impl Trace {
         let options = BlameOptions {
             alternatives,
             branches,
+            ..BlameOptions::default()
         };
         let measured = interruptible(py, || (), || measure(&self.inner, &options))?
             .map_err(|verdict| not_executed(&verdict))?;
