@@ -52,7 +52,7 @@ statements AS (
   SELECT 2, 0, 'successes left an object elsewhere that the goal does not move', left_elsewhere, succeeded, leaving FROM counts
   UNION ALL
   SELECT
-    3, -episodes, 'failures are ' || sub_class || ' (' || class || ', a matter of ' || coalesce(cause, 'an unknown cause') || ')',
+    3, -episodes, 'failures are ' || replace(sub_class, '_', ' ') || ' (' || class || ', a matter of ' || coalesce(cause, 'an unknown cause') || ')',
     episodes, (SELECT failed FROM counts), traces
   FROM kinds
   UNION ALL

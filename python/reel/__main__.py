@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 
-from ._program import program
+from ._program import environment, executable
 
 
 def main() -> None:
@@ -14,9 +14,8 @@ def main() -> None:
     from ._reel import main as run
 
     # The command starts itself again for work that must be killable (SQL of strangers).
-    command = program()
-    if len(command) == 1:
-        os.environ["REEL_PROGRAM"] = command[0]
+    os.environ.update(environment())
+    os.environ.setdefault("REEL_PROGRAM", executable())
     # Python would only note Ctrl-C and wait for the command to come back.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(run(["reel", *sys.argv[1:]]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import urllib.request
@@ -22,6 +23,29 @@ def test_the_command_line_comes_along(planner: reel.Episode) -> None:
         reel.command("replay", "no-such.mcap")
     assert reel.command("--version").strip() == f"reel {reel.__version__}"
     assert isinstance(reel.command_json("replay", planner.path), dict)
+
+
+def test_a_server_of_the_package_answers_in_sql(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
+    """Questions are asked in processes of their own: the command starts itself again, though the process is Python."""
+    folder = tmp_path / "tasks"
+    reel.Tasks.generate(1, folder, seed=5)
+    reel.Store.ingest(played, tmp_path / "store")
+    command = [sys.executable, "-m", "reel", "serve", "--tasks", str(folder), "--data", str(tmp_path / "served")]
+    command += ["--store", str(tmp_path / "store"), "--listen", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
+        try:
+            assert server.stdout is not None
+            said = iter(server.stdout.readline, "")
+            url = next(found.group() for line in said if (found := re.search(r"http://[\d.]+:\d+", line)))
+            request = urllib.request.Request(
+                url + "/api/sql",
+                data=json.dumps({"sql": "SELECT count(*) AS episodes FROM episodes"}).encode(),
+                headers={"content-type": "application/json"},
+            )
+            with urllib.request.urlopen(request, timeout=60) as answer:
+                assert json.load(answer)[0]["episodes"] > 0
+        finally:
+            server.terminate()
 
 
 def test_a_recorder_stands_between_agent_and_server(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_named_questions_take_parameters(store: reel.Store) -> None:
     worse = store.named("regressions", a="oracle", b="wrong-receptacle")
     better = store.named("regressions", a="wrong-receptacle", b="oracle")
     assert worse.rows() != better.rows()
-    with pytest.raises(reel.ReelError, match="no query is named none_such; there are overview"):
+    with pytest.raises(reel.ReelError, match="no query is named none_such; there are summary"):
         store.named("none_such", a="x")
 
 

@@ -309,11 +309,12 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
 }
 
 /// This program, also where its file was replaced or removed since: processes that it talks to have
-/// to be of the same version.
+/// to be of the same version. Where the process is another program, as under Python, the file itself.
 #[cfg(feature = "tables")]
 fn own_program(file: &std::ffi::OsStr) -> std::ffi::OsString {
     let image = std::path::Path::new("/proc/self/exe");
-    if image.exists() {
+    let is_this = std::env::current_exe().is_ok_and(|this| this == file);
+    if is_this && image.exists() {
         image.into()
     } else {
         file.to_owned()

@@ -107,7 +107,7 @@ topics AS (
   SELECT 5, 'explanations are in doubt: rules and measurement disagree', doubt, NOT success, trace, length, episode_id FROM facts
   UNION ALL
   SELECT
-    3, 'failures are ' || kind || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success, trace,
+    3, 'failures are ' || replace(kind, '_', ' ') || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success, trace,
     length, episode_id
   FROM (
     SELECT k.kind, k.class, k.least_cause, facts.success, facts.trace, facts.length, facts.episode_id,
