@@ -14,7 +14,7 @@ echo "the wheel has $bytes bytes"
 ((bytes <= 60 * 1024 * 1024)) || { echo "the wheel is larger than 60 MiB" >&2; exit 1; }
 python=${REEL_PYTHON:-$(../tests/python.sh package)}
 "$python" -m pip install -q --disable-pip-version-check --force-reinstall --no-deps "$REEL_WHEEL"
-export PYTHONDONTWRITEBYTECODE=1 REEL_LONG=1
-# -P: the installed package is tested, not this folder
-"$python" -P -m pytest -q -p no:cacheprovider tests
+# the installed package is tested, not this folder; processes that tests start see it, too
+export PYTHONDONTWRITEBYTECODE=1 REEL_LONG=1 PYTHONSAFEPATH=1
+"$python" -m pytest -q -p no:cacheprovider tests
 "$python" -m pyright --pythonpath "$python" reel examples
