@@ -34,6 +34,7 @@ kinds AS (
 counts AS (
   SELECT
     count(*) FILTER (WHERE NOT success) AS failed,
+    count(*) FILTER (WHERE NOT success AND class IS NOT NULL) AS classified,
     count(*) FILTER (WHERE success) AS succeeded,
     count(success) AS played,
     count(*) FILTER (WHERE left_elsewhere) AS left_elsewhere,
@@ -43,7 +44,8 @@ counts AS (
     array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE success), 1, 3) AS successes,
     array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE left_elsewhere), 1, 3) AS leaving,
     array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE NOT success AND repairable_at_end), 1, 3) AS repairables,
-    array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE in_doubt), 1, 3) AS doubts
+    array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE in_doubt), 1, 3) AS doubts,
+    array_slice(array_agg(trace ORDER BY length, episode_id) FILTER (WHERE NOT success AND class IS NULL), 1, 3) AS unclassified
   FROM judged
 ),
 statements AS (
@@ -52,13 +54,15 @@ statements AS (
   SELECT 2, 0, 'successes left an object elsewhere that the goal does not move', left_elsewhere, succeeded, leaving FROM counts
   UNION ALL
   SELECT
-    3, -episodes, 'failures are ' || replace(sub_class, '_', ' ') || ' (' || class || ', a matter of ' || coalesce(cause, 'an unknown cause') || ')',
-    episodes, (SELECT failed FROM counts), traces
+    3, -episodes, 'classified failures are ' || replace(sub_class, '_', ' ') || ' (' || class || ', a matter of ' || coalesce(cause, 'an unknown cause') || ')',
+    episodes, (SELECT classified FROM counts), traces
   FROM kinds
   UNION ALL
   SELECT 4, 0, 'measured failures could still have been saved by a competent agent at the last call', repairable, measured, repairables FROM counts
   UNION ALL
-  SELECT 5, 0, 'explanations are in doubt: rules and measurement disagree', in_doubt, failed, doubts FROM counts
+  SELECT 5, 0, 'explanations are in doubt: rules and measurement disagree', in_doubt, classified, doubts FROM counts
+  UNION ALL
+  SELECT 6, 0, 'failures have no class yet: run reel taxonomy', failed - classified, failed, unclassified FROM counts
 )
 SELECT
   row_number() OVER (ORDER BY part, rank, what) AS number,

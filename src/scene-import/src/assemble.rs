@@ -92,16 +92,14 @@ fn plain_room(pieces: &mut [Piece], notes: &mut Notes) -> Option<RoomPlan> {
             && let Some(bounds) = Bounds::of_all(solids.all())
             && bounds.low[2].abs() > 0.005
         {
-            notes.approximated(format!(
-                "furniture {:.2} m {} the floor, put onto it: {}",
-                bounds.low[2].abs(),
-                if bounds.low[2] > 0.0 {
-                    "above"
-                } else {
-                    "below"
-                },
-                piece.source
-            ));
+            let side = if bounds.low[2] > 0.0 {
+                "above"
+            } else {
+                "below"
+            };
+            notes.about(&format!("{}, {:.2} m", piece.source, bounds.low[2].abs()));
+            notes.approximated(format!("furniture {side} the floor: put onto it"));
+            notes.about("");
             solids.shift([0.0, 0.0, -bounds.low[2]]);
         }
     }
@@ -267,6 +265,7 @@ fn receptacles(pieces: Vec<(Piece, String)>, notes: &mut Notes) -> (Vec<Receptac
         notes.about(&source);
         match body {
             Body::Sized(extent) => {
+                notes.approximated("furniture of which the file has no look: one is drawn");
                 let attributes = looks.next().unwrap_or_default();
                 let receptacle = found.sized(&category, extent, room, attributes);
                 found.add(receptacle, &source);

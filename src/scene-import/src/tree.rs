@@ -31,7 +31,7 @@ impl Node {
     /// Whether it only holds others together.
     fn is_group(&self) -> bool {
         self.solids.is_empty()
-            && self.children.len() > 1
+            && !self.children.is_empty()
             && self.children.iter().all(|child| child.joint.is_none())
     }
 }
@@ -48,6 +48,9 @@ pub(crate) fn pieces(roots: Vec<Node>, model: &str, notes: &mut Notes) -> Vec<Pi
     let mut pieces = Vec::new();
     for node in candidates {
         notes.about(&node.name);
+        if node.joint.is_some() {
+            notes.left_out("joint: of the whole piece, which stays where it stands");
+        }
         let of_model = || is_alone.then(|| categories::furniture(model)).flatten();
         let category = categories::furniture(&node.name).or_else(of_model);
         let guessed = || {

@@ -214,8 +214,11 @@ impl<'a> Reader<'a> {
     /// The shapes of a link: those seen if they are as exact as those that collide.
     fn solids(&mut self, link: &Element, pose: &Affine) -> Result<Vec<SourceSolid>, ImportError> {
         let seen = self.shapes(link, "visual", pose)?;
-        let collide = self.shapes(link, "collision", pose)?;
         let rough = |solids: &[SourceSolid]| solids.iter().filter(|solid| solid.is_bounds).count();
+        if !seen.is_empty() && rough(&seen) == 0 {
+            return Ok(seen);
+        }
+        let collide = self.shapes(link, "collision", pose)?;
         let takes_collision = !collide.is_empty()
             && (seen.is_empty() || (rough(&collide) < rough(&seen) && fills(&collide, &seen)));
         if !takes_collision {

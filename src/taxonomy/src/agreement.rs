@@ -105,7 +105,8 @@ pub fn agreement<'a>(
         accuracy,
         kappa: (!pairs.is_empty() && by_chance < 1.0)
             .then(|| (accuracy - by_chance) / (1.0 - by_chance)),
-        macro_f1: true_ones.iter().sum::<f64>() / true_ones.len().max(1) as f64,
+        // an empty sum is -0
+        macro_f1: (0.0 + true_ones.iter().sum::<f64>()) / true_ones.len().max(1) as f64,
         classes,
         confusion,
     }

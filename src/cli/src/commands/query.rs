@@ -239,3 +239,13 @@ fn find(name: &str) -> anyhow::Result<&'static named::NamedQuery> {
         )
     })
 }
+
+/// The answer to a question as rows of a type that has its columns.
+pub(crate) fn rows<T: serde::de::DeserializeOwned>(
+    session: &QuerySession,
+    sql: &str,
+) -> anyhow::Result<Vec<T>> {
+    let text = format(&session.run(sql)?, Format::Json)?;
+    serde_json::from_str(&text)
+        .with_context(|| format!("an answer has another form than expected: {sql}"))
+}

@@ -7,14 +7,14 @@ use std::{fmt::Write as _, fs, path::PathBuf};
 
 use anyhow::Context;
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use reel_query::{Format, QuerySession, format, named};
+use reel_query::{QuerySession, named};
 use reel_replay::{Viewpoint, view_at};
 use reel_taxonomy::sankey::{Flow, Sankey};
 use reel_trace::{TraceFiles, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
-use serde::{Deserialize, de::DeserializeOwned};
+use serde::Deserialize;
 
-use crate::{ExitStatus, inputs};
+use crate::{ExitStatus, commands::query::rows, inputs};
 
 /// Write one self-contained HTML file about the episodes of a store: a summary in sentences with its
 /// evidence, success rates with intervals, reasons of failure, decisive calls, the hardest tasks,
@@ -117,7 +117,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let version = store.version();
     let session = QuerySession::new(store)?;
     if arguments.summary {
-        for statement in summary::statements(&session, &arguments.episodes())? {
+        let statements = summary::statements(&session, &arguments.episodes())?;
+        anyhow::ensure!(!statements.is_empty(), "{}", arguments.nothing());
+        for statement in statements {
             if arguments.json {
                 println!("{}", serde_json::to_string(&statement)?);
                 continue;
@@ -137,6 +139,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 }
 
 impl Arguments {
+    fn nothing(&self) -> String {
+        format!(
+            "no episode of {} that was played to an end fits --where",
+            self.store
+        )
+    }
+
     /// The episodes of the report, as a table expression in SQL.
     fn episodes(&self) -> String {
         format!("(SELECT * FROM episodes WHERE ({}\n))", self.condition)
@@ -146,11 +155,7 @@ impl Arguments {
 fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::Result<String> {
     let these = arguments.episodes();
     let rates: Vec<Rate> = rows(session, &rates_sql(&these))?;
-    anyhow::ensure!(
-        !rates.is_empty(),
-        "no episode of {} that was played to an end fits --where",
-        arguments.store
-    );
+    anyhow::ensure!(!rates.is_empty(), "{}", arguments.nothing());
     let kinds: Vec<Kind> = rows(
         session,
         &format!(
@@ -418,12 +423,6 @@ fn image(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
             .map(|frame| frame.rgb)
     })?;
     Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
-}
-
-fn rows<T: DeserializeOwned>(session: &QuerySession, sql: &str) -> anyhow::Result<Vec<T>> {
-    let text = format(&session.run(sql)?, Format::Json)?;
-    serde_json::from_str(&text)
-        .with_context(|| format!("an answer has another form than expected: {sql}"))
 }
 
 fn escaped(text: &str) -> String {

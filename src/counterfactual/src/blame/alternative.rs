@@ -19,6 +19,8 @@ pub struct Alternative {
     /// The policy that takes over at the decisive step: the competent agent, which knows what the
     /// agent knew, or `oracle`, which knows the truth.
     pub policy: String,
+    /// What it calls at the decisive step.
+    pub call: ToolCall,
     /// Decisions of the whole episode then.
     pub length: u32,
     /// The branch, where one was wanted.
@@ -49,8 +51,12 @@ pub fn alternative(
         None => false,
     };
     let (policy, trace) = (better.policy.to_owned(), record.map(Path::to_owned));
+    let Some(call) = better.calls.first().cloned() else {
+        return Ok(Err(format!("{policy} calls nothing from there on")));
+    };
     Ok(Ok(Alternative {
         policy,
+        call,
         length: better.length,
         trace,
         verified,

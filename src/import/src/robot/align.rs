@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use reel_trace::robot::Odometry;
-use reel_world::Scene;
+use reel_world::{Receptacle, Scene};
 use serde_json::{Value, json};
 
 /// Where receptacles stand in a robot's map, in metres.
@@ -70,29 +70,35 @@ pub(crate) struct MapAlignment {
 const ERROR_MAX_M: f64 = 1.0;
 
 impl MapAlignment {
-    /// The motion that takes the map's receptacles nearest to the scene's. `None` where map and scene
-    /// have no two receptacles in common.
-    pub(crate) fn of(map: &RobotMap, scene: &Scene) -> Option<Self> {
+    /// The motion that takes the map's receptacles nearest to the scene's; else why there is none.
+    pub(crate) fn of(map: &RobotMap, scene: &Scene) -> Result<Self, &'static str> {
+        // A scene of names alone has no places.
+        let is_placed =
+            |it: &Receptacle| (0..2).all(|axis| it.surface_max[axis] > it.surface_min[axis]);
         let centre = |id: &String| {
             let known = scene.receptacles.iter().find(|it| it.id.as_str() == id)?;
             let (low, high) = (known.surface_min, known.surface_max);
-            // A scene of names alone has no places.
-            let is_placed = (0..2).all(|axis| high[axis] > low[axis]);
-            is_placed.then(|| [0, 1].map(|axis| f64::midpoint(low[axis], high[axis])))
+            is_placed(known).then(|| [0, 1].map(|axis| f64::midpoint(low[axis], high[axis])))
         };
         let pairs: Vec<(&String, [f64; 2], [f64; 2])> = map
             .iter()
             .filter_map(|(id, there)| Some((id, *there, centre(id)?)))
             .collect();
+        if !scene.receptacles.iter().any(is_placed) {
+            return Err(
+                "the scene of the episode is not known (give --tasks, and --scenes where the task names a scene of yours), so nothing can be laid over it",
+            );
+        }
         if pairs.len() < 2 {
-            return None;
+            return Err("the robot's map and the scene have no two receptacles in common");
         }
         let points: Vec<_> = pairs
             .iter()
             .map(|(_, there, here)| (*there, *here))
             .collect();
         let mut alignment = Self {
-            motion: PlanarMotion::fit(&points)?,
+            motion: PlanarMotion::fit(&points)
+                .ok_or("the receptacles of the robot's map stand all in one place")?,
             pairs: pairs.len(),
             rmse_m: 0.0,
             worst: (0.0, String::new()),
@@ -107,7 +113,7 @@ impl MapAlignment {
             }
         }
         alignment.rmse_m = (squares / pairs.len() as f64).sqrt();
-        Some(alignment)
+        Ok(alignment)
     }
 
     /// A pose of the map in the frame of the scene.

@@ -104,13 +104,15 @@ topics AS (
   UNION ALL
   SELECT 4, 'measured failures could still have been saved by a competent agent at the last call', saved, NOT success AND decisive IS NOT NULL, trace, length, episode_id FROM facts
   UNION ALL
-  SELECT 5, 'explanations are in doubt: rules and measurement disagree', doubt, NOT success, trace, length, episode_id FROM facts
+  SELECT 5, 'explanations are in doubt: rules and measurement disagree', doubt, NOT success AND class IS NOT NULL, trace, length, episode_id FROM facts
+  UNION ALL
+  SELECT 6, 'failures have no class yet: run reel taxonomy', class IS NULL, NOT success, trace, length, episode_id FROM facts
   UNION ALL
   SELECT
-    3, 'failures are ' || replace(kind, '_', ' ') || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success, trace,
+    3, 'classified failures are ' || replace(kind, '_', ' ') || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success AND classed, trace,
     length, episode_id
   FROM (
-    SELECT k.kind, k.class, k.least_cause, facts.success, facts.trace, facts.length, facts.episode_id,
+    SELECT k.kind, k.class, k.least_cause, facts.class IS NOT NULL AS classed, facts.success, facts.trace, facts.length, facts.episode_id,
       ifnull(facts.kind = k.kind AND facts.class = k.class, false) AS same
     FROM facts, (
       SELECT class, kind, min(cause) AS least_cause FROM facts WHERE NOT success AND class IS NOT NULL

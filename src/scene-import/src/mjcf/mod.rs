@@ -289,7 +289,9 @@ impl Reader<'_> {
                     }
                 }
                 "joint" => {
-                    let body = self.notes.about(child.name());
+                    let named = [child.name(), node.name.as_str()];
+                    let named = named.into_iter().find(|name| !name.is_empty());
+                    let body = self.notes.about(named.unwrap_or_default());
                     let joint = self.joint(child, &pose, class)?;
                     match (&node.joint, joint) {
                         (None, joint) => node.joint = joint,
@@ -301,7 +303,10 @@ impl Reader<'_> {
                     self.notes.about(&body);
                     child.name().clone_into(&mut node.joint_name);
                 }
-                "site" | "light" | "camera" | "inertial" | "freejoint" | "geom" => {}
+                "freejoint" => self
+                    .notes
+                    .left_out("joint: of the whole piece, which stays where it stands"),
+                "site" | "light" | "camera" | "inertial" | "geom" => {}
                 other => {
                     let shown: String = other.chars().take(40).collect();
                     self.notes.left_out(format!("element <{shown}> of a body"));

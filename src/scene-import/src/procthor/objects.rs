@@ -120,6 +120,7 @@ pub(super) fn pieces(
                 "its position or rotation is not there or no finite triple",
             ));
         };
+        notes.about(name_of(item));
         let mut count = 0;
         count_children(&item.children, notes, &mut count);
         if count > ITEMS_MAX {
@@ -129,7 +130,6 @@ pub(super) fn pieces(
                 format!("more than {ITEMS_MAX} objects on it"),
             ));
         }
-        notes.about(name_of(item));
         match category(item, known) {
             Some(category) => pieces.push(piece((item, position), category, known, notes)),
             None => notes.left_out(format!("not furniture to put objects on: {}", kind(item))),

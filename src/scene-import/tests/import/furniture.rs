@@ -400,3 +400,51 @@ fn drawers_of_usd_are_told_apart_and_the_carcass_stands_still() {
         assert_eq!(scene.scene.receptacles.len(), 3, "{:?}", scene.report);
     }
 }
+
+#[test]
+fn a_root_without_a_shape_leaves_the_category_to_its_only_child() {
+    let scene = import_text(
+        "room.urdf",
+        r#"<robot name="x"><link name="world"/><link name="desk"><visual>
+  <origin xyz="0 0 0.35"/><geometry><box size="0.8 1.2 0.7"/></geometry></visual></link>
+ <joint name="base" type="fixed"><parent link="world"/><child link="desk"/></joint></robot>"#,
+    );
+    assert_eq!(receptacle(&scene, "desk_1").category, "desk");
+}
+
+#[test]
+fn a_joint_of_a_whole_piece_is_said() {
+    let body = |joint: &str| {
+        let scene = import_text(
+            "desk.xml",
+            &format!(
+                r#"<mujoco><worldbody><body name="desk">{joint}
+  <geom type="box" size="0.4 0.6 0.35" pos="0 0 0.35"/></body></worldbody></mujoco>"#
+            ),
+        );
+        scene.report.left_out["joint: of the whole piece, which stays where it stands"].clone()
+    };
+    for joint in [
+        "<joint type=\"slide\" axis=\"1 0 0\" range=\"0 1\"/>",
+        "<freejoint/>",
+    ] {
+        assert_eq!(body(joint).of, ["desk"], "{joint}");
+    }
+}
+
+#[test]
+fn collision_shapes_that_are_not_used_need_not_be_there() {
+    let scene = import_text(
+        "dresser.urdf",
+        &link(
+            r#"<origin xyz="0 0 0.4"/><geometry><box size="0.6 0.8 0.8"/></geometry>"#,
+            r#"<geometry><mesh filename="meshes/absent.stl"/></geometry>"#,
+        ),
+    );
+    assert_eq!(
+        scene.report.left_out.len(),
+        0,
+        "{:?}",
+        scene.report.left_out
+    );
+}

@@ -73,9 +73,12 @@ fn a_procthor_house_keeps_rooms_furniture_and_start() {
     different.dedup();
     assert_eq!(different.len(), captions.len(), "{captions:?}");
     let left_out = &house.report.left_out;
+    let mugs = &left_out["object on furniture (scenes hold none): mug"];
+    assert_eq!(mugs.count, 2);
     assert_eq!(
-        left_out["object on furniture (scenes hold none): mug"].count,
-        2
+        mugs.of,
+        ["CounterTop|2|1"],
+        "the furniture that they stand on"
     );
     assert_eq!(
         left_out["not furniture to put objects on: floor lamp"].count,

@@ -16,7 +16,7 @@ pub enum JudgeError {
         source: ModelError,
     },
     /// It answered twice, and neither is an answer.
-    #[error("the judge's answer cannot be read, and neither could the one before: {problem}{limit}; try another model: {excerpt} (episode {episode_id})",
+    #[error("the judge's answer cannot be read, and neither could the one before: {problem}{limit}; try another model, or this one again with another folder for replies (this reply is kept): {excerpt} (episode {episode_id})",
         limit = if *truncated { " (it was cut off: allow more tokens)" } else { "" })]
     Unreadable {
         episode_id: String,

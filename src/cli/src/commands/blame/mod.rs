@@ -86,7 +86,7 @@ pub struct Arguments {
     #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels", "competent_agent"])]
     store: Option<String>,
     /// Compare with the labels of injected faults that lie beside the traces
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     labels: bool,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
@@ -351,7 +351,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
             };
             println!(
                 "  better    {}; {who} after {} calls",
-                decisive.advised_call, found.length
+                found.call, found.length
             );
             if let Some(path) = &found.trace {
                 let verdict = if found.verified {

@@ -4,7 +4,7 @@ use anyhow::Context as _;
 use reel_query::{QuerySession, named};
 use serde::{Deserialize, Serialize};
 
-use super::rows;
+use crate::commands::query::rows;
 
 /// A sentence and traces that show what it says.
 #[derive(Clone, PartialEq, Debug, Deserialize, Serialize)]

@@ -66,8 +66,8 @@ pub struct Arguments {
     /// the looks of all objects, and what each call acted on
     #[arg(long)]
     truth: bool,
-    /// Read each episode step by step, without what comes after the step: as many calls as there are
-    /// steps up to the decisive one, and one. Its labels have the author `MODEL step by step`
+    /// Look for the decisive step one step at a time, without what comes after it; the class is asked
+    /// with the whole record. As many calls as there are steps up to the decisive one, and one. Its labels have the author `MODEL step by step`
     #[arg(long)]
     step_by_step: bool,
     /// Folder in which replies are kept

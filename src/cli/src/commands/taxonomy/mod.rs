@@ -17,7 +17,9 @@ use reel_taxonomy::{
 };
 use serde_json::json;
 
-use crate::{ExitStatus, cluster_arguments::ClusterArguments, inputs, progress};
+use crate::{
+    ExitStatus, cluster_arguments::ClusterArguments, commands::query::rows, inputs, progress,
+};
 
 mod clusters;
 pub mod judge;
@@ -398,10 +400,26 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
     let truth = label_set(&labels, &arguments.set);
     let found = match arguments.of.as_str() {
         "rules" => classes_of(&session, &arguments.store)?,
-        set => label_set(&labels, set)
-            .into_values()
-            .map(as_found)
-            .collect(),
+        set => {
+            let authors: BTreeSet<&str> = labels
+                .iter()
+                .filter(|label| label.kind == set)
+                .map(|label| label.author.as_str())
+                .collect();
+            if authors.len() > 1 {
+                let authors: Vec<&str> = authors.into_iter().collect();
+                eprintln!(
+                    "reel: '{set}' are {} authors ({}): of each episode the latest label counts; name one of them with --prediction",
+                    authors.len(),
+                    authors.join(", ")
+                );
+            }
+            let traces = traces_of(&session)?;
+            label_set(&labels, set)
+                .into_values()
+                .map(|label| as_found(label, &traces))
+                .collect()
+        }
     };
     let mut reports = vec![(arguments.of.as_str(), found)];
     if arguments.baseline {
@@ -482,7 +500,7 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
                 || label
                     .sub_class
                     .as_ref()
-                    .is_some_and(|said| *said != found.sub_class)
+                    .is_some_and(|said| !found.sub_class.is_empty() && *said != found.sub_class)
         })
         .collect();
     let open = disputed(&labels);
@@ -519,7 +537,14 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<ExitStatus> {
             .unwrap_or_default();
         println!(
             "  {}  {} says {said}{at}; found {} at {}\n    reel show {}",
-            found.episode_id, label.author, found.sub_class, found.step, found.trace
+            found.episode_id,
+            label.author,
+            match found.sub_class.as_str() {
+                "" => &found.class,
+                sub_class => sub_class,
+            },
+            found.step,
+            found.trace
         );
     }
     if !open.is_empty() {
@@ -572,13 +597,27 @@ fn calibrated(of: &str, found: &Calibration) -> String {
     text + "\n"
 }
 
+/// The trace of every episode, by its id.
+fn traces_of(session: &QuerySession) -> anyhow::Result<BTreeMap<String, String>> {
+    #[derive(serde::Deserialize)]
+    struct EpisodeTrace {
+        episode_id: String,
+        trace: String,
+    }
+    let rows: Vec<EpisodeTrace> = rows(session, "SELECT episode_id, trace FROM episodes")?;
+    Ok(rows
+        .into_iter()
+        .map(|row| (row.episode_id, row.trace))
+        .collect())
+}
+
 /// A label in the place of what the rules found.
-fn as_found(label: LabelRow) -> StoredClass {
+fn as_found(label: LabelRow, traces: &BTreeMap<String, String>) -> StoredClass {
     StoredClass {
+        trace: traces.get(&label.episode_id).cloned().unwrap_or_default(),
         episode_id: label.episode_id,
         family: String::new(),
         policy: String::new(),
-        trace: String::new(),
         class: label.class,
         sub_class: label.sub_class.unwrap_or_default(),
         step: label.step.unwrap_or(-1),

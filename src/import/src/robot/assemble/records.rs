@@ -110,12 +110,9 @@ impl EpisodeBuilder {
         let began_ns = self.began_ns();
         if let Some(map) = self.map.take() {
             match MapAlignment::of(&map, &scene) {
-                Some(alignment) => {
+                Ok(alignment) => {
                     let fits = alignment.check(mapping.map_error_max_m);
-                    settings.insert(
-                        "map_alignment".to_owned(),
-                        alignment.settings(fits.is_ok()),
-                    );
+                    settings.insert("map_alignment".to_owned(), alignment.settings(fits.is_ok()));
                     match fits {
                         Ok(()) => {
                             self.align(&alignment);
@@ -124,10 +121,7 @@ impl EpisodeBuilder {
                         Err(problem) => notes.push(problem),
                     }
                 }
-                None => notes.push(
-                    "the robot's map and the scene have no two receptacles in common; poses stay in the robot's frame"
-                        .to_owned(),
-                ),
+                Err(why) => notes.push(format!("{why}; poses stay in the robot's frame")),
             }
         }
         let reason = self.reason(&mut notes);
