@@ -2,6 +2,7 @@
 //! rows into columns, so that a field here without a column there (or the reverse) is an
 //! error of every test.
 
+mod nested;
 mod tasks;
 
 use std::{
@@ -15,15 +16,15 @@ use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, ErrorCode, FLOOR, GraphEvent, InstanceId, Primitive, ReceptacleId, Scene,
     Task, TokenLogprobs, WorldGraph, canonical_json, language,
-    record::{
-        Backend, GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject,
-    },
+    record::{Backend, MarkerTarget, StepRecord},
 };
 use serde::Serialize;
 use serde_arrow::ArrayBuilder;
 use serde_json::Value;
 
 use crate::{Table, revisit::Revisits};
+pub(crate) use nested::{Change, MarkerRow, PolicyLogprobs, Term, Visible};
+use nested::{changes, marker, start_changes, term, visible};
 pub(crate) use tasks::{door, name_of};
 use tasks::{scene_row, task_row};
 
@@ -622,119 +623,4 @@ fn question(record: &StepRecord) -> Option<Cow<'_, str>> {
         call.argument()
             .unwrap_or_else(|| canonical_json(&call.arguments).into()),
     )
-}
-
-#[derive(Serialize)]
-pub(crate) struct Change {
-    pub(crate) authority: &'static str,
-    pub(crate) event: &'static str,
-    pub(crate) object: Option<String>,
-    pub(crate) asset: Option<String>,
-    pub(crate) receptacle: String,
-    pub(crate) door_from: Option<String>,
-    pub(crate) door_to: Option<String>,
-}
-
-fn changes(changes: &GraphChanges) -> Vec<Change> {
-    let physics = changes.physics.iter().map(|event| change("physics", event));
-    physics
-        .chain(
-            changes
-                .registry
-                .iter()
-                .map(|event| change("registry", event)),
-        )
-        .collect()
-}
-
-/// How the graphs after settling differ from the task's.
-fn start_changes(task: &Task, graphs: &Graphs) -> Vec<Change> {
-    let physics = graphs.physics.difference(&task.initial);
-    changes(&GraphChanges {
-        physics,
-        registry: graphs.registry.difference(&task.initial),
-    })
-}
-
-fn change(authority: &'static str, event: &GraphEvent) -> Change {
-    let (name, doors) = match event {
-        GraphEvent::Add { .. } => ("add", None),
-        GraphEvent::Remove { .. } => ("remove", None),
-        GraphEvent::Door { from, to, .. } => ("door", Some((from, to))),
-    };
-    Change {
-        authority,
-        event: name,
-        object: event.object().map(|object| object.as_str().to_owned()),
-        asset: event.object().map(|object| object.asset().into()),
-        receptacle: event.receptacle().as_str().to_owned(),
-        door_from: doors.map(|(from, _)| from.to_string()),
-        door_to: doors.map(|(_, to)| to.to_string()),
-    }
-}
-
-#[derive(Serialize)]
-pub(crate) struct PolicyLogprobs<'a> {
-    pub(crate) policy: &'a str,
-    pub(crate) logprobs: &'a [f64],
-}
-
-#[derive(Serialize)]
-pub(crate) struct Term<'a> {
-    pub(crate) component: &'a str,
-    pub(crate) value: f64,
-    pub(crate) reason: &'a str,
-}
-
-fn term(term: &RewardTerm) -> Term<'_> {
-    Term {
-        component: &term.component,
-        value: term.value,
-        reason: &term.reason,
-    }
-}
-
-#[derive(Serialize)]
-pub(crate) struct MarkerRow<'a> {
-    pub(crate) marker: u32,
-    pub(crate) kind: &'static str,
-    pub(crate) id: &'a str,
-}
-
-fn marker(marker: &Marker) -> MarkerRow<'_> {
-    let (kind, id) = match &marker.target {
-        MarkerTarget::Object(id) => ("object", id.as_str()),
-        MarkerTarget::Receptacle(id) => ("receptacle", id.as_str()),
-    };
-    MarkerRow {
-        marker: marker.id,
-        kind,
-        id,
-    }
-}
-
-#[derive(Serialize)]
-pub(crate) struct Visible<'a> {
-    pub(crate) object: &'a str,
-    pub(crate) pixels: u32,
-    pub(crate) x_min: u16,
-    pub(crate) y_min: u16,
-    pub(crate) x_max: u16,
-    pub(crate) y_max: u16,
-}
-
-fn visible(visible: &VisibleObject) -> Visible<'_> {
-    let VisibleObject {
-        object,
-        pixels,
-        bbox: [x_min, y_min, x_max, y_max],
-    } = visible;
-    Visible {
-        object: object.as_str(),
-        pixels: *pixels,
-        x_min: *x_min,
-        y_min: *y_min,
-        x_max: *x_max,
-        y_max: *y_max,
-    }
 }

@@ -319,34 +319,43 @@ fn judged(
         JudgeReading::Whole => None,
         JudgeReading::Steps => reading::decisive(case, options, &ask)?,
     };
-    let mut request = prompt::request(case, options, found.as_ref());
-    let first = ask(&request)?;
-    let (reply, opinion) = match answer::parse(&first.text, case) {
-        Ok(opinion) => (first, opinion),
-        Err(what) => {
-            request
-                .messages
-                .push(Message::text(Role::Assistant, first.text));
-            request
-                .messages
-                .push(Message::text(Role::User, prompt::retry_prompt(&what)));
-            let second = ask(&request)?;
-            let opinion =
-                answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
-                    episode_id: episode_id(),
-                    problem: what,
-                    truncated: second.truncated,
-                    excerpt: answer::one_line(&second.text, 300),
-                })?;
-            (second, opinion)
-        }
-    };
+    let request = prompt::request(case, options, found.as_ref());
+    let (reply, opinion) = answered(case, request, &ask, |text| answer::parse(text, case))?;
     Ok(verdict(
         case,
         opinion,
         &client.endpoint().model,
         (prompt_version(options.reading), reply.request),
     ))
+}
+
+/// Asks, and once more, with what is wrong, if the answer cannot be read.
+fn answered<T>(
+    case: &Case,
+    mut request: Request,
+    ask: &dyn Fn(&Request) -> Result<Reply, JudgeError>,
+    parse: impl Fn(&str) -> Result<T, String>,
+) -> Result<(Reply, T), JudgeError> {
+    let first = ask(&request)?;
+    let problem = match parse(&first.text) {
+        Ok(read) => return Ok((first, read)),
+        Err(problem) => problem,
+    };
+    let retry = prompt::retry_prompt(&problem);
+    request
+        .messages
+        .push(Message::text(Role::Assistant, first.text));
+    request.messages.push(Message::text(Role::User, retry));
+    let second = ask(&request)?;
+    match parse(&second.text) {
+        Ok(read) => Ok((second, read)),
+        Err(problem) => Err(JudgeError::Unreadable {
+            episode_id: case.episode_id.clone(),
+            problem,
+            truncated: second.truncated,
+            excerpt: answer::one_line(&second.text, 300),
+        }),
+    }
 }
 
 /// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.

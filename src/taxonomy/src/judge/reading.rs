@@ -1,8 +1,8 @@
 //! A case read step by step: after each step, without what comes after it, whether it is decisive.
 
-use reel_llm::client::{Message, Reply, Request, Role};
+use reel_llm::client::{Reply, Request};
 
-use super::{Case, JudgeError, JudgeOptions, answer, prompt};
+use super::{Case, JudgeError, JudgeOptions, answer, answered, prompt};
 
 /// Which step the model held for decisive, and why.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -31,26 +31,12 @@ pub(super) fn decisive(
                 .collect(),
             ..case.clone()
         };
-        let mut request = prompt::step_request(&so_far, options);
-        let first = ask(&request)?;
-        let read = match answer::parse_step(&first.text) {
-            Ok(read) => read,
-            Err(what) => {
-                request
-                    .messages
-                    .push(Message::text(Role::Assistant, first.text));
-                request
-                    .messages
-                    .push(Message::text(Role::User, prompt::retry_prompt(&what)));
-                let second = ask(&request)?;
-                answer::parse_step(&second.text).map_err(|problem| JudgeError::Unreadable {
-                    episode_id: case.episode_id.clone(),
-                    problem: format!("step {}: {problem}", step.step),
-                    truncated: second.truncated,
-                    excerpt: answer::one_line(&second.text, 300),
-                })?
-            }
+        let request = prompt::step_request(&so_far, options);
+        let parse = |text: &str| {
+            let read = answer::parse_step(text);
+            read.map_err(|problem| format!("step {}: {problem}", step.step))
         };
+        let (_, read) = answered(case, request, ask, parse)?;
         if let Some(comment) = read {
             return Ok(Some(DecisiveStep {
                 step: step.step,
