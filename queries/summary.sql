@@ -25,7 +25,7 @@ WITH judged AS (
 ),
 kinds AS (
   SELECT
-    class, sub_class, min(cause) AS cause, count(*) AS episodes,
+    class, sub_class, CASE WHEN count(DISTINCT cause) = 1 THEN min(cause) END AS only_cause, count(*) AS episodes,
     array_slice(array_agg(trace ORDER BY length, episode_id), 1, 3) AS traces
   FROM judged WHERE NOT success AND class IS NOT NULL
   GROUP BY class, sub_class
@@ -54,7 +54,7 @@ statements AS (
   SELECT 2, 0, 'successes left an object elsewhere that the goal does not move', left_elsewhere, succeeded, leaving FROM counts
   UNION ALL
   SELECT
-    3, -episodes, 'classified failures are ' || replace(sub_class, '_', ' ') || ' (' || class || ', a matter of ' || coalesce(cause, 'an unknown cause') || ')',
+    3, -episodes, 'classified failures are ' || replace(sub_class, '_', ' ') || ' (' || class || coalesce(', a matter of ' || only_cause, '') || ')',
     episodes, (SELECT classified FROM counts), traces
   FROM kinds
   UNION ALL

@@ -109,13 +109,13 @@ topics AS (
   SELECT 6, 'failures have no class yet: run reel taxonomy', class IS NULL, NOT success, trace, length, episode_id FROM facts
   UNION ALL
   SELECT
-    3, 'classified failures are ' || replace(kind, '_', ' ') || ' (' || class || ', a matter of ' || ifnull(least_cause, 'an unknown cause') || ')', same, NOT success AND classed, trace,
+    3, 'classified failures are ' || replace(kind, '_', ' ') || ' (' || class || ifnull(', a matter of ' || same_cause, '') || ')', same, NOT success AND classed, trace,
     length, episode_id
   FROM (
-    SELECT k.kind, k.class, k.least_cause, facts.class IS NOT NULL AS classed, facts.success, facts.trace, facts.length, facts.episode_id,
+    SELECT k.kind, k.class, k.same_cause, facts.class IS NOT NULL AS classed, facts.success, facts.trace, facts.length, facts.episode_id,
       ifnull(facts.kind = k.kind AND facts.class = k.class, false) AS same
     FROM facts, (
-      SELECT class, kind, min(cause) AS least_cause FROM facts WHERE NOT success AND class IS NOT NULL
+      SELECT class, kind, if(len(list(DISTINCT cause) FILTER (cause IS NOT NULL)) = 1, any_value(cause), NULL) AS same_cause FROM facts WHERE NOT success AND class IS NOT NULL
       GROUP BY class, kind ORDER BY count(*) DESC, class, kind LIMIT 4
     ) k
   )
