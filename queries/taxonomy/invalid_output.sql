@@ -1,14 +1,13 @@
 -- invalid_output
 --
--- Output that is no call, unknown tools or bad arguments, three times or more, and nothing was done after it. The
--- decisive step is the first of them.
+-- Output that is no call, unknown tools or bad arguments: two or more, and up to the end they outnumber all other calls, `finish`
+-- among them. Where to look or what to pick next was still open, so this comes before what was left out. The decisive step is the
+-- first of them.
 --
 -- Class: Other
 -- Sub-class: invalid_output
 -- Priority: 23
-SELECT sequence_find(
-  steps,
-  '_[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')] !(pick[ok] | place[ok] | nav_to[ok] | ask[ok])* $'
-) AS found
+SELECT prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]') AS found
 FROM episodes
-WHERE sequence_count(steps, '_[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]') >= 3
+WHERE prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').margin >= 1
+  AND sequence_match(steps, '_[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')] .. _[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')] !(pick[ok] | place[ok] | nav_to[ok] | ask[ok])* $')

@@ -1,7 +1,7 @@
 -- missing_pick
 --
--- The target was looked for but never picked, and the episode went on as if it were in the hand: to the destination, or
--- to place. The decisive step is the first of these calls.
+-- The target was looked for where it stands but never picked, and the episode went on as if it were in the hand: to the
+-- destination, or to place. The decisive step is the first of these calls.
 --
 -- Class: Key Action Missing
 -- Sub-class: missing_pick
@@ -21,4 +21,7 @@ END AS found
 FROM episodes
 WHERE NOT sequence_match(steps, 'pick[ok]')
   AND NOT sequence_match(steps, 'pick[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]')
-  AND sequence_match(steps, 'show_object_by_category | gaze_at | walk_around')
+  AND sequence_match(
+    steps,
+    'gaze_at[object_match = ''target''] | nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')]'
+  )

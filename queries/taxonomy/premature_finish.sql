@@ -8,5 +8,6 @@
 -- Priority: 35
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
-WHERE sequence_match(steps, '(^ | place[put_back]) !(pick[ok] | place[ok])* finish $ | pick[ok and goal_object] !(pick[ok] | place[ok] | nav_to[receptacle_match = ''dest''])* finish[held is not null] $')
+WHERE sequence_match(steps, 'pick[ok and goal_object] !(pick[ok] | place[ok] | nav_to[receptacle_match = ''dest''])* finish[held is not null] $')
+   OR sequence_match(steps, '(^ | place[put_back]) !(pick[ok] | place[ok])* finish $')
   AND NOT sequence_match(steps, '_[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')] !(pick[ok] | place[ok])* finish $')

@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_failure
 -- Priority: 36
+-- Slip: yes
 SELECT sequence_find(
   steps,
   '_[repeated and failed and error_code not in (''hand_not_free'', ''door_closed'')] !(pick[ok] | place[ok] | open[ok] | close[ok])* $'

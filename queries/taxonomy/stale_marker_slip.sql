@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: stale_marker
 -- Priority: 60
+-- Slip: yes
 SELECT sequence_find(
   steps,
   '_[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'

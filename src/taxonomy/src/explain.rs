@@ -158,7 +158,7 @@ pub(crate) fn explain<'e>(
 
 /// The most important finding whose evidence holds the measured call: the first one about the
 /// capacity that was measured, else, where time was lost, the first one about more than the end of
-/// the stretch, else the first.
+/// the stretch, else the first. Slips come after all others, unless theirs is the capacity.
 fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Option<usize> {
     let rule = |finding: &Evidence| &rules[usize::from(finding.0)];
     let holding = || {
@@ -169,9 +169,11 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
     let is_stretch = |(_, first, last): &Evidence| {
         measured.harm == "time" && (first < last || *first <= measured.step)
     };
+    let explaining = || holding().filter(|(_, finding)| !rule(finding).slip);
     let found = holding()
         .find(|(_, finding)| same_cause(finding))
-        .or_else(|| holding().find(|(_, finding)| is_stretch(finding)))
+        .or_else(|| explaining().find(|(_, finding)| is_stretch(finding)))
+        .or_else(|| explaining().next())
         .or_else(|| holding().next());
     found.map(|(index, _)| index)
 }

@@ -29,6 +29,9 @@ pub struct Rule {
     pub priority: u32,
     /// Whether it is told beside what decides; what is left when nothing else was found is not.
     pub secondary: bool,
+    /// Whether it explains nothing alone: it decides only where blame measured the capacity that it
+    /// is about, or where no other rule holds.
+    pub slip: bool,
     /// What it says, in prose.
     pub prose: String,
     /// Text of the whole rule file, its header comments included.
@@ -174,8 +177,17 @@ impl Rule {
             }
             Err(_) => true,
         };
+        let slip = match field("Slip") {
+            Ok("yes") => true,
+            Ok(other) => {
+                return Err(wrong(format!(
+                    "`-- Slip: {other}` has to be `yes`, or to be left out"
+                )));
+            }
+            Err(_) => false,
+        };
         let is_prose = |line: &&&str| {
-            !["Class:", "Sub-class:", "Priority:", "Secondary:"]
+            !["Class:", "Sub-class:", "Priority:", "Secondary:", "Slip:"]
                 .iter()
                 .any(|key| line.starts_with(key))
         };
@@ -199,6 +211,7 @@ impl Rule {
             sub_class,
             priority,
             secondary,
+            slip,
             prose,
             question,
             name,
@@ -230,6 +243,7 @@ mod tests {
             ("-- Class: Other\n", "", "no line `-- Class: ...`"),
             ("Sub-class: x", "Sub-class: X y", "other characters"),
             ("Priority: 7", "Priority: high", "no whole number"),
+            ("Priority: 7", "Priority: 7\n-- Slip: no", "has to be `yes`"),
             ("-- Words.\n", "", "in words"),
             ("FROM episodes", "FROM labels", "from `episodes`"),
             ("SELECT", "SELEKT", "xpected"),

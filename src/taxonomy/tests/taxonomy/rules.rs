@@ -63,6 +63,14 @@ FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_
 FDP | fails pick unknown_marker / fails gaze_at marker_not_in_view / finish | stale_marker 2
 FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0 | oscillation 10
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
+FDP | fails say unparsable_output / fails say bad_arguments / finish | invalid_output 2 | premature_finish 4
+# most of what it wrote were calls
+FDP | fails say unparsable_output / nav desk_2 / find mug / fails say bad_arguments / finish | premature_finish 6
+# looked, but not where the target stood; numbers of no map explain nothing there
+FDP bare | nav desk_1 / find alarm clock / finish | never_looked 2 | premature_finish 2
+FDP bare | nav desk_2 / find mug / fails gaze_at no_marker_map / fails gaze_at no_marker_map / finish | never_looked 4 | stale_marker 2
+# a door that could not be closed costs nothing
+FDP | pick TARGET / nav desk_2 / fails close unknown_marker / finish | premature_finish 5 | stale_marker 4
 FDP | pick TARGET / nav desk_1 / drops / finish | physical_failure 3
 FDP | fails pick backend_error / finish | primitive_failure 2 | premature_finish 3
 FDP | pick TARGET / find alarm clock / again 5 / horizon | repeated_call 4
