@@ -1,6 +1,6 @@
 -- exploration_given_up
 --
--- The agent drove from receptacle to receptacle, moved nothing, and finished: it had lost what it was after. The decisive step is
+-- The agent drove from receptacle to receptacle, three or more, moved nothing, and finished: it had lost what it was after. The decisive step is
 -- the first call of that stretch.
 --
 -- Class: Lost Memory
@@ -8,4 +8,4 @@
 -- Priority: 38
 SELECT sequence_find(steps, 'nav_to (nav_to | show_object_by_category | walk_around | gaze_at | show_receptacles)* finish $') AS found
 FROM episodes
-WHERE sequence_match(steps, 'nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* finish $')
+WHERE sequence_match(steps, 'nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1] !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1] !(pick[ok] | place[ok] | open[ok] | close[ok])* finish $')

@@ -7,7 +7,10 @@
 -- Class: Other
 -- Sub-class: invalid_output
 -- Priority: 23
-SELECT prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]') AS found
+SELECT named_struct(
+  'first', prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').onset,
+  'last', prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').last
+) AS found
 FROM episodes
-WHERE prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').margin >= 1
-  AND sequence_match(steps, '_[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')] .. _[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')] !(pick[ok] | place[ok] | nav_to[ok] | ask[ok])* $')
+WHERE prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').margin >= 2
+   OR prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').margin = 1 AND sequence_match(steps, 'finish $')

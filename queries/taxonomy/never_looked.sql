@@ -1,13 +1,17 @@
 -- never_looked
 --
--- Nothing was picked, and no call looked for the target. The decisive step is the first call after those that went
--- somewhere: there it should have looked.
+-- Nothing was picked, and no call looked for the target. The decisive step is the first try to pick or place all the same, else the
+-- call with which it should have looked: the first other one at the source; else `finish`.
 --
 -- Class: Key Action Missing
 -- Sub-class: never_looked
 -- Priority: 30
 SELECT coalesce(
   sequence_find(steps, 'place[failed] | pick[failed]'),
+  CASE WHEN sequence_match(steps, 'nav_to[ok and receptacle_match = ''src'']') THEN named_struct(
+    'first', sequence_find(steps, 'nav_to[ok and receptacle_match = ''src''] (show_receptacles | open[ok])* !(show_receptacles | open[ok])').last,
+    'last', sequence_find(steps, 'nav_to[ok and receptacle_match = ''src''] (show_receptacles | open[ok])* !(show_receptacles | open[ok])').last
+  ) END,
   sequence_find(steps, 'finish')
 ) AS found
 FROM episodes

@@ -60,11 +60,14 @@ def main():
     options.add_argument("--store", required=True)
     options.add_argument("--count", type=int, default=60)
     options.add_argument("--seed", type=int, default=1, help="of the draw")
+    options.add_argument("--without", type=pathlib.Path, action="append", default=[], help="index.json of an earlier draw, whose episodes are left out")
     options.add_argument("--out", required=True, type=pathlib.Path)
     options = options.parse_args()
 
     query = "SELECT episode_id, trace FROM episodes WHERE NOT success ORDER BY episode_id"
     failures = json.loads(reel(options.reel, "query", "--store", options.store, "--json", query))
+    before = {episode["episode_id"] for index in options.without for episode in json.loads(index.read_text()).values()}
+    failures = [episode for episode in failures if episode["episode_id"] not in before]
     drawn = random.Random(options.seed).sample(failures, min(options.count, len(failures)))
     options.out.mkdir(parents=True, exist_ok=True)
     index = {}

@@ -5,6 +5,8 @@
 //! of it (what kind of mistake that is). So the explanation is the most important finding whose
 //! evidence holds the measured call; where no finding does, the two disagree, which is said.
 
+use std::borrow::Cow;
+
 use reel_world::FailureClass;
 
 use crate::rules::Rule;
@@ -88,8 +90,9 @@ pub(crate) struct Explained<'e> {
     /// The capacity that failed.
     pub cause: &'e str,
     /// Why, in a sentence; none where nothing was measured.
-    pub sentence: Option<&'e str>,
-    /// What a competent agent would have called.
+    pub sentence: Option<Cow<'e, str>>,
+    /// What a competent agent would have called at the decisive step; none where another step was
+    /// measured.
     pub advised_call: Option<&'e str>,
     pub confidence: f64,
     /// In which sources disagree, for a person to look at.
@@ -141,12 +144,27 @@ pub(crate) fn explain<'e>(
             measured.cause
         ));
     }
+    // The step at which the fault shows that is named: the loss may have begun before it.
+    let (_, first_step, last_step) = findings[primary];
+    let step = match (explains, measured.harm.as_str()) {
+        (false, _) => measured.step,
+        // what led to the end began before it
+        (true, "ending") => first_step,
+        (true, _) => measured.step.clamp(first_step, last_step),
+    };
+    let sentence = match step == measured.step {
+        true => Cow::Borrowed(measured.explanation.as_str()),
+        false => Cow::Owned(format!(
+            "call {}: {}",
+            measured.step, measured.explanation
+        )),
+    };
     Some(Explained {
         primary,
-        step: measured.step,
+        step,
         cause: by_class.unwrap_or(&measured.cause),
-        sentence: Some(&measured.explanation),
-        advised_call: Some(&measured.advised_call),
+        sentence: Some(sentence),
+        advised_call: (step == measured.step).then_some(measured.advised_call.as_str()),
         confidence: match explains {
             false => confidence::LEFT_OVER,
             true if conflicts.is_empty() => confidence::AGREED,
@@ -170,9 +188,14 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
         measured.harm == "time" && (first < last || *first <= measured.step)
     };
     let explaining = || holding().filter(|(_, finding)| !rule(finding).slip);
-    let found = holding()
+    let is_slip = |finding: &Evidence| rule(finding).slip;
+    let is_about = |finding: &Evidence| match is_slip(finding) {
+        true => same_cause(finding),
+        false => is_stretch(finding),
+    };
+    let found = explaining()
         .find(|(_, finding)| same_cause(finding))
-        .or_else(|| explaining().find(|(_, finding)| is_stretch(finding)))
+        .or_else(|| holding().find(|(_, finding)| is_about(finding)))
         .or_else(|| explaining().next())
         .or_else(|| holding().next());
     found.map(|(index, _)| index)

@@ -57,7 +57,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
         call: "prevailing_tail(steps, condition)",
         meaning: "The stretch up to the end in which decisions that fit outnumber the others by most: struct(first, last, \
-                  margin); null where they never do.",
+                  margin, onset); onset is the earliest from which they outnumber them at all. Null where they never do.",
         example: "SELECT episode_id, prevailing_tail(steps, '[repeated]').first FROM episodes",
     },
     FunctionHelp {
@@ -445,23 +445,26 @@ fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
 }
 
 /// From the end: each decision that fits counts for the stretch that begins with it, each other one
-/// against it.
+/// against it. The onset fits itself.
 fn prevailing_tail(condition: &Condition, steps: &Episodes) -> Result<StructArray> {
     let fits = fitting(&truth(condition, steps)?);
     let numbers = steps.numbers();
     let tail = |row: usize| {
         let range = steps.range(row);
         let last = numbers(range.clone().next_back()?);
-        let (mut sum, mut best) = (0, None);
+        let (mut sum, mut best, mut onset) = (0, None, last);
         for step in range.rev() {
             sum += if fits.value(step) { 1 } else { -1 };
             if sum > best.map_or(0, |(_, margin)| margin) {
                 best = Some((numbers(step), sum));
             }
+            if sum > 0 && fits.value(step) {
+                onset = numbers(step);
+            }
         }
-        best.map(|(first, margin)| [first, last, margin])
+        best.map(|(first, margin)| [first, last, margin, onset])
     };
-    let found: Vec<Option<[i32; 3]>> = (0..steps.len())
+    let found: Vec<Option<[i32; 4]>> = (0..steps.len())
         .map(|row| tail(row).filter(|_| steps.list.is_valid(row)))
         .collect();
     let column = |index: usize| -> ArrayRef {
@@ -470,7 +473,7 @@ fn prevailing_tail(condition: &Condition, steps: &Episodes) -> Result<StructArra
     };
     Ok(StructArray::new(
         tail_fields(),
-        (0..3).map(column).collect(),
+        (0..4).map(column).collect(),
         Some(NullBuffer::from_iter(found.iter().map(Option::is_some))),
     ))
 }
@@ -569,7 +572,7 @@ fn kind(field: &FieldRef) -> Option<ColumnKind> {
 }
 
 fn tail_fields() -> Fields {
-    ["first", "last", "margin"]
+    ["first", "last", "margin", "onset"]
         .map(|name| Field::new(name, DataType::Int32, true))
         .into_iter()
         .collect()

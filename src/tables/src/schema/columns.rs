@@ -330,12 +330,14 @@ pub(super) const CLASSES: &[Column] = columns! {
     must sub_class: Text, "sub-class within that class, e.g. `missing_ask`";
     must rule: Text, "the rule that decided";
     must step: Int,
-        "the decisive step: as measured by `reel blame`, else the first step of the rule's \
-         evidence";
+        "the decisive step, at which the fault shows: as measured by `reel blame`, but within the \
+         rule's evidence";
     must last_step: Int, "the last step of the evidence";
     must cause: Text, "capacity that failed, as in `blame`";
     may explanation: Text, "explanation in a sentence; null if `reel blame` did not measure";
-    may advised_call: Text, "call that a competent agent makes at the decisive step";
+    may advised_call: Text,
+        "call that a competent agent makes at the decisive step; null if `reel blame` did not \
+         measure that step";
     must confidence: Float,
         "how sure the explanation is, from 0 to 1 (docs/taxonomy.md has how it was measured)";
     may runner_up: Text, "sub-class of the next best explanation";

@@ -1,7 +1,7 @@
 //! Why episodes failed: the classes that the rules give, what was measured, and the labels of
 //! people, judges and injected faults. Never judges anything itself.
 
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 use deltalake::{DeltaTable, kernel::Action};
 use serde::{Deserialize, Serialize};
@@ -24,15 +24,15 @@ pub struct ClassRow<'a> {
     pub sub_class: &'a str,
     /// The rule that decided.
     pub rule: &'a str,
-    /// The decisive step: as `reel blame` measured it, else the first of the rule's evidence.
+    /// The decisive step: as `reel blame` measured it, but at least the first of the rule's evidence.
     pub step: i32,
     /// The last step of the evidence.
     pub last_step: i32,
     /// The capacity that failed, in the words of `blame`.
     pub cause: &'a str,
     /// Why, in a sentence; `None` if nothing was measured.
-    pub explanation: Option<&'a str>,
-    /// What a competent agent would have called; `None` if nothing was measured.
+    pub explanation: Option<Cow<'a, str>>,
+    /// What a competent agent would have called there; `None` if that step was not measured.
     pub advised_call: Option<&'a str>,
     /// How sure the explanation is, from 0 to 1.
     pub confidence: f64,
