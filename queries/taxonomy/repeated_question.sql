@@ -9,3 +9,4 @@
 SELECT prevailing_tail(steps, 'ask[repeated]') AS found
 FROM episodes
 WHERE prevailing_tail(steps, 'ask[repeated]').margin >= 2
+   OR prevailing_tail(steps, 'ask[repeated]').margin = 1 AND sequence_match(steps, 'finish $')

@@ -176,7 +176,7 @@ pub(crate) fn explain<'e>(
 
 /// The most important finding whose evidence holds the measured call: the first one about the
 /// capacity that was measured, else, where time was lost, the first one about more than the end of
-/// the stretch, else the first. Slips come after all others, unless theirs is the capacity.
+/// the stretch, else the first. Slips and what began late come after all others.
 fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Option<usize> {
     let rule = |finding: &Evidence| &rules[usize::from(finding.0)];
     let holding = || {
@@ -187,7 +187,10 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
     let is_stretch = |(_, first, last): &Evidence| {
         measured.harm == "time" && (first < last || *first <= measured.step)
     };
-    let explaining = || holding().filter(|(_, finding)| !rule(finding).slip);
+    let end = findings.iter().map(|(.., last)| *last).max().unwrap_or(0);
+    let explaining = || {
+        holding().filter(|(_, finding)| !rule(finding).slip && !is_late(finding, measured, end))
+    };
     let is_slip = |finding: &Evidence| rule(finding).slip;
     let is_about = |finding: &Evidence| match is_slip(finding) {
         true => same_cause(finding),
@@ -200,6 +203,16 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
         .or_else(|| holding().next());
     found.map(|(index, _)| index)
 }
+
+/// Whether the evidence of a finding is a stretch of which most lost time went by before: what began
+/// so late explains no loss.
+fn is_late((_, first, last): &Evidence, measured: &Measured, end: i32) -> bool {
+    let (lost, covered) = (end - measured.step, last - first);
+    measured.harm == "time" && first < last && covered * LATE_SHARE < lost
+}
+
+/// A stretch of less than one in so many of the calls that were lost began too late.
+const LATE_SHARE: i32 = 3;
 
 /// Whether the evidence of a finding holds the measured call. Harm to the world and endings are one
 /// call; lost time is a stretch that begins with the measured one.
