@@ -6,22 +6,21 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_pick
 -- Priority: 30
-SELECT CASE
-  WHEN sequence_match(steps, 'gaze_at[object_match = ''target''] .. nav_to[receptacle_match = ''dest'']') THEN named_struct(
-    'first',
-    sequence_find(steps, 'gaze_at[object_match = ''target''] !(gaze_at[object_match = ''target''] | nav_to[receptacle_match = ''dest''])* nav_to[receptacle_match = ''dest'']')['last'],
-    'last',
-    CAST(length - 1 AS INT)
-  )
-  ELSE coalesce(
-    sequence_find(steps, 'nav_to[receptacle_match = ''dest''] !nav_to* (place | finish)'),
+SELECT named_struct(
+  'first',
+  coalesce(
+    sequence_find(steps, 'gaze_at[object_match = ''target''] !(gaze_at[object_match = ''target''] | nav_to[receptacle_match = ''dest''])* nav_to[receptacle_match = ''dest'']'),
+    sequence_find(steps, 'nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')] !nav_to[receptacle_match = ''dest'']* nav_to[receptacle_match = ''dest'']'),
     sequence_find(steps, 'place[error_code = ''nothing_held'']')
-  )
-END AS found
+  )['last'],
+  'last',
+  CAST(length - 1 AS INT)
+) AS found
 FROM episodes
 WHERE NOT sequence_match(steps, 'pick[ok]')
   AND NOT sequence_match(steps, 'pick[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]')
-  AND sequence_match(
-    steps,
-    'gaze_at[object_match = ''target''] | nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')]'
+  AND (
+    sequence_match(steps, 'gaze_at[object_match = ''target''] .. nav_to[receptacle_match = ''dest'']')
+    OR sequence_match(steps, 'nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')] .. nav_to[receptacle_match = ''dest''] !nav_to* (place | finish)')
+    OR sequence_match(steps, 'nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')] .. place[error_code = ''nothing_held'']')
   )

@@ -60,6 +60,7 @@ FDP | pick TARGET / finish | premature_finish 3
 FDP | finish | premature_finish 2
 FDP | nav desk_1 / fails place nothing_held / finish | missing_pick 2 | premature_finish 4
 FDP bare | nav table_1 / nav desk_1 / fails place nothing_held / finish | never_looked 2 | premature_finish 3
+FDP bare | nav desk_1 / find mug / fails place nothing_held / again 3 / finish | repeated_failure 3 | never_looked 6 | premature_finish 6
 FDP | fails pick unknown_marker / fails gaze_at marker_not_in_view / finish | stale_marker 2
 FDP | look table_2 / look desk_1 / look desk_2 / look cabinet_1 / nav table_2 / find mug / nav desk_1 / find mug / nav desk_2 / find mug / nav cabinet_1 / find mug / horizon | exploration 0 | oscillation 10
 FDP | fails say unparsable_output / fails say unknown_tool / fails say bad_arguments / horizon | invalid_output 2
