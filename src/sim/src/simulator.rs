@@ -17,7 +17,8 @@ use crate::{
     physics::{Motion, Physics},
     published,
     render::{
-        Detail, Drawable, OverlayMark, Region, TriangleSurface, overlay, render, surfaces_of,
+        Detail, Drawable, OverlayMark, Region, TriangleSurface, for_runs, overlay, render,
+        surfaces_of,
     },
 };
 
@@ -610,9 +611,9 @@ pub(crate) fn furniture_entity(index: usize) -> u16 {
 
 /// The entities of an image as runs.
 fn runs(ids: &[u16]) -> Vec<(u16, u32)> {
-    ids.chunk_by(|a, b| a == b)
-        .map(|run| (run[0], run.len() as u32))
-        .collect()
+    let mut runs = Vec::new();
+    for_runs(ids, |run, id| runs.push((id, run.len() as u32)));
+    runs
 }
 
 fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<VisibleEntity>> {

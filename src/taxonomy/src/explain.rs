@@ -154,10 +154,7 @@ pub(crate) fn explain<'e>(
     };
     let sentence = match step == measured.step {
         true => Cow::Borrowed(measured.explanation.as_str()),
-        false => Cow::Owned(format!(
-            "call {}: {}",
-            measured.step, measured.explanation
-        )),
+        false => Cow::Owned(format!("call {}: {}", measured.step, measured.explanation)),
     };
     Some(Explained {
         primary,
@@ -188,9 +185,8 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
         measured.harm == "time" && (first < last || *first <= measured.step)
     };
     let end = findings.iter().map(|(.., last)| *last).max().unwrap_or(0);
-    let explaining = || {
-        holding().filter(|(_, finding)| !rule(finding).slip && !is_late(finding, measured, end))
-    };
+    let explaining =
+        || holding().filter(|(_, finding)| !rule(finding).slip && !is_late(finding, measured, end));
     let is_slip = |finding: &Evidence| rule(finding).slip;
     let is_about = |finding: &Evidence| match is_slip(finding) {
         true => same_cause(finding),

@@ -3,6 +3,7 @@
 //! Every image is a pure function of its arguments, to the bit, on every platform. Never decides
 //! what is in a scene or what is worth a mark, and never encodes files.
 
+mod block;
 mod mesh;
 mod outline;
 mod overlay;
@@ -15,12 +16,15 @@ mod textured;
 #[cfg(test)]
 mod tests;
 
+use std::{cell::RefCell, ops::Range};
+
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
 use crate::{
     geometry::{Camera, Part, Pose, dot},
     model::MeshModel,
 };
+use block::{Block, LANES, floor, on_vectors, to_integer};
 use mesh::Tessellation;
 use raster::{CameraFromPart, Visibility};
 use shade::{ShadingFrame, Surface};
@@ -116,8 +120,32 @@ pub enum Detail {
 /// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the
 /// earlier drawable is seen.
 pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Frame {
+    BUFFERS.with_borrow_mut(|buffers| draw(camera, drawables, detail, buffers))
+}
+
+/// What drawing a frame needs beside it.
+struct Buffers {
+    visibility: Visibility,
+    /// How much of 256 lines take away from each pixel.
+    lines: Vec<u8>,
+}
+
+thread_local! {
+    /// Those of the frame before: to get and clear the memory anew takes longer than to fill it.
+    static BUFFERS: RefCell<Buffers> = RefCell::new(Buffers {
+        visibility: Visibility::new(),
+        lines: vec![0; FRAME_WIDTH * FRAME_HEIGHT],
+    });
+}
+
+fn draw(
+    camera: &Camera,
+    drawables: &[Drawable<'_>],
+    detail: Detail,
+    Buffers { visibility, lines }: &mut Buffers,
+) -> Frame {
     let camera_axes = camera.axes();
-    let mut visibility = Visibility::new();
+    visibility.clear();
     let mut surfaces = Surfaces::default();
     let camera_from = |pose: &Pose| {
         let columns =
@@ -161,13 +189,19 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Fr
         }
     }
     let mut frame = Frame::new();
-    identify(&visibility, &surfaces, &mut frame);
+    on_vectors(
+        #[inline(always)]
+        || identify(visibility, &surfaces, &mut frame),
+    );
     if detail == Detail::Geometry {
         return frame;
     }
-    color(&camera_axes, &visibility, &surfaces, &mut frame);
-    outline::darken_contacts(&visibility, &surfaces, &mut frame);
-    outline::draw_edges(&visibility, &mut frame);
+    on_vectors(
+        #[inline(always)]
+        || color(&camera_axes, visibility, &surfaces, &mut frame),
+    );
+    outline::darken_contacts(visibility, &surfaces, &mut frame);
+    outline::draw_edges(visibility, lines, &mut frame);
     frame
 }
 
@@ -232,51 +266,81 @@ fn surface_of(code: u32) -> (usize, u8) {
 }
 
 /// Fills ids and depth from what is visible.
+#[inline(always)]
 fn identify(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
     for (depth_mm, &inverse) in frame.depth_mm.iter_mut().zip(&visibility.inverse_depth) {
+        let rounded = 1000.0 / inverse + 0.5;
+        let rounded = if rounded < 65_535.0 {
+            rounded
+        } else {
+            65_535.0
+        };
         *depth_mm = if inverse > 0.0 {
-            (1000.0 / inverse + 0.5) as u16
+            to_integer(floor(rounded)) as u16
         } else {
             0
         };
     }
+    for_runs(
+        &visibility.codes,
+        #[inline(always)]
+        |span, code| {
+            if code != 0 {
+                frame.ids[span].fill(surfaces.entity(code));
+            }
+        },
+    );
+}
+
+/// Calls with each longest stretch of equal codes, from the first on.
+#[inline(always)]
+pub(crate) fn for_runs<T: Copy + PartialEq>(codes: &[T], mut call: impl FnMut(Range<usize>, T)) {
     let mut start = 0;
-    for run in visibility.codes.chunk_by(|a, b| a == b) {
-        if run[0] != 0 {
-            frame.ids[start..start + run.len()].fill(surfaces.entity(run[0]));
-        }
-        start += run.len();
+    while let Some(&code) = codes.get(start) {
+        let rest = &codes[start..];
+        let alike = rest.as_chunks::<LANES>().0.iter();
+        let groups = alike.take_while(|group| **group == [code; LANES]).count();
+        let last = rest[groups * LANES..].iter();
+        let last = last.take_while(|other| **other == code).count();
+        let end = start + groups * LANES + last;
+        call(start..end, code);
+        start = end;
     }
 }
 
 /// Fills RGB from what is visible, run by run of one face.
+#[inline(always)]
 fn color(
     camera_axes: &[[f32; 3]; 3],
     visibility: &Visibility,
     surfaces: &Surfaces<'_>,
     frame: &mut Frame,
 ) {
+    let mut block = Block::new();
     for y in 0..FRAME_HEIGHT {
         let background = shade::background_row(camera_axes, y);
         let row = y * FRAME_WIDTH;
-        let mut x = 0;
-        for run in visibility.codes[row..row + FRAME_WIDTH].chunk_by(|a, b| a == b) {
-            let span = row + x..row + x + run.len();
-            let rgb = &mut frame.rgb[span.start * 3..span.end * 3];
-            if run[0] == 0 {
-                rgb.as_chunks_mut::<3>().0.fill(background);
-            } else {
+        for_runs(
+            &visibility.codes[row..row + FRAME_WIDTH],
+            #[inline(always)]
+            |run, code| {
+                let x = run.start;
+                let span = row + run.start..row + run.end;
+                let rgb = &mut frame.rgb[span.start * 3..span.end * 3];
+                if code == 0 {
+                    rgb.as_chunks_mut::<3>().0.fill(background);
+                    return;
+                }
                 let inverse_depth = &visibility.inverse_depth[span];
-                match surfaces.at(run[0]) {
+                match surfaces.at(code) {
                     VisibleFace::Part(surface, face) => {
-                        surface.shade(face, x, y, inverse_depth, rgb)
+                        surface.shade(&mut block, face, [x, y], inverse_depth, rgb);
                     }
                     VisibleFace::Mesh(mesh, triangle) => {
-                        mesh.shade(triangle, x, y, inverse_depth, rgb)
+                        mesh.shade(triangle, x, y, inverse_depth, rgb);
                     }
                 }
-            }
-            x += run.len();
-        }
+            },
+        );
     }
 }

@@ -1,19 +1,8 @@
 //! Owns the patterns of surfaces: where the second colour shows. Arithmetic on object
 //! space only, no images.
 
-use crate::geometry::Shape;
-
-/// A point in the flat coordinates of a face, in metres, with the size of a pixel there.
-pub(super) struct SurfacePoint {
-    /// Along the longer side of a flat face, along the axis of a round one.
-    along: f32,
-    across: f32,
-    /// Distance of two repetitions along and across.
-    period: [f32; 2],
-    /// Repetitions in a metre.
-    per_metre: [f32; 2],
-    pixels_per_metre: f32,
-}
+use super::block::{Block, LANES, Quantity, each, floor, to_integer};
+use crate::geometry::{FOCAL_PX, Shape};
 
 /// How a face is unrolled into flat coordinates.
 pub(super) struct Mapping {
@@ -75,61 +64,106 @@ impl Mapping {
         }
     }
 
-    /// Flat coordinates of a point of the face, and how many pixels a metre has there.
+    /// Flat coordinates of the points of a block.
     #[inline(always)]
-    pub fn at(&self, point: [f32; 3], pixels_per_metre: f32) -> SurfacePoint {
-        let across = if self.quarter > 0.0 {
-            turn(point[0], point[1]) * self.quarter
+    pub fn unroll(&self, block: &mut Block, groups: usize) {
+        block.along = block.point[self.axes[0]];
+        if self.quarter > 0.0 {
+            let quarter = self.quarter;
+            each(
+                groups,
+                [&block.point[0], &block.point[1]],
+                [&mut block.across],
+                #[inline(always)]
+                |[x, y]| [turn(x, y) * quarter],
+            );
         } else {
-            point[self.axes[1]]
-        };
-        SurfacePoint {
-            along: point[self.axes[0]],
-            across,
-            period: self.period,
-            per_metre: self.per_metre,
-            pixels_per_metre,
+            block.across = block.point[self.axes[1]];
         }
     }
-}
 
-/// How much of the second colour bands along the face show, 0 to 1. Like the others, what is finer
-/// than a pixel fades to its mean.
-#[inline(always)]
-pub(super) fn stripes(at: &SurfacePoint) -> f32 {
-    let distance =
-        (0.25 - (fraction(at.along * at.per_metre[0] + 0.25) - 0.5).abs()) * at.period[0];
-    let seen = (distance * at.pixels_per_metre + 0.5).clamp(0.0, 1.0);
-    fade(seen, 0.5, at.period[0] * at.pixels_per_metre)
-}
+    /// How much of the second colour bands along the face show, 0 to 1. Like the others, what is
+    /// finer than a pixel fades to its mean.
+    #[inline(always)]
+    pub fn stripes(&self, block: &mut Block, groups: usize) {
+        let (period, per_metre) = (self.period[0], self.per_metre[0]);
+        each(
+            groups,
+            [&block.along, &block.inverse_depth],
+            [&mut block.share],
+            #[inline(always)]
+            |[along, inverse]| {
+                let pixels_per_metre = FOCAL_PX * inverse;
+                let distance = (0.25 - (fraction(along * per_metre + 0.25) - 0.5).abs()) * period;
+                let seen = (distance * pixels_per_metre + 0.5).clamp(0.0, 1.0);
+                [fade(seen, 0.5, period * pixels_per_metre)]
+            },
+        );
+    }
 
-/// How much of the second colour rows of dots show.
-#[inline(always)]
-pub(super) fn dots(at: &SurfacePoint) -> f32 {
-    let row = at.along * at.per_metre[0];
-    let shift = if floor(row) as i32 & 1 == 0 { 0.0 } else { 0.5 };
-    let (u, v) = (
-        fraction(row) - 0.5,
-        fraction(at.across * at.per_metre[1] + shift) - 0.5,
-    );
-    let (u, v) = (u * at.period[0], v * at.period[1]);
-    let radius = 0.3 * at.period[0];
-    let distance = (radius - (u * u + v * v) / radius) * 0.5;
-    fade(
-        (distance * at.pixels_per_metre + 0.5).clamp(0.0, 1.0),
-        0.28,
-        at.period[0] * at.pixels_per_metre,
-    )
-}
+    /// How much of the second colour rows of dots show.
+    #[inline(always)]
+    pub fn dots(&self, block: &mut Block, groups: usize) {
+        let ([along_period, across_period], [per_along, per_across]) =
+            (self.period, self.per_metre);
+        let radius = 0.3 * along_period;
+        each(
+            groups,
+            [&block.along, &block.across, &block.inverse_depth],
+            [&mut block.share],
+            #[inline(always)]
+            |[along, across, inverse]| {
+                let pixels_per_metre = FOCAL_PX * inverse;
+                let row = along * per_along;
+                // half a period in every other row
+                let shift = fraction(floor(row) * 0.5);
+                let (u, v) = (
+                    fraction(row) - 0.5,
+                    fraction(across * per_across + shift) - 0.5,
+                );
+                let (u, v) = (u * along_period, v * across_period);
+                let distance = (radius - (u * u + v * v) / radius) * 0.5;
+                [fade(
+                    (distance * pixels_per_metre + 0.5).clamp(0.0, 1.0),
+                    0.28,
+                    along_period * pixels_per_metre,
+                )]
+            },
+        );
+    }
 
-/// How much of the second colour the grain of wood shows.
-#[inline(always)]
-pub(super) fn grain(at: &SurfacePoint) -> f32 {
-    let drift = noise(at.along * 2.3, 117);
-    let rings = noise(at.across * 34.0 + drift * 2.6, 3);
-    let fibres = noise(at.across * 160.0 + drift * 4.0, 529);
-    let seen = (rings * rings * 0.75 + (fibres - 0.5) * 0.22).clamp(0.0, 1.0);
-    fade(seen, 0.36, 0.03 * at.pixels_per_metre)
+    /// How much of the second colour the grain of wood shows.
+    #[inline(always)]
+    pub fn grain(&self, block: &mut Block, groups: usize) {
+        let [drift, rings, fibres] = block.noise.each_mut();
+        each(
+            groups,
+            [&block.along],
+            [&mut *drift],
+            #[inline(always)]
+            |[along]| [along * 2.3],
+        );
+        noise(drift, 117, groups);
+        each(
+            groups,
+            [&block.across, drift],
+            [&mut *rings, &mut *fibres],
+            #[inline(always)]
+            |[across, drift]| [across * 34.0 + drift * 2.6, across * 160.0 + drift * 4.0],
+        );
+        noise(rings, 3, groups);
+        noise(fibres, 529, groups);
+        each(
+            groups,
+            [rings, fibres, &block.inverse_depth],
+            [&mut block.share],
+            #[inline(always)]
+            |[rings, fibres, inverse]| {
+                let seen = (rings * rings * 0.75 + (fibres - 0.5) * 0.22).clamp(0.0, 1.0);
+                [fade(seen, 0.36, 0.03 * (FOCAL_PX * inverse))]
+            },
+        );
+    }
 }
 
 /// Distance of two stripes or rows of dots on a face of these half extents, in metres.
@@ -141,7 +175,7 @@ fn repetition(long: f32, short: f32) -> f32 {
 }
 
 /// Takes a value towards its mean where a repetition is only few pixels wide.
-#[inline]
+#[inline(always)]
 fn fade(value: f32, mean: f32, period_px: f32) -> f32 {
     let kept = (period_px * 0.5 - 0.75).clamp(0.0, 1.0);
     mean + (value - mean) * kept
@@ -149,7 +183,7 @@ fn fade(value: f32, mean: f32, period_px: f32) -> f32 {
 
 /// The direction of a point around z in quarter turns, 0 to 4; exact at the axes,
 /// nearly even between them.
-#[inline]
+#[inline(always)]
 fn turn(x: f32, y: f32) -> f32 {
     let share = x / (x.abs() + y.abs() + 1e-9);
     // Evens the diamond out to a circle within half a percent.
@@ -157,17 +191,27 @@ fn turn(x: f32, y: f32) -> f32 {
     if y >= 0.0 { 1.0 - even } else { 3.0 + even }
 }
 
-/// Smooth noise on a line, 0 to 1.
-#[inline]
-fn noise(position: f32, stream: usize) -> f32 {
-    let cell = floor(position);
-    let t = position - cell;
-    let at = (cell as i32 as usize).wrapping_add(stream);
-    let (a, b) = (
-        LATTICE[at % LATTICE.len()],
-        LATTICE[at.wrapping_add(1) % LATTICE.len()],
-    );
-    a + (b - a) * (t * t * (3.0 - 2.0 * t))
+/// Smooth noise on a line, 0 to 1, in the place of the positions.
+#[inline(always)]
+fn noise(positions: &mut Quantity, stream: i32, groups: usize) {
+    for group in &mut positions[..groups] {
+        let mut cells = group.map(|_| 0_i32);
+        for (cell, position) in cells.iter_mut().zip(&mut *group) {
+            let whole = floor(*position);
+            *cell = to_integer(whole).wrapping_add(stream);
+            *position -= whole;
+        }
+        // The table is read apart from the computation, which would else wait for it.
+        let mut ends = [[0.0; LANES]; 2];
+        for (lane, cell) in cells.into_iter().enumerate() {
+            ends[0][lane] = LATTICE[cell as usize % LATTICE.len()];
+            ends[1][lane] = LATTICE[cell.wrapping_add(1) as usize % LATTICE.len()];
+        }
+        for (lane, position) in group.iter_mut().enumerate() {
+            let (t, a, b) = (*position, ends[0][lane], ends[1][lane]);
+            *position = a + (b - a) * (t * t * (3.0 - 2.0 * t));
+        }
+    }
 }
 
 /// Noise at whole positions: hashed integers, 0 to 1.
@@ -187,14 +231,7 @@ static LATTICE: [f32; 1024] = {
     values
 };
 
-#[inline]
+#[inline(always)]
 fn fraction(value: f32) -> f32 {
     value - floor(value)
-}
-
-/// Floor within the range of 32-bit integers, inlined: this runs for every pixel.
-#[inline]
-fn floor(value: f32) -> f32 {
-    let whole = value as i32 as f32;
-    if whole > value { whole - 1.0 } else { whole }
 }

@@ -3,7 +3,10 @@
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
-use super::mesh::Tessellation;
+use super::{
+    block::{INDICES, LANES, on_vectors},
+    mesh::Tessellation,
+};
 use crate::{
     geometry::{FOCAL_PX, add, dot},
     model::MeshModel,
@@ -56,6 +59,12 @@ impl Visibility {
         }
     }
 
+    /// Nothing is seen any more.
+    pub fn clear(&mut self) {
+        self.inverse_depth.fill(0.0);
+        self.codes.fill(0);
+    }
+
     /// Draws a mesh; triangles that show their back are left out. On equal depths
     /// the earlier drawn stays.
     pub fn draw(
@@ -76,7 +85,10 @@ impl Visibility {
                 code + u32::from(triangle.face),
             )
         });
-        self.fill_all(points, triangles, camera_from_part);
+        on_vectors(
+            #[inline(always)]
+            || self.fill_all(points, triangles, camera_from_part),
+        );
     }
 
     /// Draws both sides of the triangles of a mesh, each with a code of its own from `first` on;
@@ -92,10 +104,15 @@ impl Visibility {
             let [a, b, c] = triangle.corners.map(|corner| corner as usize);
             [([a, b, c], code), ([a, c, b], code)]
         });
-        self.fill_all(model.positions.iter().copied(), sides, camera_from_part);
+        let points = model.positions.iter().copied();
+        on_vectors(
+            #[inline(always)]
+            || self.fill_all(points, sides, camera_from_part),
+        );
         triangles.len() as u32
     }
 
+    #[inline(always)]
     fn fill_all(
         &mut self,
         points: impl Iterator<Item = [f32; 3]>,
@@ -122,6 +139,7 @@ impl Visibility {
     }
 
     /// Cuts a triangle at the near plane; what remains is a triangle or a quadrilateral.
+    #[inline(always)]
     fn fill_clipped(&mut self, triangle: [&Corner; 3], code: u32) {
         let mut polygon = [ScreenPoint::default(); 4];
         let mut count = 0;
@@ -154,6 +172,7 @@ impl Visibility {
     /// Fills the pixels whose centres a front-facing triangle covers and in which it is nearest.
     /// Pixels on an edge belong to the triangle if it is a left or a top edge, so triangles that
     /// share an edge share no pixel.
+    #[inline(always)]
     pub fn fill(&mut self, [a, c, b]: [ScreenPoint; 3], code: u32) {
         // Counter-clockwise from outside is negative with y down: corners two and
         // three are swapped above.
@@ -175,43 +194,69 @@ impl Visibility {
         }
         // Inverse depth is linear over the image.
         let scale = 1.0 / area as f64;
-        let share = weights.map(|weight| f64::from(weight) * scale);
-        let slope = (0..3)
-            .map(|i| edges[i].per_x as f64 * share[i])
-            .sum::<f64>()
-            * SUBPIXELS as f64;
+        let share = [
+            f64::from(weights[0]) * scale,
+            f64::from(weights[1]) * scale,
+            f64::from(weights[2]) * scale,
+        ];
+        let [one, two, three] = &edges;
+        let weighted = |a: i64, b: i64, c: i64| {
+            a as f64 * share[0] + b as f64 * share[1] + c as f64 * share[2]
+        };
+        let slope = weighted(one.per_x, two.per_x, three.per_x) * SUBPIXELS as f64;
         for y in rows.0..=rows.1 {
             let centre_y = y * SUBPIXELS + SUBPIXELS / 2;
-            let values = edges
-                .each_ref()
-                .map(|edge| edge.per_x * (SUBPIXELS / 2) + edge.per_y * centre_y + edge.constant);
+            let values = [
+                one.in_first_pixel(centre_y),
+                two.in_first_pixel(centre_y),
+                three.in_first_pixel(centre_y),
+            ];
             let Some((first, last)) = span(&edges, values, columns) else {
                 continue;
             };
-            let start = (0..3)
-                .map(|i| (values[i] + edges[i].per_x * SUBPIXELS * first) as f64 * share[i])
-                .sum::<f64>() as f32;
+            let ahead = SUBPIXELS * first;
+            let start = weighted(
+                values[0] + one.per_x * ahead,
+                values[1] + two.per_x * ahead,
+                values[2] + three.per_x * ahead,
+            ) as f32;
             let row = y as usize * FRAME_WIDTH;
             let span = row + first as usize..row + last as usize + 1;
             let slope = slope as f32;
-            for ((i, depth), seen) in (0u16..)
-                .zip(&mut self.inverse_depth[span.clone()])
-                .zip(&mut self.codes[span])
-            {
-                let mut candidate = start + slope * f32::from(i);
-                candidate = if candidate > nearest {
+            let candidate = |index: f32| {
+                let candidate = start + slope * index;
+                let candidate = if candidate > nearest {
                     nearest
                 } else {
                     candidate
                 };
-                candidate = if candidate < farthest {
+                if candidate < farthest {
                     farthest
                 } else {
                     candidate
-                };
-                let wins = candidate > *depth;
-                *depth = if wins { candidate } else { *depth };
-                *seen = if wins { code } else { *seen };
+                }
+            };
+            let (depths, last_depths) = self.inverse_depth[span.clone()].as_chunks_mut::<LANES>();
+            let (codes, last_codes) = self.codes[span].as_chunks_mut::<LANES>();
+            let (indices, _) = INDICES.as_chunks::<LANES>();
+            let last_indices = &INDICES[depths.len() * LANES..];
+            // Whole groups are written, whoever wins: to write single lanes takes longer.
+            for ((indices, depths), codes) in indices.iter().zip(depths).zip(codes) {
+                let (mut new_depths, mut new_codes) = (*depths, *codes);
+                for lane in 0..LANES {
+                    let candidate = candidate(indices[lane]);
+                    let wins = candidate > depths[lane];
+                    new_depths[lane] = if wins { candidate } else { depths[lane] };
+                    new_codes[lane] = if wins { code } else { codes[lane] };
+                }
+                (*depths, *codes) = (new_depths, new_codes);
+            }
+            let last = last_indices.iter().zip(last_depths).zip(last_codes);
+            for ((index, depth), seen) in last {
+                let candidate = candidate(*index);
+                if candidate > *depth {
+                    (*depth, *seen) = (candidate, code);
+                }
             }
         }
     }
@@ -278,6 +323,7 @@ struct Edge {
 }
 
 impl Edge {
+    #[inline(always)]
     fn new(from: ScreenPoint, to: ScreenPoint) -> Self {
         let (per_x, per_y) = (from.y - to.y, to.x - from.x);
         let left_or_top = per_x > 0 || (per_x == 0 && per_y > 0);
@@ -288,10 +334,17 @@ impl Edge {
             bias: if left_or_top { 0 } else { -1 },
         }
     }
+
+    /// Its value in the middle of the first pixel of a row.
+    #[inline(always)]
+    fn in_first_pixel(&self, centre_y: i64) -> i64 {
+        self.per_x * (SUBPIXELS / 2) + self.per_y * centre_y + self.constant
+    }
 }
 
 /// First and last pixel of a row that all edges hold inside, given the edges' values in the
 /// middle of pixel 0.
+#[inline(always)]
 fn span(
     edges: &[Edge; 3],
     values: [i64; 3],
@@ -326,6 +379,7 @@ fn span(
 const NARROW: i64 = 24;
 
 /// First and last pixel whose centre can lie within three coordinates, within the image.
+#[inline(always)]
 fn pixel_range([a, b, c]: [i64; 3], size: usize) -> (i64, i64) {
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     let first = (low - SUBPIXELS / 2 + SUBPIXELS - 1).div_euclid(SUBPIXELS);

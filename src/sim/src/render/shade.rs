@@ -6,8 +6,9 @@ use std::sync::LazyLock;
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
+use super::block::{BLOCK, Block, OFFSETS, change, each, fill};
 use super::mesh::{BOTTOM, TOP};
-use super::pattern::{Mapping, dots, grain, stripes};
+use super::pattern::Mapping;
 use super::raster::CameraFromPart;
 use crate::geometry::{FOCAL_PX, Part, Pattern, Pose, Shape, add, dot, sub};
 
@@ -50,6 +51,56 @@ impl ShadingFrame {
         }
     }
 
+    /// Light on a surface of the frame, by its normal.
+    #[inline(always)]
+    fn light(&self, normal: [f32; 3]) -> [f32; 3] {
+        light(dot(normal, self.key), dot(normal, self.up))
+    }
+
+    /// Rays and points of the pixels `x..` of row `y`.
+    #[inline(always)]
+    fn see(&self, block: &mut Block, [x, y]: [usize; 2], groups: usize) {
+        let [right, down, forward] = self.axes;
+        let along = (y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
+        let row = add(forward, scaled(down, along));
+        let first = x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5;
+        for k in 0..3 {
+            let (row, right, eye) = (row[k], right[k], self.eye[k]);
+            each(
+                groups,
+                [&OFFSETS, &block.inverse_depth],
+                [&mut block.ray[k], &mut block.point[k]],
+                #[inline(always)]
+                |[offset, inverse]| {
+                    let ray = row + right * ((first + offset) * (1.0 / FOCAL_PX));
+                    [ray, eye + ray * (1.0 / inverse)]
+                },
+            );
+        }
+    }
+
+    /// Adds what a glossy surface mirrors.
+    #[inline(always)]
+    fn mirror(&self, block: &mut Block, gloss: [f32; 3], groups: usize) {
+        let ([x, y, z], [ray_x, ray_y, ray_z]) = (block.normal.each_ref(), block.ray.each_ref());
+        each(
+            groups,
+            [x, y, z, ray_x, ray_y, ray_z],
+            [&mut block.share],
+            #[inline(always)]
+            |[x, y, z, ray_x, ray_y, ray_z]| [shine_of([x, y, z], [ray_x, ray_y, ray_z], self.key)],
+        );
+        for (color, gloss) in block.color.iter_mut().zip(gloss) {
+            change(
+                groups,
+                color,
+                [&block.share],
+                #[inline(always)]
+                |color, [share]| color + gloss * share,
+            );
+        }
+    }
+
     /// What the middle of a pixel shows at an inverse depth.
     #[inline]
     pub fn point(&self, x: usize, y: usize, inverse_depth: f32) -> [f32; 3] {
@@ -76,7 +127,7 @@ impl Surface {
     }
 
     /// The normal of a flat face; nothing on a round one.
-    #[inline]
+    #[inline(always)]
     fn flat_normal(&self, face: u8) -> Option<[f32; 3]> {
         match self.shape {
             Shape::Cuboid { .. } => {
@@ -89,34 +140,6 @@ impl Surface {
         }
     }
 
-    /// The normal at a point of a round face. The true shape's rather than
-    /// the mesh's, hence smooth.
-    #[inline]
-    fn round_normal(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
-        match self.shape {
-            Shape::Ball { radius } => [x / radius, y / radius, z / radius],
-            Shape::Capsule {
-                radius,
-                half_height,
-            } => {
-                let beyond = z - z.clamp(-half_height, half_height);
-                [x / radius, y / radius, beyond / radius]
-            }
-            Shape::Cone {
-                radius,
-                half_height,
-            } => {
-                let out = (x * x + y * y).sqrt().max(1e-6);
-                let slant = (radius * radius + 4.0 * half_height * half_height).sqrt();
-                let level = 2.0 * half_height / (slant * out);
-                [x * level, y * level, radius / slant]
-            }
-            Shape::Cylinder { radius, .. } | Shape::Cuboid { half: [radius, ..] } => {
-                [x / radius, y / radius, 0.0]
-            }
-        }
-    }
-
     /// Whether a face looks up, so that things stand on it and darken it.
     pub fn receives_contact(&self, face: u8) -> bool {
         self.flat_normal(face)
@@ -124,111 +147,140 @@ impl Surface {
     }
 
     /// Colours pixels `x..` of row `y`, given their inverse depths.
-    pub fn shade(&self, face: u8, x: usize, y: usize, inverse_depth: &[f32], rgb: &mut [u8]) {
-        let encode: &Encoder = &LINEAR_TO_SRGB;
+    #[inline(always)]
+    pub fn shade(
+        &self,
+        block: &mut Block,
+        face: u8,
+        [x, y]: [usize; 2],
+        inverse_depth: &[f32],
+        rgb: &mut [u8],
+    ) {
         let flat = self.flat_normal(face);
-        if let (Some(normal), Pattern::Plain) = (flat, self.pattern) {
-            let light = light(dot(normal, self.place.key), dot(normal, self.place.up));
-            let color = [0, 1, 2].map(|k| self.color[k] * light[k]);
-            for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(inverse_depth) {
-                let weight = falloff(inverse);
-                *pixel = encode.encode(scaled(color, weight));
+        let plain = match (flat, self.pattern) {
+            (Some(normal), Pattern::Plain) => Some(self.place.light(normal)),
+            _ => None,
+        };
+        let pieces = inverse_depth
+            .chunks(BLOCK)
+            .zip(rgb.chunks_mut(BLOCK * 3))
+            .zip((x..).step_by(BLOCK));
+        for ((inverse_depth, rgb), x) in pieces {
+            let groups = block.take(inverse_depth);
+            if let Some(light) = plain {
+                block.color_alike([0, 1, 2].map(|k| self.color[k] * light[k]));
+            } else {
+                self.color_block(block, face, flat, [x, y], groups);
             }
-            return;
-        }
-        let mapping = Mapping::new(&self.shape, face, flat.is_some());
-        let run = Run {
-            surface: self,
-            flat,
-            x,
-            y,
-            inverse_depth,
-        };
-        let mixed = |share: f32| {
-            (
-                add(self.color, scaled(sub(self.accent, self.color), share)),
-                [0.0; 3],
-            )
-        };
-        // One loop for each pattern, so that each is short.
-        match self.pattern {
-            Pattern::Plain => run.shade(rgb, |_| (self.color, [0.0; 3])),
-            Pattern::Glossy => run.shade(rgb, |at| {
-                (
-                    self.color,
-                    scaled(self.gloss, shine_of(at.normal, at.ray, self.place.key)),
-                )
-            }),
-            Pattern::Stripes => run.shade(rgb, |at| {
-                mixed(stripes(&mapping.at(at.point, at.pixels_per_metre)))
-            }),
-            Pattern::Dots => run.shade(rgb, |at| {
-                mixed(dots(&mapping.at(at.point, at.pixels_per_metre)))
-            }),
-            Pattern::Grain => run.shade(rgb, |at| {
-                mixed(grain(&mapping.at(at.point, at.pixels_per_metre)))
-            }),
+            block.encode(rgb);
         }
     }
-}
 
-/// Neighbouring pixels that show one face.
-struct Run<'a> {
-    surface: &'a Surface,
-    /// The normal, if it is the same everywhere.
-    flat: Option<[f32; 3]>,
-    x: usize,
-    y: usize,
-    inverse_depth: &'a [f32],
-}
-
-/// What a pixel sees, in the frame of the part.
-struct ShadingPoint {
-    point: [f32; 3],
-    normal: [f32; 3],
-    /// From the eye, of length 1 along the optical axis.
-    ray: [f32; 3],
-    pixels_per_metre: f32,
-}
-
-impl Run<'_> {
-    /// Lights the colours that `look` gives: of the surface itself and of what it mirrors.
+    /// Fills the colours of a block from what its pixels see.
     #[inline(always)]
-    fn shade(&self, rgb: &mut [u8], look: impl Fn(&ShadingPoint) -> ([f32; 3], [f32; 3])) {
-        let encode: &Encoder = &LINEAR_TO_SRGB;
-        let surface = self.surface;
-        let lit = |normal: [f32; 3]| {
-            light(
-                dot(normal, surface.place.key),
-                dot(normal, surface.place.up),
-            )
-        };
-        let flat = self.flat.map(|normal| (normal, lit(normal)));
-        let [right, down, forward] = surface.place.axes;
-        let across_y = (self.y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
-        let row = add(forward, scaled(down, across_y));
-        let mut across = self.x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5;
-        for (pixel, &inverse) in rgb
-            .as_chunks_mut::<3>()
-            .0
-            .iter_mut()
-            .zip(self.inverse_depth)
-        {
-            let ray = add(row, scaled(right, across * (1.0 / FOCAL_PX)));
-            across += 1.0;
-            let point = add(surface.place.eye, scaled(ray, 1.0 / inverse));
-            let (normal, [red, green, blue]) = flat.unwrap_or_else(|| {
-                let normal = surface.round_normal(point);
-                (normal, lit(normal))
-            });
-            let (own, mirrored) = look(&ShadingPoint {
-                point,
-                normal,
-                ray,
-                pixels_per_metre: FOCAL_PX * inverse,
-            });
-            let color = add([own[0] * red, own[1] * green, own[2] * blue], mirrored);
-            *pixel = encode.encode(scaled(color, falloff(inverse)));
+    fn color_block(
+        &self,
+        block: &mut Block,
+        face: u8,
+        flat: Option<[f32; 3]>,
+        [x, y]: [usize; 2],
+        groups: usize,
+    ) {
+        self.place.see(block, [x, y], groups);
+        match flat {
+            Some(normal) => {
+                let light = self.place.light(normal);
+                for k in 0..3 {
+                    fill(&mut block.normal[k], normal[k], groups);
+                    fill(&mut block.light[k], light[k], groups);
+                }
+            }
+            None => {
+                self.round_normals(block, groups);
+                let [red, green, blue] = block.light.each_mut();
+                each(
+                    groups,
+                    block.normal.each_ref(),
+                    [red, green, blue],
+                    #[inline(always)]
+                    |normal| self.place.light(normal),
+                );
+            }
+        }
+        match self.pattern {
+            Pattern::Plain | Pattern::Glossy => {
+                for k in 0..3 {
+                    fill(&mut block.color[k], self.color[k], groups);
+                }
+            }
+            Pattern::Stripes | Pattern::Dots | Pattern::Grain => {
+                let mapping = Mapping::new(&self.shape, face, flat.is_some());
+                mapping.unroll(block, groups);
+                match self.pattern {
+                    Pattern::Stripes => mapping.stripes(block, groups),
+                    Pattern::Dots => mapping.dots(block, groups),
+                    _ => mapping.grain(block, groups),
+                }
+                block.mix(self.color, sub(self.accent, self.color));
+            }
+        }
+        block.apply_light();
+        if let Pattern::Glossy = self.pattern {
+            self.place.mirror(block, self.gloss, groups);
+        }
+        block.apply_falloff();
+    }
+
+    /// The normals at the points of a round face: the true shape's rather than the mesh's, hence
+    /// smooth.
+    #[inline(always)]
+    fn round_normals(&self, block: &mut Block, groups: usize) {
+        let (points, normals) = (block.point.each_ref(), block.normal.each_mut());
+        match self.shape {
+            Shape::Ball { radius } => each(
+                groups,
+                points,
+                normals,
+                #[inline(always)]
+                |[x, y, z]| [x / radius, y / radius, z / radius],
+            ),
+            Shape::Capsule {
+                radius,
+                half_height,
+            } => each(
+                groups,
+                points,
+                normals,
+                #[inline(always)]
+                |[x, y, z]| {
+                    let beyond = z - z.clamp(-half_height, half_height);
+                    [x / radius, y / radius, beyond / radius]
+                },
+            ),
+            Shape::Cone {
+                radius,
+                half_height,
+            } => {
+                let slant = (radius * radius + 4.0 * half_height * half_height).sqrt();
+                each(
+                    groups,
+                    points,
+                    normals,
+                    #[inline(always)]
+                    |[x, y, _]| {
+                        let out = (x * x + y * y).sqrt().max(1e-6);
+                        let level = 2.0 * half_height / (slant * out);
+                        [x * level, y * level, radius / slant]
+                    },
+                );
+            }
+            Shape::Cylinder { radius, .. } | Shape::Cuboid { half: [radius, ..] } => each(
+                groups,
+                points,
+                normals,
+                #[inline(always)]
+                |[x, y, _]| [x / radius, y / radius, 0.0],
+            ),
         }
     }
 }
@@ -250,7 +302,7 @@ pub(super) fn background_row(camera_axes: &[[f32; 3]; 3], y: usize) -> [u8; 3] {
 const KEY: [f32; 3] = [-0.45, 0.36, 0.817];
 
 /// Light on a surface, per channel, given the cosines of its normal with the key light and with up.
-#[inline]
+#[inline(always)]
 pub(super) fn light(toward_key: f32, up: f32) -> [f32; 3] {
     // Wrapped around the terminator, as light of a large window is.
     let wrapped = (toward_key + 0.3) * (1.0 / 1.3);
@@ -268,7 +320,7 @@ pub(super) fn light(toward_key: f32, up: f32) -> [f32; 3] {
 }
 
 /// Things far away are a little darker.
-#[inline]
+#[inline(always)]
 pub(super) fn falloff(inverse_depth: f32) -> f32 {
     let square = inverse_depth * inverse_depth;
     square / (square + 0.008)
@@ -281,7 +333,7 @@ pub(super) fn pixels_per_metre(inverse_depth: f32) -> f32 {
 }
 
 /// Mirror-like light: a spot towards the key light and a sheen at grazing angles.
-#[inline]
+#[inline(always)]
 fn shine_of(normal: [f32; 3], ray: [f32; 3], key: [f32; 3]) -> f32 {
     let eye = scaled(ray, -1.0 / dot(ray, ray).sqrt());
     let half = add(key, eye);
@@ -310,7 +362,8 @@ static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-const LEVELS: usize = 4096;
+/// Of linear light, from dark to as bright as a pixel gets.
+pub(super) const LEVELS: usize = 4096;
 
 pub(super) static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
     Encoder(core::array::from_fn(|level| {
@@ -328,13 +381,17 @@ pub(super) static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
 pub(super) struct Encoder([u8; LEVELS]);
 
 impl Encoder {
+    /// The byte of a level.
+    #[inline(always)]
+    pub fn byte(&self, level: usize) -> u8 {
+        self.0[level % LEVELS]
+    }
+
     #[inline]
     pub fn encode(&self, [red, green, blue]: [f32; 3]) -> [u8; 3] {
         // The cast saturates, so darkness and glare stay in the table.
-        let byte = |linear: f32| {
-            self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize]
-        };
-        [byte(red), byte(green), byte(blue)]
+        let level = |linear: f32| ((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1);
+        [red, green, blue].map(|linear| self.byte(level(linear) as usize))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
-use super::*;
+use super::{block::WITHOUT_VECTORS, *};
 use crate::geometry::{FOCAL_PX, Pattern, Shape, add, sub};
 
 const TAU: f32 = core::f32::consts::TAU;
@@ -272,6 +272,23 @@ fn images_agree_with_an_analytic_ray_caster() {
             frame.ids.contains(&entity),
             "thing {entity} is not seen, so the comparison says little"
         );
+    }
+}
+
+#[test]
+fn wider_vectors_compute_the_same_bits() {
+    let (camera, things) = scene();
+    for turn in 0..24 {
+        let camera = Camera {
+            position: add(camera.position, [0.05 * turn as f32, 0.0, 0.0]),
+            yaw: camera.yaw + TAU / 24.0 * turn as f32,
+            ..camera
+        };
+        let wide = render(&camera, &drawables(&things), Detail::Full);
+        WITHOUT_VECTORS.set(true);
+        let narrow = render(&camera, &drawables(&things), Detail::Full);
+        WITHOUT_VECTORS.set(false);
+        assert!(wide == narrow, "turn {turn}");
     }
 }
 
