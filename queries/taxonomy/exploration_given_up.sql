@@ -1,6 +1,6 @@
 -- exploration_given_up
 --
--- The agent drove from receptacle to receptacle, three or more, moved nothing, and finished: it had lost what it was after. The decisive step is
+-- The agent drove three times or more to where it did not stand, moved nothing, and finished: it had lost what it was after. The decisive step is
 -- the first call of that stretch.
 --
 -- Class: Lost Memory

@@ -1,7 +1,7 @@
 -- missing_open_dest
 --
 -- The destination has a closed door that was never opened, though the target was in the hand. The decisive step is the
--- first call that met the door, else the first one that went to the destination with the target.
+-- first call that met a closed door, else the first one that went to the destination with the target.
 --
 -- Class: Key Action Missing
 -- Sub-class: missing_open

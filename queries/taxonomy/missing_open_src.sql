@@ -1,7 +1,7 @@
 -- missing_open_src
 --
--- The target stands behind a closed door that was never opened. The decisive step is the first look for it that failed
--- at the source, else the first call there.
+-- The target stands behind a closed door that was never opened. The decisive step is the first drive there after
+-- which a call failed, else the first drive there.
 --
 -- Class: Key Action Missing
 -- Sub-class: missing_open

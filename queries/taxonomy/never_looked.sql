@@ -1,6 +1,6 @@
 -- never_looked
 --
--- Nothing was picked, and no call looked for the target. The decisive step is the first try to pick or place all the same, else the
+-- Nothing was picked, and no call looked for the target, without eight drives in a row. The decisive step is the first try to pick or place all the same, else the
 -- call with which it should have looked: the first other one at the source; else `finish`.
 --
 -- Class: Key Action Missing

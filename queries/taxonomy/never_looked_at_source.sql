@@ -11,5 +11,5 @@ FROM episodes
 WHERE NOT sequence_match(steps, 'pick[ok]')
   AND NOT sequence_match(
     steps,
-    'nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')]'
+    'nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''walk_around'') and (ok or error_code = ''nothing_found'') or tool = ''gaze_at'' and object_match is not null]'
   )

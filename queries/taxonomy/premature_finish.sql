@@ -1,7 +1,8 @@
 -- premature_finish
 --
 -- `finish` in the middle of the work: nothing picked yet, or put back where it was, or the target in the hand but not yet at
--- the destination. The decisive step is `finish`.
+-- the destination. A number that is not on the map, and nothing done after it, explains more where
+-- nothing was picked. The decisive step is `finish`.
 --
 -- Class: Key Action Missing
 -- Sub-class: premature_finish

@@ -1,7 +1,8 @@
 -- repeated_failure
 --
 -- Calls that had failed before in the same state of the world fail again, and prevail up to the end: the failures before were
--- forgotten. The decisive step is the first repetition.
+-- forgotten. Errors that say what was left out (a closed door, an empty or full hand, a number of an
+-- old map) or that are none of the agent's decisions do not count. The decisive step is the first repetition.
 --
 -- Class: Lost Memory
 -- Sub-class: repeated_failure

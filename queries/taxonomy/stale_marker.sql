@@ -14,5 +14,5 @@ SELECT sequence_find(
 FROM episodes
 WHERE sequence_match(
   steps,
-  'pick[ok] | gaze_at[object_match = ''target''] | nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (ok or error_code = ''nothing_found'')]'
+  'pick[ok] | gaze_at[object_match = ''target''] | nav_to[ok and receptacle_match = ''src''] !nav_to[ok]* _[tool in (''show_object_by_category'', ''walk_around'') and (ok or error_code = ''nothing_found'') or tool = ''gaze_at'' and object_match is not null]'
 )

@@ -1,6 +1,6 @@
 -- wrong_receptacle
 --
--- The target was put, and left, on furniture of another category than the destination. The decisive step is that
+-- The target was put, and left, on furniture that is neither the destination nor like it, the source among them. The decisive step is that
 -- placing.
 --
 -- Class: Object Confusion

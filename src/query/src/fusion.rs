@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 
 use datafusion::sql::{
     parser::{DFParser, Statement},
-    sqlparser::ast::{self, Expr, SelectItem, SetExpr, TableFactor},
+    sqlparser::ast::{self, AccessExpr, Expr, SelectItem, SetExpr, TableFactor},
 };
 
 /// A question about each episode by itself.
@@ -61,9 +61,21 @@ impl RowExpression {
             ));
         }
         let mut columns = BTreeSet::new();
+        // Fields of a struct, which are visited after the expression that they belong to.
+        let mut fields = Vec::new();
         let looked = ast::visit_expressions(statement.as_ref(), |expression| match expression {
+            Expr::CompoundFieldAccess { access_chain, .. } => {
+                fields.extend(access_chain.iter().filter_map(|access| match access {
+                    AccessExpr::Dot(Expr::Identifier(name)) => Some(name.value.clone()),
+                    _ => None,
+                }));
+                ControlFlow::Continue(())
+            }
             Expr::Identifier(name) => {
-                columns.insert(name.value.clone());
+                match fields.iter().position(|field| *field == name.value) {
+                    Some(field) => drop(fields.swap_remove(field)),
+                    None => drop(columns.insert(name.value.clone())),
+                }
                 ControlFlow::Continue(())
             }
             Expr::Subquery(_) | Expr::Exists { .. } | Expr::InSubquery { .. } => {
@@ -109,6 +121,11 @@ mod tests {
         let one =
             RowExpression::parse("-- what\nSELECT oscillation(steps) AS found FROM episodes WHERE end_reason = 'horizon'").unwrap();
         let two = RowExpression::parse("SELECT length AS found FROM episodes").unwrap();
+        let field = RowExpression::parse("SELECT oscillation(steps).length AS found FROM episodes");
+        assert_eq!(
+            field.unwrap().columns().iter().collect::<Vec<_>>(),
+            ["steps"]
+        );
         assert_eq!(
             one.columns().iter().collect::<Vec<_>>(),
             ["end_reason", "steps"]

@@ -148,9 +148,9 @@ pub(crate) fn explain<'e>(
     let (_, first_step, last_step) = findings[primary];
     let step = match (explains, measured.harm.as_str()) {
         (false, _) => measured.step,
-        // what led to the end began before it
-        (true, "ending") => first_step,
-        (true, _) => measured.step.clamp(first_step, last_step),
+        (true, "time") => measured.step.clamp(first_step, last_step),
+        // what led to a harmful call or to the end began before it
+        (true, _) => first_step,
     };
     let sentence = match step == measured.step {
         true => Cow::Borrowed(measured.explanation.as_str()),

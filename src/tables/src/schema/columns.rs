@@ -330,8 +330,8 @@ pub(super) const CLASSES: &[Column] = columns! {
     must sub_class: Text, "sub-class within that class, e.g. `missing_ask`";
     must rule: Text, "the rule that decided";
     must step: Int,
-        "the decisive step, at which the fault shows: as measured by `reel blame`, but within the \
-         rule's evidence";
+        "the decisive step, at which the fault shows: the first of the rule's evidence; where time \
+         was lost, as measured by `reel blame` within the evidence";
     must last_step: Int, "the last step of the evidence";
     must cause: Text, "capacity that failed, as in `blame`";
     may explanation: Text, "explanation in a sentence; null if `reel blame` did not measure";

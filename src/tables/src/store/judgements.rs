@@ -24,7 +24,8 @@ pub struct ClassRow<'a> {
     pub sub_class: &'a str,
     /// The rule that decided.
     pub rule: &'a str,
-    /// The decisive step: as `reel blame` measured it, but at least the first of the rule's evidence.
+    /// The decisive step, at which the fault shows: the first of the rule's evidence; where time was
+    /// lost, as `reel blame` measured it within the evidence.
     pub step: i32,
     /// The last step of the evidence.
     pub last_step: i32,
