@@ -8,4 +8,4 @@
 -- Priority: 38
 SELECT sequence_find(steps, 'nav_to (nav_to | show_object_by_category | walk_around | gaze_at | show_receptacles)* finish $') AS found
 FROM episodes
-WHERE sequence_match(steps, 'nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1] !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1] !(pick[ok] | place[ok] | open[ok] | close[ok])* finish $')
+WHERE sequence_match(steps, 'nav_to !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1 or path_length_m = 0] !(pick[ok] | place[ok] | open[ok] | close[ok])* nav_to[path_length_m <> path_length_m@-1 or path_length_m = 0] !(pick[ok] | place[ok] | open[ok] | close[ok])* finish $')

@@ -9,4 +9,4 @@
 SELECT prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]') AS found
 FROM episodes
 WHERE prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]').margin >= 3
-  AND sequence_count(steps, 'nav_to[repeated and path_length_m > path_length_m@-1]') < 2
+  AND sequence_count(steps, 'nav_to[repeated and (path_length_m > path_length_m@-1 or path_length_m = 0)]') < 2
