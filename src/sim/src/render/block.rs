@@ -107,7 +107,7 @@ impl Block {
         );
     }
 
-    /// Lights the colours.
+    /// Lets the light fall on the colours.
     #[inline(always)]
     pub fn apply_light(&mut self) {
         for (color, light) in self.color.iter_mut().zip(&self.light) {
