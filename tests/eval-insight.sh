@@ -20,7 +20,7 @@ echo "traces, store and truth.json: $work"
 
 labelled=tests/training/labelled
 mkdir -p "$work/labelled"
-tar xzf "$labelled/episodes.tar.gz" -C "$work/labelled"
+python3 -m tarfile -e "$labelled/episodes.tar.xz" "$work/labelled"
 "$reel" ingest "$work/labelled" --store "$work/labelled-store" >/dev/null
 "$reel" blame --store "$work/labelled-store" >/dev/null
 "$reel" taxonomy --store "$work/labelled-store" >/dev/null
