@@ -173,7 +173,7 @@ pub(crate) fn explain<'e>(
 
 /// The most important finding whose evidence holds the measured call: the first one about the
 /// capacity that was measured, else, where time was lost, the first one about more than the end of
-/// the stretch, else the first. Slips and what began late come after all others.
+/// the stretch, else the first. Slips come after all others, unless theirs is the capacity.
 fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Option<usize> {
     let rule = |finding: &Evidence| &rules[usize::from(finding.0)];
     let holding = || {
@@ -184,9 +184,7 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
     let is_stretch = |(_, first, last): &Evidence| {
         measured.harm == "time" && (first < last || *first <= measured.step)
     };
-    let end = findings.iter().map(|(.., last)| *last).max().unwrap_or(0);
-    let explaining =
-        || holding().filter(|(_, finding)| !rule(finding).slip && !is_late(finding, measured, end));
+    let explaining = || holding().filter(|(_, finding)| !rule(finding).slip);
     let is_slip = |finding: &Evidence| rule(finding).slip;
     let is_about = |finding: &Evidence| match is_slip(finding) {
         true => same_cause(finding),
@@ -199,16 +197,6 @@ fn agreeing(findings: &[Evidence], rules: &[Rule], measured: &Measured) -> Optio
         .or_else(|| holding().next());
     found.map(|(index, _)| index)
 }
-
-/// Whether the evidence of a finding is a stretch of which most lost time went by before: what began
-/// so late explains no loss.
-fn is_late((_, first, last): &Evidence, measured: &Measured, end: i32) -> bool {
-    let (lost, covered) = (end - measured.step, last - first);
-    measured.harm == "time" && first < last && covered * LATE_SHARE < lost
-}
-
-/// A stretch of less than one in so many of the calls that were lost began too late.
-const LATE_SHARE: i32 = 3;
 
 /// Whether the evidence of a finding holds the measured call. Harm to the world and endings are one
 /// call; lost time is a stretch that begins with the measured one.
@@ -227,5 +215,64 @@ fn cause_of(rule: &Rule) -> Option<&'static str> {
         (class, _) if class == FailureClass::ObjectConfusion.as_str() => Some("perception"),
         (class, _) if class == FailureClass::LostMemory.as_str() => Some("memory"),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RuleSet;
+
+    /// Rule, step and sentence of what decides, and the advised call.
+    fn decided(
+        found: &[(&str, i32, i32)],
+        (harm, step, cause): (&str, i32, &str),
+    ) -> (String, i32, String, Option<String>) {
+        let set = RuleSet::built_in();
+        let number = |name: &str| set.rules().iter().position(|rule| rule.name == name);
+        let findings: Vec<Evidence> = found
+            .iter()
+            .map(|(name, first, last)| (number(name).unwrap() as u16, *first, *last))
+            .collect();
+        let measured = Measured {
+            step,
+            harm: harm.into(),
+            cause: cause.into(),
+            explanation: "why".into(),
+            advised_call: "better".into(),
+        };
+        let told = explain(&findings, set.rules(), Some(&measured)).unwrap();
+        (
+            found[told.primary].0.to_owned(),
+            told.step,
+            told.sentence.unwrap().into_owned(),
+            told.advised_call.map(str::to_owned),
+        )
+    }
+
+    #[test]
+    fn slips_come_after_what_explains() {
+        let end = ("never_looked_at_source", 26, 26);
+        let stretch = decided(&[("invalid_output", 3, 26), end], ("time", 1, "other"));
+        assert_eq!(
+            stretch,
+            ("invalid_output".into(), 3, "call 1: why".into(), None)
+        );
+        let slip = [end, ("oscillation_slip", 2, 26)];
+        assert_eq!(decided(&slip, ("time", 1, "other")).0, end.0);
+        assert_eq!(decided(&slip, ("time", 1, "memory")).0, "oscillation_slip");
+    }
+
+    #[test]
+    fn the_step_is_one_at_which_the_fault_shows() {
+        let found = [("stale_marker", 5, 20)];
+        let (_, step, sentence, advised) = decided(&found, ("time", 7, "other"));
+        assert_eq!((step, sentence.as_str()), (7, "why"));
+        assert_eq!(advised.as_deref(), Some("better"));
+        let (_, step, sentence, advised) = decided(&found, ("world", 19, "other"));
+        assert_eq!(
+            (step, sentence.as_str(), advised),
+            (5, "call 19: why", None)
+        );
     }
 }
