@@ -46,6 +46,7 @@ pub const PARSERS: &[(&str, Parser)] = &[
     ("record", traces::record),
     ("recovery", traces::recovery),
     ("scene", documents::scene),
+    ("shard", traces::shard),
     ("task", documents::task),
     ("template", texts::template),
     ("trace", traces::trace),

@@ -479,7 +479,8 @@ def open(path: PathLike, *, assets: PathLike | None = None) -> Episode:
     """Reads a trace, verifies it, and returns its episode.
 
     Args:
-        path: a `.mcap` file of this machine, or a URL of a bucket (`s3://...`).
+        path: a `.mcap` file of this machine, a URL of a bucket (`s3://...`), or an episode of a
+            packed file (`FILE#EPISODE`, see `reel pack`), which is executed.
         assets: folder of the meshes that it was recorded with.
 
     Raises:

@@ -9,6 +9,7 @@ use prost::Message;
 const SCHEMAS: &[&str] = &[
     "reel/v1/episode.proto",
     "reel/v1/policy_output.proto",
+    "reel/v1/policy_latency.proto",
     "reel/v1/logprobs.proto",
     "reel/v1/tool_call.proto",
     "reel/v1/tool_result.proto",
@@ -17,6 +18,8 @@ const SCHEMAS: &[&str] = &[
     "reel/v1/world_graph.proto",
     "reel/v1/reward.proto",
     "reel/v1/sim_digest.proto",
+    "reel/v1/packed.proto",
+    "reel/v1/chain.proto",
     "reel/v1/timing.proto",
     "reel/v1/odometry.proto",
     "reel/v1/primitive.proto",

@@ -169,7 +169,7 @@ def examples(paths, reader, images, made):
 
 
 def reader_of(name, images, made):
-    topics = TAKERS if made else ("/episode", "/tool/call", "/tool/result", "/policy/output")
+    topics = TAKERS if made else ("/episode", "/tool/call", "/tool/result", "/policy/output", "/chain")
     takers = {topic: TAKERS[topic] for topic in topics}
     if images:
         takers["/camera/head"] = taking_frames
@@ -183,7 +183,7 @@ def reader_of(name, images, made):
         def rows_only(self, path):
             with open(path, "rb") as file:
                 data = file.read()
-            trace = Trace(path, len(data), 0)
+            trace = Trace(path, len(data), 0, False)
             attachments = self.walk(data, trace)
             trace.task = self.task_of(attachments["task.json"], trace.start.task_digest)
             trace.scene = attachments["scene.json"]
@@ -191,7 +191,7 @@ def reader_of(name, images, made):
 
         def taker(self, channel, schemas, trace):
             make = takers.get(channel.topic)
-            return make and make(self.decoder(schemas[channel.schema_id]), trace)
+            return make and trace.chain.covering(channel.topic, make(self.decoder(schemas[channel.schema_id]), trace))
 
     return Chosen(check_chain=bool(made))
 
@@ -235,7 +235,7 @@ def decisions(trace, told, made):
     """The rows of an episode."""
     start, task = trace.start, trace.task
     episode = start.episode_id, start.task_id, start.family, start.scene_id, start.policy.name
-    source = trace.path, trace.end.chain.hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
+    source = trace.path, trace.chain.links[-1].hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
     steps = [*steps_of(trace)]
     refused = refusals(steps, told) if made else ()
     frames = getattr(trace, "frames", {})

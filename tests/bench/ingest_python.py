@@ -38,10 +38,10 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from ingest_chain import verify
+from ingest_chain import Chain, check_attachments
 from ingest_rows import Rows, Task, documented_schemas
 
 # Episodes in a batch, which becomes a row group.
@@ -150,14 +150,20 @@ def merge(out, table, processes):
 class Trace:
     """The decoded messages of a file."""
 
-    def __init__(self, path, size, modified_ns):
+    def __init__(self, path, size, modified_ns, check_chain):
         self.path, self.bytes, self.modified_ns = path, size, modified_ns
         self.start = self.settled = self.end = None
         # one of each kind a step; of the moments and graphs first one of the start
         self.calls, self.results, self.diffs, self.rewards, self.moments, self.offsets = [], [], [], [], [], []
         self.graphs = []
+        self.chain, self.build = Chain(check_chain), ""
         # where a step has them
-        self.policies, self.logprobs, self.outside, self.answers = {}, {}, {}, {}
+        self.policies, self.latencies, self.logprobs, self.outside, self.answers = {}, {}, {}, {}, {}
+
+    def metadata(self, record):
+        """The version of Reel stands nowhere else."""
+        if record.name == "reel.episode":
+            self.build = record.metadata["build"]
 
 
 class Reader:
@@ -172,14 +178,15 @@ class Reader:
     def read(self, path):
         with open(path, "rb") as file:
             data = file.read()
-            trace = Trace(path, len(data), os.fstat(file.fileno()).st_mtime_ns)
+            trace = Trace(path, len(data), os.fstat(file.fileno()).st_mtime_ns, self.check_chain)
         attachments = self.walk(data, trace)
         steps = range(len(trace.calls))
         kinds = (trace.calls, trace.results, trace.diffs, trace.rewards, trace.moments[1:])
-        if not trace.end or trace.end.steps != len(steps) or any([m.step for m in kind] != [*steps] for kind in kinds):
+        linked = len(trace.chain.links) == len(steps) + 2
+        if not trace.end or not linked or trace.end.steps != len(steps) or any([m.step for m in kind] != [*steps] for kind in kinds):
             raise ValueError("the end of the episode or a message of a step is missing")
         if self.check_chain:
-            verify(trace, attachments["task.json"], attachments["scene.json"])
+            check_attachments(trace.start, attachments["task.json"], attachments["scene.json"])
         trace.task = self.task_of(attachments["task.json"], trace.start.task_digest)
         trace.scene = attachments["scene.json"]
         return trace
@@ -200,6 +207,9 @@ class Reader:
                 stream.seek(body)
                 attachment = Attachment.read(ReadDataStream(stream))
                 attachments[attachment.name] = attachment.data
+            elif opcode == Opcode.METADATA:
+                stream.seek(body)
+                trace.metadata(Metadata.read(ReadDataStream(stream)))
             elif opcode == Opcode.DATA_END:
                 break
             at = after
@@ -238,7 +248,7 @@ class Reader:
     def taker(self, channel, schemas, trace):
         """What takes the messages of a channel; none where nobody needs them."""
         make = TAKERS.get(channel.topic)
-        return make and make(self.decoder(schemas[channel.schema_id]), trace)
+        return make and trace.chain.covering(channel.topic, make(self.decoder(schemas[channel.schema_id]), trace))
 
     def decoder(self, schema):
         decode = self.decoders.get((schema.name, schema.data))
@@ -270,6 +280,8 @@ class LibraryReader(Reader):
                 chunks += 1
             elif isinstance(record, Attachment):
                 attachments[record.name] = record.data
+            elif isinstance(record, Metadata):
+                trace.metadata(record)
             elif isinstance(record, ChunkIndex):
                 starts.append(record.chunk_start_offset)
         trace.offsets = [starts[chunk] for chunk in trace.offsets]
@@ -327,6 +339,10 @@ def taking_replies(decode, trace):
     return take
 
 
+def taking_links(decode, trace):
+    return lambda data, offset: trace.chain.link(decode(data).link)
+
+
 # By topic: what takes the messages of a trace. Nobody needs the others.
 TAKERS = {
     "/episode": taking_events,
@@ -339,6 +355,8 @@ TAKERS = {
     "/world/diff": appending("diffs"),
     "/reward": appending("rewards"),
     "/sim/digest": appending("moments"),
+    "/chain": taking_links,
+    "/policy/latency": by_step("latencies"),
 }
 
 

@@ -103,6 +103,7 @@ class Rows:
         header[2] = header[2] if start.HasField("group_id") else None
         header[3] = header[3] if start.HasField("rollout_index") else None
         header[8] = header[8] if start.policy.HasField("checkpoint") else None
+        header[13] = trace.build
         header[15] = header[15] or "perfect"
         parent = start.parent if start.HasField("parent") else None
         self.episodes.append(
@@ -115,7 +116,7 @@ class Rows:
                 trace.settled.shortest_path_m if trace.settled.HasField("shortest_path_m") else None,
                 trace.moments[-1].robot.path_length_m,
                 parent and parent.trace.hex(), parent and parent.call,
-                trace.path, trace.moments[-1].chain.hex(), trace.bytes, trace.modified_ns,
+                trace.path, trace.chain.links[-1].hex(), trace.bytes, trace.modified_ns,
             )
         )  # fmt: skip
         self.start_objects += map(VISIBLE, trace.settled.visible)
@@ -177,7 +178,7 @@ class Rows:
             policy = policies.get(step)
             if policy:
                 said = POLICY(policy)
-                latency_ns = policy.latency_ns if policy.HasField("latency_ns") else None
+                latency_ns = trace.latencies[step].latency_ns if step in trace.latencies else None
                 if policy.HasField("tokens"):
                     prompt_tokens, completion_tokens = policy.tokens.input, policy.tokens.output
             scored = logprobs.get(step)
@@ -209,7 +210,7 @@ class Rows:
                     *said, (arguments if argument is None else argument) if tool == "ask" else None,
                     answer and answer.text, answer and answer.source,
                     prompt_tokens, completion_tokens, scored and scored.tokens[:],
-                    moment.state.hex(), moment.chain.hex(), offset,
+                    moment.state.hex(), trace.chain.links[step + 1].hex(), offset,
                 )
             )  # fmt: skip
 

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_replay::SnapshotCache;
+use reel_replay::{PackedTraces, SnapshotCache};
 #[cfg(feature = "analytics")]
 use reel_tables::{Store, buckets::Buckets};
 use reel_tasks::{ObjectOrder, SceneSource};
@@ -17,7 +17,7 @@ use reel_tasks::{
     assets::AssetFolder,
     generate::scene::{built_in, names, names_with_parts},
 };
-use reel_trace::{FrameLayers, Trace, TraceFiles, is_remote};
+use reel_trace::{FrameLayers, Shard, Trace, TraceFiles, is_remote, member, name_of_member};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
 /// The skills of a name, for arguments.
@@ -162,7 +162,7 @@ pub fn tasks(path: &Path, scene: &SceneArguments, listed: ObjectOrder) -> anyhow
 }
 
 /// The trace files among the paths: files as given, folders, also those in buckets,
-/// searched for `.mcap`, sorted.
+/// searched for `.mcap`, sorted; of a shard all episodes, `shard.mcap#0` and so on.
 pub fn traces(files: &TraceFiles, paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
@@ -174,12 +174,13 @@ pub fn traces(files: &TraceFiles, paths: &[PathBuf]) -> anyhow::Result<Vec<PathB
         } else if path.is_dir() {
             collect(path, &is_trace, &mut found)
                 .with_context(|| format!("cannot list {}", path.display()))?;
-        } else if path.exists() {
+        } else if path.exists() || member(path).is_some_and(|(shard, _)| shard.exists()) {
             found.push(path.clone());
         } else {
             bail!("no such trace or folder: {}", path.display());
         }
     }
+    found = members(found)?;
     if found.is_empty() {
         let names: Vec<String> = paths
             .iter()
@@ -190,7 +191,22 @@ pub fn traces(files: &TraceFiles, paths: &[PathBuf]) -> anyhow::Result<Vec<PathB
             names.join(", ")
         );
     }
-    found.sort();
+    Ok(found)
+}
+
+/// The files in their order, with the episodes of a shard in its place.
+fn members(mut files: Vec<PathBuf>) -> anyhow::Result<Vec<PathBuf>> {
+    files.sort();
+    let mut found = Vec::with_capacity(files.len());
+    for path in files {
+        // What cannot be read is somebody else's to report.
+        if !is_remote(&path) && Shard::is_one(&path).unwrap_or(false) {
+            let episodes = 0..Shard::open(&path)?.len();
+            found.extend(episodes.map(|number| name_of_member(&path, number)));
+        } else {
+            found.push(path);
+        }
+    }
     Ok(found)
 }
 
@@ -253,14 +269,17 @@ pub fn buckets() -> Buckets {
 /// Where commands read traces from: this machine and, in builds with tables, buckets. A command
 /// makes it once and passes it on, because it remembers what it listed.
 pub fn trace_files() -> TraceFiles {
+    trace_files_with(None)
+}
+
+/// [`trace_files`], with meshes for what was recorded with meshes.
+pub fn trace_files_with(assets: Option<Arc<dyn reel_world::Assets + Send>>) -> TraceFiles {
     #[cfg(feature = "analytics")]
-    {
-        TraceFiles::with_remote(Arc::new(buckets()))
-    }
+    let files = TraceFiles::with_remote(Arc::new(buckets()));
     #[cfg(not(feature = "analytics"))]
-    {
-        TraceFiles::default()
-    }
+    let files = TraceFiles::default();
+    let packed = PackedTraces::with_assets(assets.clone());
+    files.with_assets(assets).with_packed(Arc::new(packed))
 }
 
 /// Opens a store, at an earlier version if one is named. Its rows may name traces in buckets.
@@ -306,7 +325,7 @@ impl Assets {
     pub fn trace_files(&self) -> anyhow::Result<TraceFiles> {
         let assets = self.open()?;
         let assets = assets.map(|folder| Arc::new(folder) as Arc<dyn reel_world::Assets + Send>);
-        Ok(trace_files().with_assets(assets))
+        Ok(trace_files_with(assets))
     }
 
     /// [`store`], whose functions execute traces with the meshes of the folder.

@@ -77,6 +77,10 @@ enum Command {
     View(commands::view::Arguments),
     #[command(about = "Execute traces again and compare every digest, frame and text")]
     Replay(commands::replay::Arguments),
+    #[command(about = "Pack traces into one file of their inputs: some hundred bytes an episode")]
+    Pack(commands::pack::Pack),
+    #[command(about = "Write the traces of a packed file again, every byte of them")]
+    Unpack(commands::pack::Unpack),
     #[command(about = "Play another future of a recorded episode, from any call")]
     Branch(commands::branch::Arguments),
     #[command(
@@ -148,7 +152,7 @@ enum Command {
 }
 
 #[cfg(feature = "analytics")]
-pub use inputs::{buckets, store, traces as trace_paths};
+pub use inputs::{buckets, store, trace_files_with as trace_files, traces as trace_paths};
 
 static WORDS: OnceLock<Vec<OsString>> = OnceLock::new();
 
@@ -212,6 +216,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         #[cfg(feature = "rerun")]
         Command::View(arguments) => commands::view::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Pack(arguments) => commands::pack::pack(&arguments),
+        Command::Unpack(arguments) => commands::pack::unpack(&arguments),
         Command::Branch(arguments) => commands::branch::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blame(arguments) => commands::blame::run(&arguments),

@@ -8,7 +8,7 @@ use clap::{Command, CommandFactory as _};
 #[rustfmt::skip]
 const HEADINGS: [(&str, &[&str]); 6] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record"]),
-    ("Look and replay", &["show", "view", "replay", "branch", "diff"]),
+    ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
     ("Explain failures", &["blame", "attribute", "repair", "taxonomy", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export"]),
     (

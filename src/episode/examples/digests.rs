@@ -22,19 +22,20 @@ use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_world::{
     Digest, Scene, Skills, Task,
-    record::{EndRecord, EpisodeHeader, StepRecord},
+    record::{EndRecord, EpisodeHeader, StartRecord, StepRecord},
 };
 use serde::Deserialize;
 
 /// One second of motion: what differs in a scene made to fail differs early.
 const STRESS_STEPS: u32 = 240;
 
-/// The inputs of a recorded episode.
+/// A recorded episode, as `reel show --json` prints it.
 #[derive(Clone, Deserialize)]
 struct Recorded {
     header: EpisodeHeader,
     task: Arc<Task>,
     scene: Arc<Scene>,
+    start: StartRecord,
     steps: Vec<StepRecord>,
     end: Option<EndRecord>,
 }
@@ -80,7 +81,8 @@ fn main() {
                 .end
                 .as_ref()
                 .expect("the trace of a finished episode");
-            println!("{} {}", episode.header.episode_id, end.chain);
+            let digest = digest(&episode.start, &episode.steps, end);
+            println!("{} {digest}", episode.header.episode_id);
         }
         return;
     }
@@ -138,8 +140,11 @@ fn play_all(episodes: Vec<Recorded>, condition: Condition) -> BTreeMap<String, D
     first
 }
 
-/// The last link of the hash chain: it covers every digest, image and text of the
-/// episode, and its inputs.
+/// Of every record of an episode: inputs, texts, rewards, and the digests of states and images.
+fn digest(start: &StartRecord, steps: &[StepRecord], end: &EndRecord) -> Digest {
+    Digest::of_json(&(start, steps, end))
+}
+
 fn play(recorded: &Recorded, restored: bool) -> Digest {
     let header = &recorded.header;
     let config = EpisodeConfig {
@@ -167,5 +172,5 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         }
         steps.push(episode.step(step.input.clone()).record);
     }
-    episode.end().chain
+    digest(&start, &steps, &episode.end())
 }

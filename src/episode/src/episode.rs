@@ -10,8 +10,8 @@ use reel_sim::{
     sim_version,
 };
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool,
-    ToolText, WorldGraph, ask_reply, chain, invariants,
+    ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, ToolText,
+    WorldGraph, ask_reply, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord,
         StateDigests, StepInput, StepRecord, UserReply,
@@ -21,7 +21,7 @@ use reel_world::{
 use crate::{
     Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, published_user, user::RuleUser,
 };
-use records::{chain_of, digests, end, header, observe, observers};
+use records::{digests, end, header, observe, observers};
 
 /// What a policy is told whose answer holds no call.
 const NO_CALL: &str =
@@ -134,8 +134,8 @@ impl Episode {
         Self::start_with(config, Detail::Full)
     }
 
-    /// [`Episode::start`] with images of so much detail. Without RGB the digests of RGB and the
-    /// chain, which covers them, are not those of the episode; everything else is.
+    /// [`Episode::start`] with images of so much detail. Without RGB the digests of RGB are not
+    /// those of the episode; everything else is.
     ///
     /// # Errors
     /// When task and scene do not belong together.
@@ -173,7 +173,7 @@ impl Episode {
         simulator.set_detail(detail);
         let frame = simulator.capture_frame();
         let graphs = simulator.graphs();
-        let mut start = StartRecord {
+        let start = StartRecord {
             graphs: graphs.clone(),
             bodies: simulator.bodies(),
             robot: simulator.robot(),
@@ -181,7 +181,6 @@ impl Episode {
             shortest_path_m: simulator.shortest_path_m(),
             digests: digests(&mut simulator, Some(&frame)),
         };
-        start.digests.chain = chain::start_link(&header, &start);
         let (rewarder, user) = observers(&config, &start);
         let ended = simulator.fault().then_some(EndReason::Fault);
         let episode = Episode {
@@ -297,12 +296,11 @@ impl Episode {
     pub fn branch_on(
         stage: Arc<PreparedTask>,
         config: EpisodeConfig,
-        mut start: StartRecord,
-        mut steps: Vec<StepRecord>,
+        start: StartRecord,
+        steps: Vec<StepRecord>,
         snapshot: &Snapshot,
         detail: Detail,
     ) -> Result<Episode, EpisodeError> {
-        chain::relink(&header(&config, &stage), &mut start, &mut steps);
         let mut episode = Self::resume_on(stage, config, start, steps, snapshot)?;
         episode.simulator.set_detail(detail);
         Ok(episode)
@@ -425,7 +423,6 @@ impl Episode {
             );
         }
         record.reward = self.rewarder.step(&record);
-        record.digests.chain = chain::step_link(&chain_of(&self.start, &self.steps), &record);
         observe(&mut self.user, &record);
         self.check_invariants();
         self.steps.push(record.clone());

@@ -2,11 +2,7 @@
 //! and replaying it gives the same bits. Verdicts are kept in the store under the digest of the
 //! file, so that nothing is replayed twice.
 
-use std::{
-    collections::HashMap,
-    fs::{self, File},
-    path::Path,
-};
+use std::{collections::HashMap, path::Path};
 
 use rayon::prelude::*;
 use reel_replay::Verdict;
@@ -67,24 +63,18 @@ fn look(
 ) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
     let unread = |error| (Err(format!("the trace cannot be read: {error}")), None);
-    let here = match files.local_copy(path) {
-        Ok(here) => here,
+    let bytes = match files.bytes(path) {
+        Ok(bytes) => bytes,
         Err(error) => return unread(error),
     };
-    let file_digest = match File::open(&here).and_then(Digest::of_reader) {
-        Ok((digest, _)) => digest.to_string(),
-        Err(error) => return unread(error),
-    };
+    let file_digest = Digest::of(&bytes).to_string();
     let (verdict, new) = match known.get(&file_digest) {
         Some(verdict) => (verdict.clone(), None),
         None if !replay => return (Err("not verified: nothing was replayed".into()), None),
-        None => match fs::read(&here) {
-            Ok(bytes) => {
-                let (verdict, holds) = verdict(files, path, &bytes);
-                (verdict.clone(), holds.then_some(verdict))
-            }
-            Err(error) => return unread(error),
-        },
+        None => {
+            let (verdict, holds) = verdict(files, path, &bytes);
+            (verdict.clone(), holds.then_some(verdict))
+        }
     };
     let verified = match verdict.verdict.as_str() {
         "exact" if verdict.trace_digest == candidate.trace_digest => Ok(()),

@@ -1,10 +1,9 @@
 //! The records of an episode from its files: what each step did to the world, its rewards, the
-//! hash chain, the end.
+//! end.
 
 use reel_reward::{Preset, metrics, open_reward, rewards};
 use reel_world::{
     AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
-    chain,
     record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value};
@@ -59,21 +58,6 @@ pub(crate) fn file_stem(header: &EpisodeHeader) -> String {
     format!("{}--{}--{episode_id}", short(task_id), short(&policy.name))
 }
 
-/// Links the records of an episode to each other; its last link.
-pub(crate) fn link<'a>(
-    header: &EpisodeHeader,
-    start: &mut StartRecord,
-    records: impl IntoIterator<Item = &'a mut StepRecord>,
-) -> Digest {
-    start.digests.chain = chain::start_link(header, start);
-    let mut link = start.digests.chain;
-    for record in records {
-        record.digests.chain = chain::step_link(&link, record);
-        link = record.digests.chain;
-    }
-    link
-}
-
 /// Makes the records of an episode.
 ///
 /// # Errors
@@ -121,7 +105,7 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
     let reason = end_reason(&mut files, status.as_deref(), &read);
 
     let initial = seen.first.clone().unwrap_or_else(|| task.initial.clone());
-    let mut start = StartRecord {
+    let start = StartRecord {
         graphs: same_graph_for_both(&initial),
         ..StartRecord::default()
     };
@@ -167,7 +151,6 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
     header.episode_id = Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();
     header.build = env!("CARGO_PKG_VERSION").to_owned();
 
-    let link = link(&header, &mut start, &mut records);
     let metrics = metrics(&preset, &task, &start, &records, &graphs);
     let told = files
         .summary
@@ -183,7 +166,6 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
         reason,
         graphs,
         metrics,
-        chain: link,
         steps: records.len() as u32,
     };
     let steps = records.into_iter().zip(frames).collect();

@@ -143,7 +143,7 @@ impl ObservedState {
     }
 }
 
-/// The record of a step, without its rewards and its link of the chain. `before` and `after` know
+/// The record of a step, without its rewards. `before` and `after` know
 /// their graphs, where anything shows them.
 pub fn record(
     step: u32,

@@ -11,7 +11,7 @@ use reel_reward::{OpenReward, Rewarder, metrics, open_reward};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
-    Task, Tool, ToolCall, ToolText, chain,
+    Task, Tool, ToolCall, ToolText,
     record::{
         EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord,
         StepInput, StepRecord,
@@ -51,7 +51,6 @@ struct Playing {
     start: StartRecord,
     rewarder: Box<dyn Rewarder>,
     state: ObservedState,
-    link: Digest,
     steps: Vec<StepRecord>,
     /// The input that is written and not answered.
     under_way: Option<StepInput>,
@@ -291,7 +290,6 @@ impl Episodes {
         };
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
-        record.digests.chain = chain::step_link(&playing.link, &record);
         let recorder = &mut playing.recorder;
         let written = recorder
             .timing(record.step, &timing)
@@ -312,7 +310,6 @@ impl Episodes {
             timing,
         });
         let finished = record.tool.as_deref() == Some("finish");
-        playing.link = record.digests.chain;
         playing.state = after;
         playing.steps.push(record);
         Ok(finished.then_some(EndReason::Finished))
@@ -368,7 +365,6 @@ impl Episodes {
         start.digests.frame = image.and_then(Image::digests);
         header.episode_id = Digest::of_json(&(&header, &start)).to_string()[..16].to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
-        start.digests.chain = chain::start_link(&header, &start);
         let mut rewarder = setup.preset.rewarder(&task, &scene);
         rewarder.start(&start);
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
@@ -396,7 +392,6 @@ impl Episodes {
         });
         self.begun += 1;
         self.unrecorded = 0;
-        let (link, steps) = (start.digests.chain, Vec::new());
         let playing = Playing {
             recorder,
             path,
@@ -405,8 +400,7 @@ impl Episodes {
             start,
             rewarder,
             state,
-            link,
-            steps,
+            steps: Vec::new(),
             under_way: None,
         };
         self.now = Now::Playing(Box::new(playing));
@@ -559,7 +553,6 @@ impl Playing {
             reason,
             graphs,
             metrics: metrics.clone(),
-            chain: self.link,
             steps,
         })?;
         Ok(EndedEpisode {

@@ -42,8 +42,7 @@ fn files(assets: Option<&PathBuf>) -> PyResult<TraceFiles> {
         .transpose()
         .or_raise()?;
     let meshes = meshes.map(|folder| Arc::new(folder) as Arc<dyn Assets + Send>);
-    let buckets = Arc::new(reel_cli::buckets());
-    Ok(TraceFiles::with_remote(buckets).with_assets(meshes))
+    Ok(reel_cli::trace_files(meshes))
 }
 
 #[pymethods]

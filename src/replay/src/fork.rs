@@ -7,7 +7,7 @@ use reel_episode::{Episode, EpisodeConfig, Rollout};
 use reel_sim::{Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
-    Skills, chain,
+    Skills,
     record::{EpisodeHeader, Parent, PolicyInfo},
 };
 use serde::Serialize;
@@ -219,14 +219,12 @@ fn unrelated(branch: &Trace, parent: &Trace) -> Result<usize, String> {
     }
 }
 
-/// The first difference in what a branch took over; its links are those of its own header.
+/// The first difference in what a branch took over.
 fn prefix_difference(branch: &Trace, parent: &Trace, calls: usize) -> Option<Divergence> {
-    let (mut start, mut steps) = (parent.start.clone(), parent.steps[..calls].to_vec());
-    chain::relink(&branch.header, &mut start, &mut steps);
     let compared = inputs(&parent.header, &branch.header)
-        .and_then(|()| difference::start(&start, &branch.start))
+        .and_then(|()| difference::start(&parent.start, &branch.start))
         .and_then(|()| {
-            steps
+            parent.steps[..calls]
                 .iter()
                 .zip(&branch.steps)
                 .try_for_each(|(ours, theirs)| difference::step(ours, theirs))

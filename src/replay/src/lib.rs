@@ -13,6 +13,7 @@ mod mint;
 mod player;
 mod repack;
 mod seek;
+mod shard;
 mod viewpoint;
 
 use std::{
@@ -39,6 +40,7 @@ pub use reel_episode::Rollout;
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};
+pub use shard::{PackedTraces, pack, unpack};
 pub use viewpoint::{View, Viewpoint, ViewpointError, view_at, views};
 
 /// What a replay found.

@@ -1,12 +1,14 @@
 //! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares
 //! each call with what was recorded. Stops at the first difference.
 
+use std::sync::Arc;
+
 use reel_episode::{Episode, EpisodeConfig, Rollout, StepOutput};
 use reel_reward::Preset;
 use reel_sim::{SIM_CHANGES, Snapshot, render::Detail, sim_version};
 use reel_trace::Trace;
 use reel_world::{
-    Frame,
+    Frame, Meshes, Scene, Task,
     record::{Backend, BodyState, EpisodeHeader, StartRecord, StateDigests, StepRecord},
 };
 
@@ -134,10 +136,7 @@ impl<'t> Replay<'t> {
             images: self.images,
         };
         if let Some(recorded) = &self.trace.end {
-            let mut replayed = self.episode.end();
-            if self.detail == Detail::Geometry {
-                replayed.chain = recorded.chain;
-            }
+            let replayed = self.episode.end();
             // An episode that its runner stopped early ends as it did then.
             difference::end(recorded, &replayed).map_err(diverged)?;
         }
@@ -168,16 +167,30 @@ impl<'t> Replay<'t> {
 /// What an episode is a function of, from its trace; refuses what no simulator
 /// of this version recorded.
 pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
-    let header = &trace.header;
+    check_version(&trace.header)?;
+    config_of_any_version(trace)
+}
+
+/// Refuses what another version of the simulator recorded.
+pub(crate) fn check_version(header: &EpisodeHeader) -> Result<(), Verdict> {
     if header.backend == Backend::Sim && header.sim_version != sim_version(header.profile) {
         return Err(other_simulator(header));
     }
-    config_of_any_version(trace)
+    Ok(())
 }
 
 /// [`config`] also for traces of other versions, whose outcomes may differ.
 pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
-    let header = &trace.header;
+    config_of(&trace.header, &trace.task, &trace.scene, &trace.meshes)
+}
+
+/// [`config_of_any_version`] of inputs that are in no trace.
+pub(crate) fn config_of(
+    header: &EpisodeHeader,
+    task: &Arc<Task>,
+    scene: &Arc<Scene>,
+    meshes: &Meshes,
+) -> Result<EpisodeConfig, Verdict> {
     let not_replayable = |reason| Verdict::NotReplayable { reason };
     if let Some(origin) = header.backend.not_replayable_reason() {
         return Err(not_replayable(format!(
@@ -187,14 +200,14 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     let preset = Preset::parse(&header.reward_preset).ok_or_else(|| {
         not_replayable(format!("unknown reward preset '{}'", header.reward_preset))
     })?;
-    check_meshes(trace)?;
+    check_meshes(header, meshes)?;
     Ok(EpisodeConfig {
-        task: trace.task.clone(),
-        scene: trace.scene.clone(),
+        task: task.clone(),
+        scene: scene.clone(),
         seed: header.seed,
         profile: header.profile,
         skills: header.skills,
-        meshes: trace.meshes.clone(),
+        meshes: meshes.clone(),
         preset,
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
@@ -208,21 +221,19 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
 ///
 /// # Errors
 /// Fails with the verdict that says which meshes are missing or are others.
-pub fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
-    let wrong =
-        trace
-            .header
-            .meshes
-            .iter()
-            .filter_map(|(asset, recorded)| match trace.meshes.get(asset) {
-                None => Some(format!("{asset} ({}) is missing", recorded.short())),
-                Some(mesh) if mesh.digest() != *recorded => Some(format!(
-                    "{asset} is {} here, and was {} when it was recorded",
-                    mesh.digest().short(),
-                    recorded.short()
-                )),
-                Some(_) => None,
-            });
+pub fn check_meshes(header: &EpisodeHeader, meshes: &Meshes) -> Result<(), Verdict> {
+    let wrong = header
+        .meshes
+        .iter()
+        .filter_map(|(asset, recorded)| match meshes.get(asset) {
+            None => Some(format!("{asset} ({}) is missing", recorded.short())),
+            Some(mesh) if mesh.digest() != *recorded => Some(format!(
+                "{asset} is {} here, and was {} when it was recorded",
+                mesh.digest().short(),
+                recorded.short()
+            )),
+            Some(_) => None,
+        });
     let wrong: Vec<String> = wrong.collect();
     if wrong.is_empty() {
         return Ok(());
@@ -291,7 +302,6 @@ fn compare_step(
 /// Replayed digests with what depends on RGB taken from the record: nothing is said of it.
 fn without_rgb(recorded: &StateDigests, replayed: &StateDigests) -> StateDigests {
     let mut digests = replayed.clone();
-    digests.chain = recorded.chain;
     if let (Some(old), Some(new)) = (&recorded.frame, &mut digests.frame) {
         new.rgb = old.rgb;
     }

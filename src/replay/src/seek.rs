@@ -211,9 +211,7 @@ pub(crate) fn verify_restored_at_some(
         Err(error) => return refused(&error),
     };
     let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();
-    calls.sort_by_key(|calls| {
-        Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes())
-    });
+    calls.sort_by_key(|calls| Digest::of(format!("{} {calls}", trace.chain()).as_bytes()));
     calls.truncate(count);
     verify_restored(&trace, &calls)
 }
@@ -238,8 +236,6 @@ fn said_of_restored(mut verdict: Verdict, calls: usize) -> Verdict {
 
 /// The link of the hash chain after so many calls: it names the state and all that led to it.
 fn link_after(trace: &Trace, calls: usize) -> Option<Digest> {
-    match calls.checked_sub(1) {
-        None => Some(trace.start.digests.chain),
-        Some(last) => trace.steps.get(last).map(|step| step.digests.chain),
-    }
+    let last = calls.checked_sub(1).map(u32::try_from).transpose();
+    trace.link(last.ok()?)
 }

@@ -444,7 +444,10 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             marker_map: record.markers.iter().map(marker).collect(),
             visible_objects: record.visible.iter().map(visible).collect(),
             state_digest: record.digests.state.to_string(),
-            chain_digest: record.digests.chain.to_string(),
+            chain_digest: trace
+                .link(Some(record.step))
+                .unwrap_or_default()
+                .to_string(),
             trace_offset: trace.offset(record.step),
         });
     }

@@ -7,7 +7,6 @@
 use std::{env, error::Error, fs, path::Path};
 
 use reel_trace::{Images, Recorder, Trace};
-use reel_world::chain;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
@@ -35,20 +34,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn copy(trace: &Trace, number: usize, path: &Path) -> Result<(), Box<dyn Error>> {
     let mut header = trace.header.clone();
     header.episode_id = format!("copy-{number:06}");
-    let mut start = trace.start.clone();
-    let mut link = chain::start_link(&header, &start);
-    start.digests.chain = link;
     let mut recorder = Recorder::create(path, &header, &trace.task, &trace.scene, Images::None)?;
-    recorder.start(&start, None)?;
+    recorder.start(&trace.start, None)?;
     for record in &trace.steps {
-        let mut record = record.clone();
-        link = chain::step_link(&link, &record);
-        record.digests.chain = link;
         recorder.input(record.step, &record.input)?;
-        recorder.step(&record, None)?;
+        recorder.step(record, None)?;
     }
-    let mut end = trace.end.clone().ok_or("a trace that breaks off")?;
-    end.chain = link;
-    recorder.end(&end)?;
+    recorder.end(trace.end.as_ref().ok_or("a trace that breaks off")?)?;
     Ok(())
 }

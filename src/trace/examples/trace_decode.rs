@@ -50,6 +50,9 @@ fn decode_all(path: &str) -> u64 {
             "/robot/primitive" => decode::<reel::PrimitiveOutcome>(data),
             "/robot/vla" => decode::<reel::VlaLatency>(data),
             "/robot/alignment" => decode::<reel::Alignment>(data),
+            "/policy/latency" => decode::<reel::PolicyLatency>(data),
+            "/chain" => decode::<reel::ChainLink>(data),
+            "/packed/episode" => decode::<reel::PackedEpisode>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),
             "/camera/head" | "/camera/original" => decode::<foxglove::CompressedImage>(data),
             "/camera/head/depth" | "/camera/head/instances" => {

@@ -6,13 +6,14 @@ mod messages;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use reel_world::{
-    Digest, Scene, Task,
+    Digest, Scene, Task, ToolCall,
     record::{EndRecord, EpisodeHeader, Graphs, StartRecord, StepInput, StepRecord},
 };
 use serde::de::DeserializeOwned;
 
 use crate::{
     Timing, Trace, TraceError,
+    chain::{Covered, MessageChain},
     container::Item,
     journal::{
         HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment,
@@ -22,7 +23,7 @@ use crate::{
     schema::reel,
     sensors::SensorReader,
 };
-use draft::Draft;
+use draft::{Draft, Unlinked};
 use messages::Refusal;
 
 /// Records so far, and the moment that is being put together.
@@ -49,6 +50,13 @@ pub(crate) struct Assembly<'a> {
     mask: Option<Vec<u8>>,
     masks: BTreeMap<Option<u32>, Vec<u8>>,
     offsets: Vec<u64>,
+    links: Vec<Digest>,
+    covered: Covered,
+    /// Whether a message holds what only old traces have in it.
+    old_fields: bool,
+    chain: MessageChain,
+    /// The moment, or the end, whose link has not come yet.
+    unlinked: Option<Unlinked>,
     timings: BTreeMap<u32, Timing>,
     robot: RobotLog,
     sensors: SensorReader,
@@ -80,6 +88,11 @@ impl<'a> Assembly<'a> {
             mask: None,
             masks: BTreeMap::new(),
             offsets: Vec::new(),
+            links: Vec::new(),
+            covered: Covered::Messages,
+            old_fields: false,
+            chain: MessageChain::new(),
+            unlinked: None,
             timings: BTreeMap::new(),
             robot: RobotLog::default(),
             sensors: SensorReader::default(),
@@ -150,18 +163,17 @@ impl<'a> Assembly<'a> {
 
     /// The call that was received, but of which nothing came that is whole.
     pub(crate) fn under_way(&self) -> Option<(u32, StepInput)> {
-        self.draft.as_ref().map(|draft| {
-            (
-                self.step_count(),
-                StepInput {
-                    call: draft.call.clone(),
-                    policy: draft.policy.clone(),
-                    user_reply: draft.user_reply.clone(),
-                    refused_replies: draft.refused_replies.clone(),
-                    lookup: draft.lookup.clone(),
-                },
-            )
-        })
+        let input = match (&self.draft, &self.unlinked) {
+            (Some(draft), _) => draft.input(),
+            (None, Some(Unlinked::Step { record, .. })) => record.input.clone(),
+            _ => return None,
+        };
+        Some((self.step_count(), input))
+    }
+
+    /// Whether it is a trace with links as they were before they covered messages.
+    pub(crate) fn linked_over_records(&self) -> bool {
+        self.covered == Covered::Records
     }
 
     /// Whether the start is whole.
@@ -202,20 +214,23 @@ impl<'a> Assembly<'a> {
 
     /// Whether an unfinished recording ends with a whole step.
     pub(crate) fn check_open(&self, bytes: u64) -> Result<(), TraceError> {
-        let (offset, lost) = match &self.draft {
-            Some(draft) => (
-                draft.offset,
-                format!(
-                    "call {} was received, {}, but not what came of it",
-                    self.steps.len(),
-                    draft.call
-                ),
-            ),
-            None if self.start.is_none() => (bytes, "the state after settling".to_owned()),
-            None if self.end_graphs.is_some() && self.end.is_none() => {
+        let received = |offset: u64, call: &ToolCall| {
+            let number = self.steps.len();
+            (
+                offset,
+                format!("call {number} was received, {call}, but not what came of it"),
+            )
+        };
+        let (offset, lost) = match (&self.draft, &self.unlinked) {
+            (Some(draft), _) => received(draft.offset, &draft.call),
+            (None, Some(Unlinked::Step { record, offset })) => {
+                received(*offset, &record.input.call)
+            }
+            _ if self.start.is_none() => (bytes, "the state after settling".to_owned()),
+            _ if self.end_graphs.is_some() && self.end.is_none() => {
                 (bytes, "the end of the episode".to_owned())
             }
-            None => return Ok(()),
+            _ => return Ok(()),
         };
         Err(TraceError::Torn {
             path: self.path.to_owned(),
@@ -249,20 +264,13 @@ impl<'a> Assembly<'a> {
             depths: self.depths,
             masks: self.masks,
             offsets: self.offsets,
+            links: self.links,
+            covered: self.covered,
             timings: self.timings,
             robot: self.robot,
             sensors: self.sensors.into_channels(),
             originals: self.originals,
         })
-    }
-
-    fn last_link(&self) -> Digest {
-        let start = self
-            .start
-            .as_ref()
-            .map(|start| start.digests.chain)
-            .unwrap_or_default();
-        self.steps.last().map_or(start, |step| step.digests.chain)
     }
 
     fn attachment<T: DeserializeOwned>(

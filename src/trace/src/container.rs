@@ -19,7 +19,7 @@ use crate::{TraceError, image, limits::Limits, schema, sensors, unpack::Unpacked
 /// Opcode and length in front of every record.
 pub(crate) const RECORD_PREFIX: usize = 9;
 /// Footer record with its prefix.
-const FOOTER: usize = RECORD_PREFIX + 20;
+pub(crate) const FOOTER: usize = RECORD_PREFIX + 20;
 
 /// A thing found in the data section.
 pub(crate) enum Item<'a> {
@@ -620,7 +620,7 @@ impl<'a> Walk<'a> {
 }
 
 /// Whether an attachment's lengths fit its record; the parser trusts them.
-fn attachment_is_whole(body: &[u8]) -> bool {
+pub(crate) fn attachment_is_whole(body: &[u8]) -> bool {
     let text = |body: &[u8]| -> Option<usize> {
         Some(u32::from_le_bytes(*body.first_chunk()?) as usize + 4)
     };

@@ -53,6 +53,28 @@ pub enum TraceError {
         source_name: String,
         lost: String,
     },
+    /// Written again, the trace would have another last link, and nothing that names it would be true.
+    #[error(
+        "the messages of the trace are not in the order of a recorder, so it cannot be written again with its links; another program wrote it: {path}"
+    )]
+    OtherOrder { path: PathBuf },
+    /// A shard does not hold the episode that is asked for.
+    #[error(
+        "no episode '{episode}' is among the {episodes} of the shard; name it by its id or a number from 0: {path}"
+    )]
+    NotInShard {
+        path: PathBuf,
+        episode: String,
+        /// How many episodes the shard holds.
+        episodes: u32,
+    },
+    /// An episode of a shard is not there until it is executed.
+    #[error("{problem}: {path}")]
+    Packed {
+        path: PathBuf,
+        /// Why it cannot be executed, or what came of it instead.
+        problem: String,
+    },
     /// A recording of this name was left unfinished.
     #[error("an unfinished recording is in the way; recover or delete it first: {part}")]
     PartExists {

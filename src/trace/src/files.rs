@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{Disk, TraceError, TraceFiles, buffer::Buffer, limits::Limits};
+use crate::{Disk, LocalDisk, TraceError, TraceFiles, buffer::Buffer, limits::Limits, shard};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";
@@ -23,6 +23,9 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 
 /// The whole file, if it is not larger than the limit.
 pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
+    if let Some(bytes) = files.unpacked(path) {
+        return Ok(bytes?.into());
+    }
     let failed = |source: io::Error| {
         let part = with_suffix(path, PART);
         if source.kind() == io::ErrorKind::NotFound && files.disk().exists(&part).unwrap_or(false) {
@@ -54,6 +57,11 @@ pub(crate) fn read(files: &TraceFiles, path: &Path, limits: &Limits) -> Result<B
             limit,
             found,
         }),
+        _ if shard::begins_as_shard(&bytes) => Err(TraceError::Packed {
+            path: path.to_owned(),
+            problem: "it holds packed episodes; name one of them, as in FILE#0, or see `reel unpack --list`"
+                .to_owned(),
+        }),
         _ => Ok(bytes),
     }
 }
@@ -67,6 +75,14 @@ pub(crate) fn publish(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<
 /// [`publish`] under a name that nothing has, also not since somebody looked.
 pub(crate) fn publish_new(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
     publish_by(disk, path, bytes, |from, to| disk.rename_new(from, to))
+}
+
+/// Writes a file of this machine that is not there yet, at once and onto the disk.
+///
+/// # Errors
+/// As the system says; [`io::ErrorKind::AlreadyExists`] where there is one.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    publish_new(&LocalDisk, path, bytes)
 }
 
 fn publish_by(

@@ -1,5 +1,5 @@
 //! The records of an episode as MCAP messages, in their one order, onto anything that can be
-//! written to. Checks the turn and the hash chain. Knows no files.
+//! written to. Checks the turn and makes the hash chain. Knows no files.
 
 use std::{
     borrow::Cow,
@@ -14,7 +14,7 @@ use mcap::{
 };
 use prost::Message;
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, chain, little_endian,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, little_endian,
     record::{
         Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput,
         StepRecord, VisibleObject,
@@ -22,9 +22,15 @@ use reel_world::{
 };
 
 use crate::{
-    FrameLayers, Images, Timing, TraceError, codec, container, encode_webp, image,
+    FrameLayers, Images, Timing, TraceError,
+    chain::{self, Covered, MessageChain},
+    codec, container, encode_webp, image,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
-    schema::{self, Channel, foxglove::log::Level, reel},
+    schema::{
+        self, Channel,
+        foxglove::log::Level,
+        reel::{self, episode_event::Event},
+    },
     sensors::{SensorChannel, SensorKind},
     viewer,
 };
@@ -102,6 +108,8 @@ pub(crate) struct Journal<W: Write + Seek> {
     /// Time that the policy took so far, where there is no simulation time.
     policy_ns: u64,
     bodies: Vec<BodyState>,
+    /// The link in the making; none where links cover records, in an old trace that is written again.
+    chain: Option<MessageChain>,
     link: Digest,
     turn: Expected,
 }
@@ -129,6 +137,7 @@ impl<W: Write + Seek> Journal<W> {
         (header, task, scene): (&EpisodeHeader, &Task, &Scene),
         (images, layers): (Images, FrameLayers),
         recoveries: &[BTreeMap<String, String>],
+        covered: Covered,
     ) -> Result<Self, TraceError> {
         let (task_json, scene_json) = (canonical_json(task), canonical_json(scene));
         check_attachment(
@@ -161,6 +170,7 @@ impl<W: Write + Seek> Journal<W> {
             sim_step: 0,
             policy_ns: 0,
             bodies: Vec::new(),
+            chain: (covered == Covered::Messages).then(MessageChain::new),
             link: Digest::default(),
             turn: Expected::Failed,
         };
@@ -182,7 +192,11 @@ impl<W: Write + Seek> Journal<W> {
             };
             journal.with_writer(|writer| writer.write_metadata(&metadata))?;
         }
-        journal.message(schema::EPISODE, &codec::episode_start(header))?;
+        let mut start = codec::episode_start(header);
+        if let (false, Some(Event::Start(start))) = (journal.chain.is_some(), &mut start.event) {
+            start.build.clone_from(&header.build);
+        }
+        journal.message(schema::EPISODE, &start)?;
         journal.message(schema::SCENE, &viewer::scene(EPOCH_NS, scene, task))?;
         if images == Images::Full || layers.any() {
             journal.message(schema::CALIBRATION, &viewer::calibration(EPOCH_NS))?;
@@ -202,11 +216,6 @@ impl<W: Write + Seek> Journal<W> {
         if !matches!(self.turn, Expected::Start) {
             return Err(self.out_of_turn("the start"));
         }
-        self.link(
-            None,
-            chain::start_link(&self.header, record),
-            record.digests.chain,
-        )?;
         self.turn = Expected::Failed;
         self.message(schema::EPISODE, &codec::episode_settled(record))?;
         self.message(
@@ -230,7 +239,9 @@ impl<W: Write + Seek> Journal<W> {
             &viewer::line(self.time_ns(), Level::Info, line),
         )?;
         let digest = codec::sim_digest(None, 0, &record.bodies, &record.robot, &record.digests);
-        self.message(schema::SIM_DIGEST, &digest)?;
+        self.moment(digest, |journal| {
+            chain::records::start_link(&journal.header, record)
+        })?;
         self.flush()?;
         self.turn = Expected::InputOrEnd { step: 0 };
         Ok(())
@@ -255,7 +266,14 @@ impl<W: Write + Seek> Journal<W> {
             &codec::tool_call(step, &input.call, input.lookup.as_ref()),
         )?;
         if let Some(policy) = &input.policy {
-            self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
+            let mut output = codec::policy_output(step, policy);
+            if self.chain.is_none() {
+                output.latency_ns = policy.latency_ns;
+            }
+            self.message(schema::POLICY_OUTPUT, &output)?;
+            if let (true, Some(ns)) = (self.chain.is_some(), policy.latency_ns) {
+                self.message(schema::POLICY_LATENCY, &codec::policy_latency(step, ns))?;
+            }
             if let Some(logprobs) = &policy.logprobs {
                 self.message(schema::LOGPROBS, &codec::logprobs(step, logprobs))?;
             }
@@ -387,11 +405,6 @@ impl<W: Write + Seek> Journal<W> {
         {
             return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
         }
-        self.link(
-            Some(record.step),
-            chain::step_link(&self.link, record),
-            record.digests.chain,
-        )?;
         self.turn = Expected::Failed;
         self.sim_step = record.sim_step;
         self.message(schema::TOOL_RESULT, &codec::tool_result(record))?;
@@ -420,7 +433,9 @@ impl<W: Write + Seek> Journal<W> {
             &record.robot,
             &record.digests,
         );
-        self.message(schema::SIM_DIGEST, &digest)?;
+        self.moment(digest, |journal| {
+            chain::records::step_link(&journal.link, record)
+        })?;
         self.flush()?;
         self.turn = Expected::InputOrEnd {
             step: record.step + 1,
@@ -433,7 +448,6 @@ impl<W: Write + Seek> Journal<W> {
         if !matches!(self.turn, Expected::InputOrEnd { step } if step == record.steps) {
             return Err(self.out_of_turn(&format!("the end after {} steps", record.steps)));
         }
-        self.link(record.steps.checked_sub(1), self.link, record.chain)?;
         self.turn = Expected::Failed;
         self.message(
             schema::WORLD_GRAPH,
@@ -452,7 +466,12 @@ impl<W: Write + Seek> Journal<W> {
             schema::LOG,
             &viewer::line(self.time_ns(), Level::Info, line),
         )?;
-        self.message(schema::EPISODE, &codec::episode_end(record))?;
+        let mut end = codec::episode_end(record);
+        if let (false, Some(Event::End(end))) = (self.chain.is_some(), &mut end.event) {
+            end.chain = self.link.0.to_vec();
+        }
+        self.message(schema::EPISODE, &end)?;
+        self.close_link()?;
         self.flush()
     }
 
@@ -554,23 +573,28 @@ impl<W: Write + Seek> Journal<W> {
         Ok(encode_webp(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
     }
 
-    /// Takes the next link of the chain, if the record holds it.
-    fn link(
+    /// The last record of a moment, and its link: behind it, or in it where links cover records.
+    fn moment(
         &mut self,
-        step: Option<u32>,
-        expected: Digest,
-        found: Digest,
+        mut digest: reel::SimDigest,
+        over_records: impl FnOnce(&Self) -> Digest,
     ) -> Result<(), TraceError> {
-        if expected != found {
-            return Err(TraceError::ChainBroken {
-                path: self.path.clone(),
-                step,
-                expected,
-                found,
-            });
+        if self.chain.is_none() {
+            self.link = over_records(self);
+            digest.chain = self.link.0.to_vec();
         }
-        self.link = expected;
-        Ok(())
+        self.message(schema::SIM_DIGEST, &digest)?;
+        self.close_link()
+    }
+
+    /// Writes the link over the messages since the link before.
+    fn close_link(&mut self) -> Result<(), TraceError> {
+        let Some(chain) = &mut self.chain else {
+            return Ok(());
+        };
+        self.link = chain.link();
+        let link = self.link.0.to_vec();
+        self.message(schema::CHAIN, &reel::ChainLink { link })
     }
 
     fn attach(&mut self, name: &str, json: &str) -> Result<(), TraceError> {
@@ -597,7 +621,11 @@ impl<W: Write + Seek> Journal<W> {
             log_time: self.log_time,
             publish_time: self.log_time,
         };
-        self.with_writer(|writer| writer.write_to_known_channel(&header, &message.encode_to_vec()))
+        let data = message.encode_to_vec();
+        if let Some(chain) = &mut self.chain {
+            chain.cover(channel, &data);
+        }
+        self.with_writer(|writer| writer.write_to_known_channel(&header, &data))
     }
 
     /// Hands everything written so far to the operating system.

@@ -14,6 +14,7 @@
 
 mod assembly;
 mod buffer;
+mod chain;
 mod codec;
 mod container;
 mod content;
@@ -32,6 +33,7 @@ mod rewrite;
 pub mod robot;
 mod schema;
 pub mod sensors;
+mod shard;
 mod trace_files;
 mod unpack;
 mod viewer;
@@ -40,6 +42,7 @@ pub use content::content;
 pub use disk::{Disk, DiskFile, LocalDisk};
 pub use doctor::{DoctorReport, Finding, examine};
 pub use error::TraceError;
+pub use files::write_new;
 pub use image::{decode_png, decode_webp, encode_png, encode_png16, encode_webp};
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
@@ -48,4 +51,8 @@ pub use recorder::{
     Durability, FrameLayers, Images, RecordOptions, Recorder, Timing, TraceSummary,
 };
 pub use recover::{Recovery, RecoveryStatus, RestoreScorer, recover, recover_on};
-pub use trace_files::{FileMetadata, RemoteFs, TraceFiles, is_remote};
+pub use rewrite::Rendering;
+pub use shard::{
+    PackedEpisode, Shard, ShardSummary, ShardWriter, member, name_of_member, trace_stem,
+};
+pub use trace_files::{FileMetadata, PackedFs, RemoteFs, TraceFiles, is_remote};

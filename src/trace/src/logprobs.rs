@@ -131,13 +131,18 @@ impl Trace {
             Images::None
         };
         let webp = |step| Ok(self.image(step).map(|webp| Encoding::Webp(webp.to_vec())));
-        let bytes = self.rendered(
+        let (bytes, chain) = self.rendered(
             &self.path,
             (images, self.layers()),
             &self.recoveries,
             end,
             webp,
         )?;
+        if chain != self.chain() {
+            return Err(TraceError::OtherOrder {
+                path: self.path.clone(),
+            });
+        }
         // What does not read is not written.
         Trace::from_bytes(&self.path, &bytes, &Limits::default())?;
         let failed = |source| TraceError::Io {

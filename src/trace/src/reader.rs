@@ -15,6 +15,7 @@ use reel_world::{
 use crate::{
     FrameLayers, Timing, TraceError, TraceFiles,
     assembly::Assembly,
+    chain::Covered,
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
     limits::Limits,
@@ -65,6 +66,9 @@ pub struct Trace {
     pub(crate) masks: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
     pub(crate) offsets: Vec<u64>,
+    /// The hash chain: the link after the start, after each step and, where links cover messages, after the end.
+    pub(crate) links: Vec<Digest>,
+    pub(crate) covered: Covered,
 }
 
 impl Trace {
@@ -262,9 +266,16 @@ impl Trace {
 
     /// The last link of the hash chain.
     pub fn chain(&self) -> Digest {
-        self.steps
-            .last()
-            .map_or(self.start.digests.chain, |step| step.digests.chain)
+        self.links.last().copied().unwrap_or_default()
+    }
+
+    /// The link of the hash chain after a step (none: of the start): it names this moment and all that led to it.
+    pub fn link(&self, step: Option<u32>) -> Option<Digest> {
+        let moment = step.map_or(0, |step| step as usize + 1);
+        self.links
+            .get(moment)
+            .filter(|_| moment <= self.steps.len())
+            .copied()
     }
 
     /// Where a step's first message stands in the file: the offset of its chunk, or of the message
@@ -411,10 +422,10 @@ pub(crate) struct Reading<'a> {
 
 impl Visitor for Reading<'_> {
     fn item(&mut self, at: At, item: Item) -> Result<(), TraceError> {
-        // The chain does not cover the end, so only a checksum vouches for it.
+        // Links over records do not cover the end, so only a checksum vouches for it.
         let doubtful_end = matches!(&item, Item::Message { topic, .. } if *topic == schema::EPISODE.topic)
             && !at.verified
-            && self.assembly.has_start();
+            && self.assembly.linked_over_records();
         if self.refused || doubtful_end {
             return Ok(());
         }

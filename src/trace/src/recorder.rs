@@ -14,7 +14,9 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Disk, DiskFile, LocalDisk, TraceError, TraceFiles, container,
+    Disk, DiskFile, LocalDisk, TraceError, TraceFiles,
+    chain::Covered,
+    container,
     files::{self, PART},
     journal::{FrameSource, Journal, Layers},
     limits::Limits,
@@ -200,8 +202,14 @@ impl Recorder {
             // Where there are no locks there is nobody to keep out either.
             let _ = file.try_lock();
             let sink = BufWriter::with_capacity(1 << 18, file.try_clone().map_err(failed)?);
-            let journal =
-                Journal::create(sink, &part, (header, task, scene), (images, layers), &[])?;
+            let journal = Journal::create(
+                sink,
+                &part,
+                (header, task, scene),
+                (images, layers),
+                &[],
+                Covered::Messages,
+            )?;
             if durability == Durability::Fsync {
                 file.sync()
                     .and_then(|()| files::sync_folder(&*disk, &part))

@@ -10,7 +10,7 @@ use std::{
 };
 
 use reel_world::{
-    ErrorCode, Outcome, Tool, chain,
+    ErrorCode, Outcome, Tool, canonical_json,
     record::{
         Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, RewardTerm, StateDigests,
         StepInput, StepRecord,
@@ -19,7 +19,9 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Disk, DiskFile, FrameLayers, Images, Trace, TraceError, TraceFiles, container,
+    Disk, DiskFile, FrameLayers, Images, Trace, TraceError, TraceFiles,
+    chain::Covered,
+    container,
     error::position,
     files::{self, PART},
     journal::Journal,
@@ -210,6 +212,7 @@ pub fn recover_on(
                     (header, task, scene),
                     (Images::None, FrameLayers::default()),
                     &recoveries,
+                    Covered::Messages,
                 )?;
                 container::finish(&journal.into_inner().into_inner(), path, &limits)
             }
@@ -281,12 +284,14 @@ fn restored(
         } else {
             Images::None
         };
-    trace.rendered(path, (images, trace.layers()), &recoveries, &end, |step| {
-        Ok(trace
-            .image(step)
-            .filter(|_| !spoilt.contains(&step))
-            .map(|webp| Encoding::Webp(webp.to_vec())))
-    })
+    trace
+        .rendered(path, (images, trace.layers()), &recoveries, &end, |step| {
+            Ok(trace
+                .image(step)
+                .filter(|_| !spoilt.contains(&step))
+                .map(|webp| Encoding::Webp(webp.to_vec())))
+        })
+        .map(|(bytes, _)| bytes)
 }
 
 /// Adds the call that was under way in a world that is not ours.
@@ -323,7 +328,6 @@ fn complete(trace: &mut Trace, input: &StepInput, score: &impl RestoreScorer) ->
         return false;
     };
     record.reward = terms;
-    record.digests.chain = chain::step_link(&trace.chain(), &record);
     trace.steps.push(record);
     trace.offsets.push(trace.bytes);
     true
@@ -340,7 +344,6 @@ fn aborted(trace: &Trace, score: impl RestoreScorer) -> EndRecord {
     EndRecord {
         reason: ended(trace).unwrap_or(EndReason::Aborted),
         metrics,
-        chain: trace.chain(),
         steps: trace.steps.len() as u32,
         graphs,
     }
@@ -449,37 +452,24 @@ fn holds(files: &TraceFiles, path: &Path, recording: Option<&Trace>) -> bool {
     let Ok(whole) = files.read(path) else {
         return false;
     };
-    // The chain is over the header, the start and every step.
-    let link = match recording.steps.len() {
-        0 => Some(whole.start.digests.chain),
-        steps => whole.steps.get(steps - 1).map(|step| step.digests.chain),
-    };
+    let steps = whole.steps.get(..recording.steps.len());
+    let records = steps.is_some_and(|steps| {
+        canonical_json(&(&whole.header, &whole.start, steps))
+            == canonical_json(&(&recording.header, &recording.start, &recording.steps))
+    });
     let end = recording.end.is_none() || recording.end == whole.end;
-    // What a robot measured is not in the chain.
     let read = recording.robot.before(recording.steps.len() as u32);
     let robot = whole.robot.before(recording.steps.len() as u32) == read;
-    // Nor are log-probabilities.
-    let logprobs = |trace: &Trace, step: usize| {
-        trace
-            .steps
-            .get(step)
-            .and_then(|step| step.input.policy.as_ref())
-            .and_then(|policy| policy.logprobs.clone())
-    };
-    let logprobs =
-        (0..recording.steps.len()).all(|step| logprobs(recording, step) == logprobs(&whole, step));
-    // Nor is what else the robot's recording holds.
     let sensors = recording.sensors.iter().all(|channel| {
         let there = |other: &SensorChannel| {
             other.topic == channel.topic && other.messages.len() >= channel.messages.len()
         };
         whole.sensors.iter().any(there)
     });
-    link == Some(recording.chain())
+    records
         && end
         && robot
         && sensors
-        && logprobs
         && recording
             .images
             .keys()

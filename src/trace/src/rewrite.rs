@@ -3,10 +3,14 @@
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 
-use reel_world::{Digest, FrameDigests, record::EndRecord};
+use reel_world::{
+    Digest, Frame, FrameDigests,
+    record::{EndRecord, StartRecord, StepRecord},
+};
 
 use crate::{
-    FrameLayers, Images, LocalDisk, Trace, TraceError, TraceSummary, container, files,
+    FrameLayers, Images, LocalDisk, PackedEpisode, Trace, TraceError, TraceSummary, container,
+    files,
     journal::{FrameSource, Journal, Layers},
     limits::Limits,
 };
@@ -20,8 +24,8 @@ impl Trace {
     /// very trace, too) is replaced at once; it is on the disk when this returns.
     ///
     /// # Errors
-    /// When the trace has no end, an image is not the one whose digest was recorded, or the
-    /// file cannot be written.
+    /// When the trace has no end, an image is not the one whose digest was recorded, its messages stand in
+    /// another order than a recorder's (the links would be other ones), or the file cannot be written.
     pub fn rewrite(
         &self,
         path: &Path,
@@ -38,19 +42,23 @@ impl Trace {
             Images::None => FrameLayers::default(),
             Images::Full => self.layers(),
         };
-        let bytes =
-            self.rendered(
-                path,
-                (images, layers),
-                &self.recoveries,
-                end,
-                |step| match images {
-                    Images::None => Ok(None),
-                    Images::Full => rgb(step)
-                        .map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb)))
-                        .transpose(),
-                },
-            )?;
+        let (bytes, chain) = self.rendered(
+            path,
+            (images, layers),
+            &self.recoveries,
+            end,
+            |step| match images {
+                Images::None => Ok(None),
+                Images::Full => rgb(step)
+                    .map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb)))
+                    .transpose(),
+            },
+        )?;
+        if chain != self.chain() {
+            return Err(TraceError::OtherOrder {
+                path: self.path.clone(),
+            });
+        }
         let failed = |source| TraceError::Io {
             action: "write",
             path: path.to_owned(),
@@ -64,7 +72,7 @@ impl Trace {
         })
     }
 
-    /// The bytes of a finished trace with these records.
+    /// The bytes of a finished trace with these records, and its last link.
     pub(crate) fn rendered(
         &self,
         path: &Path,
@@ -72,9 +80,10 @@ impl Trace {
         recoveries: &[BTreeMap<String, String>],
         end: &EndRecord,
         mut image: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
-    ) -> Result<Vec<u8>, TraceError> {
+    ) -> Result<(Vec<u8>, Digest), TraceError> {
         let head = (&self.header, &*self.task, &*self.scene);
-        let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, stored, recoveries)?;
+        let sink = Cursor::new(Vec::new());
+        let mut journal = Journal::create(sink, path, head, stored, recoveries, self.covered)?;
         journal.robot(None, &self.robot)?;
         if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
@@ -97,7 +106,9 @@ impl Trace {
         }
         journal.sensors(&self.sensors)?;
         journal.end(end)?;
-        container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
+        let chain = journal.chain();
+        let part = journal.into_inner().into_inner();
+        Ok((container::finish(&part, path, &Limits::default())?, chain))
     }
 
     fn stored_layers(&self, step: Option<u32>) -> Layers<'_> {
@@ -132,6 +143,82 @@ impl Trace {
             step,
             problem: what,
         })
+    }
+}
+
+/// A packed episode on its way back to the bytes of its trace: the records of an execution, written
+/// as its recorder would have written them.
+pub struct Rendering<'a> {
+    packed: &'a PackedEpisode,
+    journal: Journal<Cursor<Vec<u8>>>,
+}
+
+impl<'a> Rendering<'a> {
+    /// Writes the inputs that are known before the first call.
+    ///
+    /// # Errors
+    /// When task or scene are not those of the header.
+    pub fn new(packed: &'a PackedEpisode) -> Result<Self, TraceError> {
+        let head = (&packed.header, &*packed.task, &*packed.scene);
+        let (path, stored) = (Path::new(&packed.name), (packed.images, packed.layers));
+        let sink = Cursor::new(Vec::new());
+        let journal = Journal::create(sink, path, head, stored, &[], packed.covered)?;
+        Ok(Self { packed, journal })
+    }
+
+    /// The state after settling.
+    ///
+    /// # Errors
+    /// When it is called out of turn.
+    pub fn start(&mut self, record: &StartRecord, frame: &Frame) -> Result<(), TraceError> {
+        let layers = Layers::of(Some(frame), self.packed.layers);
+        self.journal
+            .start(record, Some(FrameSource::Rgb(&frame.rgb)), layers)
+    }
+
+    /// A step with its inputs.
+    ///
+    /// # Errors
+    /// When it is called out of turn.
+    pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
+        self.journal.input(record.step, &record.input)?;
+        if let Some(timing) = self.packed.timings.get(&record.step) {
+            self.journal.timing(record.step, timing)?;
+        }
+        let layers = Layers::of(frame, self.packed.layers);
+        let image = frame.map(|frame| FrameSource::Rgb(&frame.rgb));
+        self.journal.step(record, image, layers)
+    }
+
+    /// The bytes of the trace.
+    ///
+    /// # Errors
+    /// When it is called out of turn, or they are not those that were packed.
+    pub fn end(mut self, record: &EndRecord) -> Result<Vec<u8>, TraceError> {
+        self.journal.end(record)?;
+        let (path, chain) = (Path::new(&self.packed.name), self.journal.chain());
+        let refused = |problem: String| TraceError::Packed {
+            path: path.to_owned(),
+            problem,
+        };
+        if chain != self.packed.chain {
+            return Err(refused(format!(
+                "executed again, it ends with the link {chain} instead of {}",
+                self.packed.chain
+            )));
+        }
+        let part = self.journal.into_inner().into_inner();
+        let bytes = container::finish(&part, path, &Limits::default())?;
+        let digest = Digest::of(&bytes);
+        if digest != self.packed.digest {
+            return Err(refused(format!(
+                "every record is what was packed, but in {} bytes with the digest {digest} instead of {} with {}; another version of Reel wrote it",
+                bytes.len(),
+                self.packed.bytes,
+                self.packed.digest
+            )));
+        }
+        Ok(bytes)
     }
 }
 

@@ -67,6 +67,8 @@ channels! {
     LOGPROBS = 22, "/logprobs", "reel.v1.TokenLogprobs";
     DEPTH = 23, "/camera/head/depth", "foxglove.RawImage";
     INSTANCES = 24, "/camera/head/instances", "foxglove.RawImage";
+    CHAIN = 25, "/chain", "reel.v1.ChainLink";
+    POLICY_LATENCY = 26, "/policy/latency", "reel.v1.PolicyLatency";
 }
 
 /// Finds a channel by its topic.
@@ -88,6 +90,13 @@ pub(crate) fn descriptor_set(channel: &Channel) -> &'static [u8] {
             .collect()
     });
     &SETS[&channel.id]
+}
+
+/// [`descriptor_set`] of a channel that no trace has.
+pub(crate) fn descriptor_set_of(channel: &Channel) -> Vec<u8> {
+    let all =
+        FileDescriptorSet::decode(DESCRIPTORS).expect("the build script wrote the descriptors");
+    closure(channel, &all)
 }
 
 fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {

@@ -9,7 +9,7 @@ use std::{
 
 use reel_world::Assets;
 
-use crate::{Disk, Limits, LocalDisk, Trace, TraceError};
+use crate::{Disk, Limits, LocalDisk, Trace, TraceError, files, shard};
 
 /// What is known of a file without reading it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -41,11 +41,27 @@ pub trait RemoteFs: Send + Sync {
     fn fetch(&self, name: &str) -> io::Result<PathBuf>;
 }
 
+/// Brings episodes of shards back to the bytes of their traces, by executing them.
+pub trait PackedFs: Send + Sync {
+    /// The trace of an episode.
+    ///
+    /// # Errors
+    /// When the shard cannot be read, or execution does not give the trace that was packed.
+    fn unpack(&self, shard: &Path, episode: &str) -> Result<Vec<u8>, TraceError>;
+
+    /// What is known of the trace without executing: its size, and when the shard was written.
+    ///
+    /// # Errors
+    /// When the shard cannot be read.
+    fn metadata(&self, shard: &Path, episode: &str) -> Result<FileMetadata, TraceError>;
+}
+
 /// Reads traces by name. The default reads files of this machine and refuses URLs.
 #[derive(Clone)]
 pub struct TraceFiles {
     disk: Arc<dyn Disk>,
     remote: Option<Arc<dyn RemoteFs>>,
+    packed: Option<Arc<dyn PackedFs>>,
     assets: Option<Arc<dyn Assets + Send>>,
 }
 
@@ -61,6 +77,7 @@ impl TraceFiles {
         Self {
             disk,
             remote: None,
+            packed: None,
             assets: None,
         }
     }
@@ -80,6 +97,38 @@ impl TraceFiles {
         Self { assets, ..self }
     }
 
+    /// Reads episodes of shards too, named `shard.mcap#EPISODE`.
+    #[must_use]
+    pub fn with_packed(self, packed: Arc<dyn PackedFs>) -> Self {
+        Self {
+            packed: Some(packed),
+            ..self
+        }
+    }
+
+    /// The bytes of a trace that a shard holds; none where the path names no episode of a shard.
+    pub(crate) fn unpacked(&self, path: &Path) -> Option<Result<Vec<u8>, TraceError>> {
+        let (shard, episode) = self.member(path)?;
+        let refused = |problem: &str| TraceError::Packed {
+            path: path.to_owned(),
+            problem: problem.to_owned(),
+        };
+        if is_remote(shard) {
+            return Some(Err(refused(
+                "packed episodes are executed on this machine; copy the file first, with `reel trace copy`",
+            )));
+        }
+        let packed = self.packed.as_ref().ok_or_else(|| {
+            refused("this program executes no packed episodes; unpack it first, with `reel unpack`")
+        });
+        Some(packed.and_then(|packed| packed.unpack(shard, episode)))
+    }
+
+    /// The shard and the episode that a path names, unless a file has that very name.
+    fn member<'p>(&self, path: &'p Path) -> Option<(&'p Path, &'p str)> {
+        shard::member(path).filter(|_| !self.disk.exists(path).unwrap_or(false))
+    }
+
     /// The disk that files without URL are on.
     pub fn disk(&self) -> &Arc<dyn Disk> {
         &self.disk
@@ -91,6 +140,14 @@ impl TraceFiles {
     /// As [`Trace::read`], and if the file cannot be fetched.
     pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
         Ok(self.with_meshes(Trace::read_from(self, path, &Limits::default())?))
+    }
+
+    /// The bytes of a file that [`TraceFiles::read`] reads.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is larger than traces may be.
+    pub fn bytes(&self, path: &Path) -> Result<Vec<u8>, TraceError> {
+        Ok(files::read(self, path, &Limits::default())?.to_vec())
     }
 
     /// A trace that was read elsewhere, with the meshes that it was recorded with, as far as these
@@ -120,7 +177,12 @@ impl TraceFiles {
         if let Some(name) = url(path) {
             return self.remote(path)?.metadata(name);
         }
-        self.disk.metadata(path)
+        match (&self.packed, self.member(path)) {
+            (Some(packed), Some((shard, episode))) => {
+                packed.metadata(shard, episode).map_err(io::Error::other)
+            }
+            _ => self.disk.metadata(path),
+        }
     }
 
     /// Where a file lies on this machine, once it is fetched.

@@ -1,4 +1,4 @@
-//! Recorded episodes in the home, and traces written again with a chain that holds.
+//! Recorded episodes in the home, and changed traces written again.
 
 use std::{
     path::{Path, PathBuf},
@@ -10,7 +10,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_trace::{Images, Recorder, Trace};
-use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo};
+use reel_world::{Family, Profile, Scene, Skills, Task, record::PolicyInfo};
 
 /// One task of each family.
 pub fn tasks() -> &'static [Arc<Task>] {
@@ -87,13 +87,6 @@ pub fn config(task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> EpisodeConfig 
         rollout: None,
         parent: None,
     }
-}
-
-/// Makes the chain of a changed trace hold again, and the end fit it.
-pub fn relink(trace: &mut Trace) {
-    let link = chain::relink(&trace.header, &mut trace.start, &mut trace.steps);
-    let end = trace.end.as_mut().unwrap();
-    (end.chain, end.steps) = (link, trace.steps.len() as u32);
 }
 
 /// Writes a trace with the real recorder: checksums and chain are right.

@@ -372,8 +372,6 @@ impl Play {
         let image = |index: usize| (images == Images::Full).then(|| frame(index));
         let first = image(0);
         start.digests.frame = first.as_ref().map(Frame::digests);
-        let mut link = chain::start_link(&self.header, &start);
-        start.digests.chain = link;
         let mut recorder =
             Recorder::create(path, &self.header, &self.task, &self.scene, images).unwrap();
         recorder.start(&start, first.as_ref()).unwrap();
@@ -381,8 +379,6 @@ impl Play {
             let mut record = record.clone();
             let image = image(record.step as usize + 1).filter(|_| record.tool_name() != "ask");
             record.digests.frame = image.as_ref().map(Frame::digests);
-            link = chain::step_link(&link, &record);
-            record.digests.chain = link;
             recorder.input(record.step, &record.input).unwrap();
             if let Some(timing) = self.timings.get(&record.step) {
                 recorder.timing(record.step, timing).unwrap();
@@ -416,7 +412,6 @@ impl Play {
                 reason,
                 graphs,
                 metrics,
-                chain: link,
                 steps: self.steps.len() as u32,
             })
             .unwrap();

@@ -23,7 +23,6 @@ macro_rules! word {
 
 mod ask_context;
 mod canonical;
-pub mod chain;
 mod digest;
 mod failure;
 mod frame;

@@ -100,6 +100,18 @@ pub struct EpisodeHeader {
     pub parent: Option<Parent>,
 }
 
+impl EpisodeHeader {
+    /// With the id that follows from the other inputs.
+    #[must_use]
+    pub fn identified(mut self) -> Self {
+        let build = std::mem::take(&mut self.build);
+        self.episode_id.clear();
+        self.episode_id = Digest::of_json(&self).to_string()[..16].to_owned();
+        self.build = build;
+        self
+    }
+}
+
 /// Where a branched episode came from.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Parent {
@@ -291,8 +303,6 @@ pub struct StateDigests {
     /// First four bytes of the state digest after each executed physics step, in order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub physics_steps: Vec<u32>,
-    /// Chained: of the previous chain digest, this step's inputs and its outputs.
-    pub chain: Digest,
 }
 
 /// Both authorities' graphs (docs/spec.md#authority).
@@ -412,8 +422,6 @@ pub struct EndRecord {
     pub graphs: Graphs,
     /// Metrics under the header's preset.
     pub metrics: Metrics,
-    /// Chain digest of the last step (of the start, where there was none).
-    pub chain: Digest,
     /// How many steps there were.
     pub steps: u32,
 }

@@ -172,10 +172,7 @@ fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Bran
 }
 
 fn default_path(trace: &Path, parent: &Trace, branch: &Branch, at: usize) -> PathBuf {
-    let stem = trace.file_stem().map_or_else(
-        || "trace".into(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
+    let stem = reel_trace::trace_stem(trace);
     let digest = Digest::of_json(&branch.info(parent)).to_string();
     PathBuf::from(format!("{stem}--at-{at}--{}.mcap", &digest[..8]))
 }

@@ -164,10 +164,7 @@ fn draw(explanation: &Explanation, trace: &Path, folder: &Path) -> anyhow::Resul
     };
     fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let name = trace.file_stem().map_or_else(
-        || "trace".into(),
-        |name| name.to_string_lossy().into_owned(),
-    );
+    let name = reel_trace::trace_stem(trace);
     let path = folder.join(format!("{name}.difference.png"));
     fs::write(&path, reel_view::image_difference(recorded, replayed)?)
         .with_context(|| format!("cannot write {}", path.display()))?;

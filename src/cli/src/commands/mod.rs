@@ -21,6 +21,7 @@ pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
 pub mod isolation_check;
+pub mod pack;
 #[cfg(feature = "analytics")]
 pub mod query;
 #[cfg(feature = "service")]

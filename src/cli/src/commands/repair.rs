@@ -51,15 +51,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         );
         return Ok(ExitStatus::CheckFailed);
     };
-    let stem = trace.path.file_stem().map_or_else(
-        || "trace".into(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
+    let stem = reel_trace::trace_stem(&trace.path);
     let out = arguments
         .out
         .clone()
         .unwrap_or_else(|| PathBuf::from(format!("{stem}--repaired.mcap")));
-    if out.exists() && out.canonicalize()? == trace.path.canonicalize()? {
+    if out.exists() && trace.path.exists() && out.canonicalize()? == trace.path.canonicalize()? {
         bail!(
             "{} is the failed episode; give the repaired one another name",
             out.display()

@@ -80,11 +80,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 #[cfg(all(feature = "service", feature = "rerun-viewer"))]
 fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<ExitStatus> {
     // A name for the address; what the file is called otherwise is of no concern there.
-    let name = arguments
-        .trace
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy();
+    let name = reel_trace::trace_stem(&arguments.trace);
     let name: String = name
         .chars()
         .map(|c| {

@@ -38,6 +38,7 @@ mod making;
 mod meshes;
 mod moments;
 #[cfg(feature = "analytics")]
+mod packs;
 mod pages;
 mod parts;
 mod real_bench;

@@ -305,9 +305,6 @@ pub(super) fn info(trace: &Trace, capability: Capability) -> PolicyInfo {
 }
 
 fn branch_name(trace: &Path, capability: Capability) -> String {
-    let stem = trace.file_stem().map_or_else(
-        || "trace".into(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
+    let stem = reel_trace::trace_stem(trace);
     format!("{stem}--perfect-{}.mcap", capability.name())
 }

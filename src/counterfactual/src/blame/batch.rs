@@ -68,7 +68,7 @@ pub fn blame_all(
 /// # Errors
 /// Refuses a trace whose meshes are not there: its costs would be those of other objects.
 pub fn measure(trace: &Trace, options: &BlameOptions) -> Result<MeasuredTrace, Verdict> {
-    check_meshes(trace)?;
+    check_meshes(&trace.header, &trace.meshes)?;
     let blame = blame_against(trace, options.competent_agent);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
@@ -92,9 +92,6 @@ pub fn measure(trace: &Trace, options: &BlameOptions) -> Result<MeasuredTrace, V
 }
 
 fn branch_name(trace: &Path, step: u32) -> String {
-    let stem = trace.file_stem().map_or_else(
-        || "trace".into(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
+    let stem = reel_trace::trace_stem(trace);
     format!("{stem}--better-at-{step}.mcap")
 }

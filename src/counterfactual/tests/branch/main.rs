@@ -17,10 +17,7 @@ use reel_world::{
 };
 use serde_json::json;
 
-use crate::{
-    episodes::{relink, tasks},
-    folder::Folder,
-};
+use crate::{episodes::tasks, folder::Folder};
 
 fn walk() -> ToolCall {
     ToolCall::new("walk_around", json!({}))
@@ -278,7 +275,6 @@ fn a_past_that_is_not_the_parents_is_found() {
         "calls".into(),
         json!([{ "name": "finish", "arguments": {} }]),
     );
-    relink(&mut claims);
     assert!(
         verify_branch(&claims, &parent)
             .prefix

@@ -1,13 +1,6 @@
-//! Records of an episode: header, digests, the chain and the end.
+//! Records of an episode: header, digests and the end.
 
 use super::*;
-
-/// Chain digest after the last step; that of the start if there is no step.
-pub(super) fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
-    steps
-        .last()
-        .map_or(start.digests.chain, |step| step.digests.chain)
-}
 
 pub(super) fn end(
     ended: Option<EndReason>,
@@ -19,7 +12,6 @@ pub(super) fn end(
     EndRecord {
         reason: ended.unwrap_or(EndReason::Aborted),
         metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
-        chain: chain_of(start, steps),
         steps: u32::try_from(steps.len()).expect("an episode has few steps"),
         graphs,
     }
@@ -48,7 +40,7 @@ pub(super) fn observe(user: &mut RuleUser, step: &StepRecord) {
 
 /// The header of an episode on a stage, which knows the digests of its task and scene.
 pub(super) fn header(config: &EpisodeConfig, stage: &PreparedTask) -> EpisodeHeader {
-    let mut header = EpisodeHeader {
+    EpisodeHeader {
         episode_id: String::new(),
         run_id: config.run_id.clone(),
         group_id: config
@@ -63,7 +55,7 @@ pub(super) fn header(config: &EpisodeConfig, stage: &PreparedTask) -> EpisodeHea
         scene_digest: stage.scene_digest(),
         seed: config.seed,
         sim_version: sim_version(config.profile),
-        build: String::new(),
+        build: env!("CARGO_PKG_VERSION").to_owned(),
         profile: config.profile,
         reward_preset: config.preset.name().to_owned(),
         policy: config.policy.clone(),
@@ -75,10 +67,8 @@ pub(super) fn header(config: &EpisodeConfig, stage: &PreparedTask) -> EpisodeHea
             .map(|(asset, mesh)| (asset.clone(), mesh.digest()))
             .collect(),
         parent: config.parent.clone(),
-    };
-    header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
-    header.build = env!("CARGO_PKG_VERSION").to_owned();
-    header
+    }
+    .identified()
 }
 
 pub(super) fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
@@ -86,7 +76,6 @@ pub(super) fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> State
         state: simulator.digest(),
         frame: frame.map(Frame::digests),
         physics_steps: simulator.take_step_digests(),
-        chain: Digest::default(),
     }
 }
 

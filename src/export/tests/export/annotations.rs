@@ -11,12 +11,7 @@ use reel_trace::{Images, Trace};
 use reel_world::record::PolicyOutput;
 use tempfile::TempDir;
 
-use crate::{
-    episodes::{relink, write},
-    export, options,
-    played::play,
-    rows,
-};
+use crate::{episodes::write, export, options, played::play, rows};
 
 #[test]
 fn words_come_from_the_notes_beside_the_traces() {
@@ -86,7 +81,6 @@ fn a_models_own_history_is_mended_left_out_or_left_alone() {
     };
     trace.steps[2].input.policy = Some(said("I looked around. I placed the object on bed_1."));
     trace.steps[3].input.policy = Some(said("I looked around."));
-    relink(&mut trace);
     fs::remove_file(&path).unwrap();
     write(&path, &trace);
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();

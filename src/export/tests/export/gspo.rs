@@ -12,7 +12,7 @@ use reel_trace::{Images, ScoredTokens, Trace};
 use reel_world::{TokenLogprobs, record::PolicyOutput};
 use tempfile::TempDir;
 
-use crate::episodes::{record_seeded, relink, tasks, write};
+use crate::episodes::{record_seeded, tasks, write};
 
 /// Log-probabilities of so many tokens under a policy, other ones for every decision.
 fn drawn(policy: &str, step: u32, count: usize) -> Vec<f64> {
@@ -47,7 +47,6 @@ fn recorded(path: &Path, seed: u64, policies: &[&str]) -> Trace {
             .get_or_insert_with(PolicyOutput::default)
             .logprobs = Some(of);
     }
-    relink(&mut trace);
     fs::remove_file(path).unwrap();
     write(path, &trace);
     Trace::read(path).unwrap()

@@ -11,7 +11,7 @@ use reel_replay::{
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{FRAME_WIDTH, Frame};
 
-use crate::episodes::{record, relink, tasks};
+use crate::episodes::{record, tasks};
 
 #[test]
 fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
@@ -43,7 +43,6 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     step.digests.physics_steps[11] ^= 1;
     step.outcome.text = step.outcome.text.replacen(' ', " never ", 1);
     let name = step.bodies[0].body.clone();
-    relink(&mut other);
     let explanation = explain(&other);
     let Verdict::Diverged { divergence } = &explanation.verdict else {
         panic!("{}", explanation.verdict)
@@ -153,7 +152,6 @@ fn a_differing_image_is_measured() {
         *value = if *value > 100 { *value - 7 } else { *value + 7 };
     }
     other.steps[call as usize].digests.frame = Some(frame.digests());
-    relink(&mut other);
     let path = folder.path().join("b.mcap");
     let mut recorder = Recorder::create(
         &path,
@@ -204,7 +202,6 @@ fn compact_drops_what_expand_brings_back_and_nothing_that_it_could_not() {
 
     let mut other = Trace::read(&full).unwrap();
     other.steps[0].robot.yaw += 1.0;
-    relink(&mut other);
     let refused = compact(&other, &path("never.mcap"), true)
         .unwrap_err()
         .to_string();

@@ -9,7 +9,7 @@ use reel_trace::{Images, Trace};
 use reel_world::record::StepRecord;
 use serde_json::Value;
 
-use crate::episodes::{record, relink, tasks};
+use crate::episodes::{record, tasks};
 
 #[test]
 fn no_forged_output_or_digest_is_exact() {
@@ -39,7 +39,6 @@ fn no_forged_output_or_digest_is_exact() {
             let (changed, field) = forge(step, spread >> 16)?;
             let mut trace = base.clone();
             trace.steps[step.step as usize] = changed;
-            relink(&mut trace);
             let verdict = verify_trace(&trace);
             let named = matches!(&verdict, Verdict::Diverged { divergence } if divergence.position == EpisodePosition::Call(step.step));
             assert!(named, "{field} of call {} was forged: {verdict}", step.step);
@@ -95,9 +94,7 @@ fn forge(step: &StepRecord, choice: u64) -> Option<(StepRecord, String)> {
     outputs.insert("step".into(), number);
     outputs.insert("input".into(), input);
     let changed: StepRecord = serde_json::from_value(value).ok()?;
-    let mut plain = changed.clone();
-    plain.digests.chain = step.digests.chain;
-    (plain != *step).then(|| (changed, format!("{kind}{}", leaf.replace('/', "."))))
+    (changed != *step).then(|| (changed, format!("{kind}{}", leaf.replace('/', "."))))
 }
 
 fn collect(value: &Value, path: String, leaves: &mut Vec<String>) {

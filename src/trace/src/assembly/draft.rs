@@ -3,8 +3,8 @@
 use reel_world::{
     Outcome, ToolCall,
     record::{
-        GraphChanges, Lookup, PolicyOutput, RefusedReply, RewardTerm, StepInput, StepRecord,
-        UserReply,
+        EndRecord, GraphChanges, Lookup, PolicyOutput, RefusedReply, RewardTerm, StartRecord,
+        StepInput, StepRecord, UserReply,
     },
 };
 
@@ -25,7 +25,28 @@ pub(super) struct Draft {
     pub(super) reward: Option<Vec<RewardTerm>>,
 }
 
+/// A moment that is whole but for its link, or the end.
+pub(super) enum Unlinked {
+    Start(Box<StartRecord>),
+    Step {
+        record: Box<StepRecord>,
+        offset: u64,
+    },
+    End(Box<EndRecord>),
+}
+
 impl Draft {
+    /// The inputs of the step, as far as they came.
+    pub(super) fn input(&self) -> StepInput {
+        StepInput {
+            call: self.call.clone(),
+            policy: self.policy.clone(),
+            user_reply: self.user_reply.clone(),
+            refused_replies: self.refused_replies.clone(),
+            lookup: self.lookup.clone(),
+        }
+    }
+
     pub(super) fn into_record(
         self,
         step: u32,

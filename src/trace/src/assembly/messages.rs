@@ -1,14 +1,17 @@
 //! What each message adds to the records, and the order that messages must keep.
 
-use std::path::PathBuf;
-
 use mcap::records::MessageHeader;
 use prost::Message;
-use reel_world::{chain, record::StartRecord};
+use reel_world::{Digest, record::StartRecord};
 
-use super::{Assembly, draft::Draft};
+use super::{
+    Assembly,
+    draft::{Draft, Unlinked},
+};
 use crate::{
-    Timing, TraceError, codec, image,
+    Timing, TraceError,
+    chain::{self, Covered},
+    codec, image,
     journal::header_metadata,
     robot::{Alignment, CameraImage, PrimitiveOutcome, VlaLatency},
     schema::{
@@ -58,12 +61,17 @@ impl Assembly<'_> {
             return Err("it is not later than the message before it".into());
         }
         self.log_time = header.log_time;
+        if self.unlinked.is_some() && channel != schema::CHAIN {
+            return Err("the link of what is before it is missing".into());
+        }
+        self.chain.cover(channel, data);
         match channel {
             schema::EPISODE => match decode::<reel::EpisodeEvent>(data)?
                 .event
                 .ok_or("it holds no event")?
             {
                 Event::Start(start) => self.episode_start(start),
+                Event::Settled(_) if self.start.is_some() => Err("it was already said".into()),
                 Event::Settled(settled) => once(&mut self.settled, settled),
                 Event::End(end) => self.episode_end(end),
             },
@@ -71,6 +79,7 @@ impl Assembly<'_> {
             schema::TOOL_CALL => self.tool_call(offset, decode(data)?),
             schema::POLICY_OUTPUT => {
                 let message: reel::PolicyOutput = decode(data)?;
+                self.old_fields |= message.latency_ns.is_some();
                 let draft = self.draft(message.step)?;
                 once(&mut draft.policy, codec::read_policy_output(message))
             }
@@ -82,6 +91,15 @@ impl Assembly<'_> {
                     .as_mut()
                     .ok_or("the policy output of its step is missing before it")?;
                 once(&mut policy.logprobs, codec::read_logprobs(message)?)
+            }
+            schema::POLICY_LATENCY => {
+                let message: reel::PolicyLatency = decode(data)?;
+                let policy = self
+                    .draft(message.step)?
+                    .policy
+                    .as_mut()
+                    .ok_or("the policy output of its step is missing before it")?;
+                once(&mut policy.latency_ns, message.latency_ns)
             }
             schema::USER_DIALOGUE => {
                 let message: reel::UserDialogue = decode(data)?;
@@ -163,18 +181,23 @@ impl Assembly<'_> {
             schema::DEPTH | schema::INSTANCES if self.records_only.is_some() => Ok(()),
             schema::DEPTH => once(&mut self.depth, image::layer(decode(data)?)?),
             schema::INSTANCES => once(&mut self.mask, image::layer(decode(data)?)?),
-            schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
+            schema::SIM_DIGEST => self.moment(decode(data)?),
+            schema::CHAIN => self.link(&decode(data)?),
             // Derived for viewers; a recorder writes them, nobody reads them back.
             _ => Ok(()),
         }
     }
 
     fn episode_start(&mut self, message: reel::EpisodeStart) -> Result<(), Refusal> {
-        let header = codec::read_header(message)?;
+        let mut header = codec::read_header(message)?;
         let listed = self
             .metadata
             .as_ref()
             .ok_or("there is no metadata record of the header")?;
+        match listed.get("build") {
+            Some(build) if header.build.is_empty() => header.build.clone_from(build),
+            _ => self.old_fields = true,
+        }
         for (key, value) in header_metadata(&header) {
             if listed.get(&key).is_some_and(|listed| *listed != value) {
                 return Err(format!(
@@ -243,55 +266,137 @@ impl Assembly<'_> {
         once(&mut draft.reward, codec::read_reward(message.terms)?)
     }
 
-    /// The last message of a moment: makes the record and checks its link of the chain.
-    fn moment(&mut self, moment: codec::DigestMessage) -> Result<(), Refusal> {
-        let (at, found) = (moment.step, moment.digests.chain);
-        let expected = match moment.step {
+    /// The last record of a moment. Its link follows, or stands in it where the trace is an old one.
+    fn moment(&mut self, message: reel::SimDigest) -> Result<(), Refusal> {
+        let link = message.chain.clone();
+        let moment = codec::read_sim_digest(message)?;
+        let unlinked = match moment.step {
             None => {
-                let (Some(header), Some(settled), Some(graphs)) =
-                    (&self.header, self.settled.take(), self.start_graphs.take())
-                else {
+                let (true, Some(settled), Some(graphs)) = (
+                    self.header.is_some(),
+                    self.settled.take(),
+                    self.start_graphs.take(),
+                ) else {
                     return Err(
                         "header, settled state or graphs of the start are missing before it".into(),
                     );
                 };
-                let start = StartRecord {
+                if self.start.is_some() {
+                    return Err("it was already said".into());
+                }
+                Unlinked::Start(Box::new(StartRecord {
                     graphs,
                     bodies: moment.bodies,
                     robot: moment.robot,
                     visible: codec::read_visible(settled.visible)?,
                     shortest_path_m: settled.shortest_path_m,
                     digests: moment.digests,
-                };
-                let link = chain::start_link(header, &start);
-                once(&mut self.start, start)?;
-                link
+                }))
             }
             Some(step) => {
                 self.draft(step)?;
-                let before = self.last_link();
                 let draft = self.draft.take().ok_or("its call is missing")?;
-                let offset = draft.offset;
-                let record = draft.into_record(step, moment)?;
-                let link = chain::step_link(&before, &record);
-                self.steps.push(record);
-                self.offsets.push(offset);
-                link
+                Unlinked::Step {
+                    offset: draft.offset,
+                    record: Box::new(draft.into_record(step, moment)?),
+                }
             }
         };
-        if expected != found {
-            // The record is not believed; what is before it stays readable.
-            match at {
-                None => self.start = None,
-                Some(_) => drop((self.steps.pop(), self.offsets.pop())),
-            }
-            return Err(Refusal::Error(TraceError::ChainBroken {
-                path: self.path.to_owned(),
-                step: at,
-                expected,
-                found,
-            }));
+        if link.is_empty() {
+            self.unlinked = Some(unlinked);
+            return Ok(());
         }
+        self.old_link(&unlinked, codec::digest(&link)?)?;
+        self.accept(unlinked);
+        Ok(())
+    }
+
+    /// The link of a moment, or of the end. Without it they are not believed; what is before it stays
+    /// readable.
+    fn link(&mut self, message: &reel::ChainLink) -> Result<(), Refusal> {
+        let Some(unlinked) = self.unlinked.take() else {
+            return Err("what it links is missing before it".into());
+        };
+        let (expected, found) = (self.chain.link(), codec::digest(&message.link)?);
+        self.check_link(&unlinked, expected, found)?;
+        if self.covered != Covered::Messages {
+            return Err("the links before it are in /sim/digest".into());
+        }
+        if self.old_fields {
+            return Err(
+                "before it is a version of Reel or a latency where old traces alone have it".into(),
+            );
+        }
+        self.links.push(found);
+        self.accept(unlinked);
+        Ok(())
+    }
+
+    /// The link of a moment as old traces have it: over records.
+    fn old_link(&mut self, unlinked: &Unlinked, found: Digest) -> Result<(), Refusal> {
+        let expected = match (unlinked, self.links.last(), &self.header) {
+            (Unlinked::Start(start), None, Some(header)) => {
+                chain::records::start_link(header, start)
+            }
+            (Unlinked::Step { record, .. }, Some(before), _) => {
+                chain::records::step_link(before, record)
+            }
+            (Unlinked::End(_), Some(last), _) => *last,
+            _ => return Err("it has no link before it".into()),
+        };
+        self.check_link(unlinked, expected, found)?;
+        if self.links.is_empty() {
+            self.covered = Covered::Records;
+        }
+        if self.covered != Covered::Records {
+            return Err("the links before it are in /chain".into());
+        }
+        if !matches!(unlinked, Unlinked::End(_)) {
+            self.links.push(found);
+        }
+        Ok(())
+    }
+
+    fn check_link(
+        &self,
+        unlinked: &Unlinked,
+        expected: Digest,
+        found: Digest,
+    ) -> Result<(), Refusal> {
+        if expected == found {
+            return Ok(());
+        }
+        let step = match unlinked {
+            Unlinked::Start(_) => None,
+            Unlinked::Step { record, .. } => Some(record.step),
+            Unlinked::End(_) => self.step_count().checked_sub(1),
+        };
+        Err(Refusal::Error(TraceError::ChainBroken {
+            path: self.path.to_owned(),
+            step,
+            expected,
+            found,
+        }))
+    }
+
+    /// Takes what is linked, and the images of its moment.
+    fn accept(&mut self, linked: Unlinked) {
+        let at = match linked {
+            Unlinked::Start(start) => {
+                self.start = Some(*start);
+                None
+            }
+            Unlinked::Step { record, offset } => {
+                let at = Some(record.step);
+                self.steps.push(*record);
+                self.offsets.push(offset);
+                at
+            }
+            Unlinked::End(end) => {
+                self.end = Some(*end);
+                return;
+            }
+        };
         if let Some(image) = self.image.take() {
             self.images.insert(at, image);
         }
@@ -304,7 +409,6 @@ impl Assembly<'_> {
         if let Some(original) = self.original.take() {
             self.originals.insert(at, original);
         }
-        Ok(())
     }
 
     fn episode_end(&mut self, message: reel::EpisodeEnd) -> Result<(), Refusal> {
@@ -315,17 +419,8 @@ impl Assembly<'_> {
             .end_graphs
             .clone()
             .ok_or("the graphs of the end are missing before it")?;
+        let link = message.chain.clone();
         let end = codec::read_end(message, graphs)?;
-        let expected = self.last_link();
-        if end.chain != expected {
-            let (path, step) = (PathBuf::from(self.path), self.step_count().checked_sub(1));
-            return Err(Refusal::Error(TraceError::ChainBroken {
-                path,
-                step,
-                expected,
-                found: end.chain,
-            }));
-        }
         if end.steps != self.step_count() {
             return Err(format!(
                 "it speaks of {} steps, but there are {}",
@@ -334,7 +429,14 @@ impl Assembly<'_> {
             )
             .into());
         }
-        once(&mut self.end, end)
+        let unlinked = Unlinked::End(Box::new(end));
+        if link.is_empty() {
+            self.unlinked = Some(unlinked);
+            return Ok(());
+        }
+        self.old_link(&unlinked, codec::digest(&link)?)?;
+        self.accept(unlinked);
+        Ok(())
     }
 
     /// What a robot measured belongs to the step in the making, or stands before the start.

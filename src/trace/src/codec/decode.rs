@@ -130,7 +130,6 @@ pub(crate) fn read_end(end: reel::EpisodeEnd, graphs: Graphs) -> Read<EndRecord>
         reason: parse_word(&end.reason)?,
         graphs,
         metrics,
-        chain: digest(&end.chain)?,
         steps: end.steps,
     })
 }
@@ -276,7 +275,6 @@ pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<DigestMessage> {
         state: digest(&message.state)?,
         frame: message.frame.map(frame).transpose()?,
         physics_steps: message.physics_steps,
-        chain: digest(&message.chain)?,
     };
     let bodies: Read<Vec<BodyState>> = message.bodies.into_iter().map(body).collect();
     Ok(DigestMessage {
@@ -384,7 +382,7 @@ fn array<const N: usize>(values: Vec<f32>) -> Read<[f32; N]> {
         .map_err(|_| format!("a list holds {found} numbers instead of {N}"))
 }
 
-fn digest(bytes: &[u8]) -> Read<Digest> {
+pub(crate) fn digest(bytes: &[u8]) -> Read<Digest> {
     let bytes = bytes
         .try_into()
         .map_err(|_| format!("a digest has {} bytes instead of 32", bytes.len()))?;

@@ -19,6 +19,11 @@ use crate::{
 
 /// The header, as the first message of `/episode`.
 pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
+    event(Event::Start(start(header)))
+}
+
+/// The header, but for the version of Reel.
+pub(crate) fn start(header: &EpisodeHeader) -> reel::EpisodeStart {
     let policy = reel::Policy {
         name: header.policy.name.clone(),
         checkpoint: header.policy.checkpoint.clone(),
@@ -29,7 +34,7 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
             .map(|(key, value)| (key.clone(), value.to_string()))
             .collect(),
     };
-    event(Event::Start(reel::EpisodeStart {
+    reel::EpisodeStart {
         episode_id: header.episode_id.clone(),
         run_id: header.run_id.clone(),
         group_id: header.group_id.clone(),
@@ -41,7 +46,7 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
         scene_digest: bytes(&header.scene_digest),
         seed: header.seed,
         sim_version: header.sim_version,
-        build: header.build.clone(),
+        build: String::new(),
         profile: word(&header.profile),
         reward_preset: header.reward_preset.clone(),
         policy: Some(policy),
@@ -56,7 +61,7 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
             trace: bytes(&parent.trace),
             call: parent.call,
         }),
-    }))
+    }
 }
 
 /// What `/episode` says once everything rests.
@@ -82,7 +87,7 @@ pub(crate) fn episode_end(end: &EndRecord) -> reel::EpisodeEvent {
     event(Event::End(reel::EpisodeEnd {
         reason: word(&end.reason),
         metrics: Some(metrics),
-        chain: bytes(&end.chain),
+        chain: Vec::new(),
         steps: end.steps,
     }))
 }
@@ -121,8 +126,13 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
         tokens: policy
             .tokens
             .map(|[input, output]| reel::TokenCount { input, output }),
-        latency_ns: policy.latency_ns,
+        latency_ns: None,
     }
+}
+
+/// How long the decision took.
+pub(crate) fn policy_latency(step: u32, latency_ns: u64) -> reel::PolicyLatency {
+    reel::PolicyLatency { step, latency_ns }
 }
 
 /// What policies give the tokens of a decision.
@@ -269,7 +279,7 @@ pub(crate) fn sim_digest(
         state: bytes(&digests.state),
         frame: digests.frame.as_ref().map(frame),
         physics_steps: digests.physics_steps.clone(),
-        chain: bytes(&digests.chain),
+        chain: Vec::new(),
         bodies: bodies.iter().map(body).collect(),
         robot: Some(reel::RobotState {
             base: robot.base.into(),

@@ -194,7 +194,6 @@ fn a_forger_with_correct_checksums_is_found_by_the_chain() {
     let mut sample = Source::seeded(3).sample(3);
     sample.steps[1].input.call =
         reel_world::ToolCall::new("pick", serde_json::json!({"marker_id": 3}));
-    sample.seal();
     let (trace, _) = recorded(&sample);
     sample.assert_is(&read(&rewritten(&trace, |_, data| Some(data.to_vec()))).unwrap());
 

@@ -29,7 +29,6 @@ fn sample(with: bool) -> Sample {
             ..PolicyOutput::default()
         });
     }
-    sample.seal();
     sample
 }
 

@@ -1,5 +1,6 @@
 //! Traces from the outside: what is recorded is what is read, and nothing else is believed.
 
+mod chain;
 mod damage;
 mod doctor;
 mod flips;

@@ -21,7 +21,6 @@ const TOPICS: [&str; 5] = reel_world::words! {
 fn sample() -> (Sample, Vec<Frame>) {
     let (mut sample, frames) = Source::seeded(5).sample(2).with_frames();
     sample.header.backend = Backend::Robot;
-    sample.seal();
     (sample, frames)
 }
 

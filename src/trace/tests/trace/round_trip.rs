@@ -141,7 +141,6 @@ fn images_come_back_and_must_be_the_recorded_ones() {
     ));
 
     sample.start.digests.frame = None;
-    sample.seal();
     let lean = folder.path().join("c.mcap");
     sample
         .record_open(&lean, &frames, Images::None)
@@ -191,12 +190,6 @@ fn the_recorder_refuses_what_is_out_of_turn() {
     assert!(matches!(
         recorder.step(&other, None),
         Err(TraceError::UnexpectedCall { .. })
-    ));
-    let mut other = step.clone();
-    other.outcome.text.push('!');
-    assert!(matches!(
-        recorder.step(&other, None),
-        Err(TraceError::ChainBroken { step: Some(0), .. })
     ));
     recorder.step(step, None).unwrap();
     assert!(matches!(

@@ -167,7 +167,6 @@ impl Source {
             state: self.digest(),
             frame: self.maybe(frame),
             physics_steps: self.list(|s| s.next() as u32),
-            chain: Digest::default(),
         }
     }
     fn policy(&mut self) -> PolicyOutput {
@@ -305,35 +304,21 @@ impl Source {
             reason,
             graphs: self.graphs(),
             metrics,
-            chain: Digest::default(),
             steps,
         };
         let steps = (0..steps).map(|step| self.step(step)).collect();
-        let mut sample = Sample {
+        Sample {
             header,
             task,
             scene,
             start,
             steps,
             end,
-        };
-        sample.seal();
-        sample
+        }
     }
 }
 
 impl Sample {
-    /// Computes the hash chain.
-    pub fn seal(&mut self) {
-        let mut link = chain::start_link(&self.header, &self.start);
-        self.start.digests.chain = link;
-        for step in &mut self.steps {
-            link = chain::step_link(&link, step);
-            step.digests.chain = link;
-        }
-        self.end.chain = link;
-    }
-
     /// Gives every moment an image and its digests.
     pub fn with_frames(mut self) -> (Self, Vec<Frame>) {
         let frames: Vec<Frame> = (0..=self.steps.len()).map(frame).collect();
@@ -341,7 +326,6 @@ impl Sample {
         for (step, frame) in self.steps.iter_mut().zip(&frames[1..]) {
             step.digests.frame = Some(frame.digests());
         }
-        self.seal();
         (self, frames)
     }
 

@@ -138,10 +138,7 @@ fn pair(files: &TraceFiles, path: &Path, traces: &Path) -> anyhow::Result<Pair> 
     }
     let blame = blame(&failed);
     let decisive = blame.decisive.as_ref().context("nothing was lost in it")?;
-    let name = path.file_stem().map_or_else(
-        || "trace".into(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
+    let name = reel_trace::trace_stem(path);
     let record = traces.join(format!("{name}--preferred.mcap"));
     let preferred = preferred(&failed, decisive, Some(&record))?.map_err(anyhow::Error::msg)?;
     if !preferred.verified {

@@ -174,10 +174,7 @@ fn targets(paths: &[PathBuf], out: Option<&Path>) -> anyhow::Result<Vec<PathBuf>
     let mut taken: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
     let mut targets = Vec::new();
     for path in paths {
-        let target = out.join(
-            path.file_name()
-                .with_context(|| format!("{} has no file name", path.display()))?,
-        );
+        let target = out.join(format!("{}.mcap", reel_trace::trace_stem(path)));
         if let Some(other) = taken.insert(target.clone(), path) {
             bail!(
                 "{} and {} would both become {}; give them one folder each",

@@ -54,13 +54,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if !(arguments.fps.is_finite() && (0.01..=50.0).contains(&arguments.fps)) {
         bail!("--fps is from 0.01 to 50, not {}", arguments.fps);
     }
-    let default = || {
-        arguments
-            .trace
-            .file_stem()
-            .map(|stem| Path::new(stem).with_added_extension("gif"))
-            .unwrap_or_default()
-    };
+    let default = || PathBuf::from(format!("{}.gif", reel_trace::trace_stem(&arguments.trace)));
     let out = arguments.out.clone().unwrap_or_else(default);
     let kind = out
         .extension()

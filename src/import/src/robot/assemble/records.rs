@@ -19,7 +19,7 @@ use serde_json::json;
 
 use super::{EpisodeBuilder, ImageLocation, PoseSample, Step, is_tool};
 use crate::{
-    ImportOptions, ObservedState, episode, observe,
+    ImportOptions, ObservedState, observe,
     observe::CallObservation,
     outcome,
     robot::{
@@ -199,7 +199,6 @@ impl EpisodeBuilder {
             .to_string()[..16]
             .to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
-        let link = episode::link(&header, &mut start, &mut records);
 
         let graphs = before
             .graph
@@ -236,7 +235,6 @@ impl EpisodeBuilder {
             reason,
             graphs,
             metrics,
-            chain: link,
             steps: records.len() as u32,
         };
         let steps = records

@@ -75,7 +75,6 @@ fn a_call_under_way_in_another_world_is_restored() {
         .steps
         .iter_mut()
         .for_each(|step| step.digests.frame = None);
-    sample.seal();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     let rgb: Vec<u8> = (0..FRAME_WIDTH * FRAME_HEIGHT * 3)
