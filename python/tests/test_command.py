@@ -25,6 +25,17 @@ def test_the_command_line_comes_along(planner: reel.Episode) -> None:
     assert isinstance(reel.command_json("replay", planner.path), dict)
 
 
+def test_packed_episodes_are_traces(played: Path, tmp_path: Path) -> None:
+    shard = tmp_path / "packed.mcap"
+    reel.command("pack", played, "--out", shard)
+    packed = [reel.open(path) for path in reel.trace_paths(shard)]
+    assert {episode.digest for episode in packed} == {reel.open(path).digest for path in reel.trace_paths(played)}
+    assert packed[0].replay().exact and packed[0].path == Path(f"{shard}#0")
+    assert reel.open(f"{shard}#{packed[1].id}").digest == packed[1].digest
+    with pytest.raises(reel.ReelError, match="no episode 'nobody' is among"):
+        reel.open(f"{shard}#nobody")
+
+
 def test_a_server_of_the_package_answers_in_sql(tasks: reel.Tasks, played: Path, tmp_path: Path) -> None:
     """Questions are asked in processes of their own: the command starts itself again, though the process is Python."""
     folder = tmp_path / "tasks"
