@@ -410,6 +410,13 @@ pub fn workers(jobs: Option<usize>) -> usize {
         .max(1)
 }
 
+/// Threads for the workers asked for, as [`workers`] counts them.
+pub fn pool(jobs: Option<usize>) -> anyhow::Result<rayon::ThreadPool> {
+    Ok(rayon::ThreadPoolBuilder::new()
+        .num_threads(workers(jobs))
+        .build()?)
+}
+
 /// The files below a folder that somebody wants.
 pub fn collect(
     folder: &Path,

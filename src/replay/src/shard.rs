@@ -20,7 +20,7 @@ use crate::{
 /// The inputs of a trace, once these gave every byte of it again.
 ///
 /// # Errors
-/// Why they do not.
+/// Why the inputs do not give the trace, in words.
 pub fn pack(trace: &Trace, bytes: &[u8], name: &str) -> Result<PackedEpisode, String> {
     // What is executed is what will be read.
     let packed = PackedEpisode::of(trace, bytes, name)?.stored()?;

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use mcap::McapError;
 use reel_world::{Digest, LogprobError};
 
 /// Every error of this crate.
@@ -204,6 +205,19 @@ pub enum TraceError {
 }
 
 impl TraceError {
+    /// What the writer of MCAP files says of a trace, or of a shard.
+    pub(crate) fn unwritten(path: &Path, error: McapError) -> Self {
+        let source = match error {
+            McapError::Io(source) => source,
+            other => io::Error::other(other),
+        };
+        TraceError::Io {
+            action: "write",
+            path: path.to_owned(),
+            source,
+        }
+    }
+
     /// Where in the file it is wrong, if that is one place.
     pub fn offset(&self) -> Option<u64> {
         match self {

@@ -1,10 +1,13 @@
 //! The records of an episode as MCAP messages, in their one order, onto anything that can be
-//! written to. Checks the turn and makes the hash chain. Knows no files.
+//! written to. Checks the turn and makes the hash chain. Knows no files. What a robot or a clock measured
+//! beside the records is in [`measured`].
+
+mod measured;
 
 use std::{
     borrow::Cow,
     collections::BTreeMap,
-    io::{self, Seek, Write},
+    io::{Seek, Write},
     path::{Path, PathBuf},
 };
 
@@ -22,16 +25,14 @@ use reel_world::{
 };
 
 use crate::{
-    FrameLayers, Images, Timing, TraceError,
+    FrameLayers, Images, TraceError,
     chain::{self, Covered, MessageChain},
     codec, container, encode_webp, image,
-    robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{
         self, Channel,
         foxglove::log::Level,
         reel::{self, episode_event::Event},
     },
-    sensors::{SensorChannel, SensorKind},
     viewer,
 };
 
@@ -157,7 +158,7 @@ impl<W: Write + Seek> Journal<W> {
             .use_chunks(false);
         let writer = options
             .create(sink)
-            .map_err(|error| write_failed(path, error))?;
+            .map_err(|error| TraceError::unwritten(path, error))?;
         let mut journal = Journal {
             path: path.to_owned(),
             images,
@@ -293,105 +294,6 @@ impl<W: Write + Seek> Journal<W> {
             input: Box::new(input.clone()),
         };
         Ok(())
-    }
-
-    /// Records when the call of the step that is under way was made, and how long it took.
-    pub(crate) fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Expected::Step { step: under_way, .. } if *under_way == step) {
-            return Err(self.out_of_turn(&format!("the timing of step {step}")));
-        }
-        self.message(schema::TIMING, &codec::timing(step, timing))
-    }
-
-    /// Records where the robot was.
-    pub(crate) fn odometry(&mut self, measured: &Odometry) -> Result<(), TraceError> {
-        self.expect_moment(measured.step, "odometry")?;
-        self.message(schema::ODOMETRY, &codec::odometry(measured))
-    }
-
-    /// Records what a skill came to.
-    pub(crate) fn primitive(&mut self, outcome: &PrimitiveOutcome) -> Result<(), TraceError> {
-        self.expect_moment(outcome.step, "the outcome of a primitive")?;
-        self.message(schema::PRIMITIVE, &reel::PrimitiveOutcome::from(outcome))
-    }
-
-    /// Records how long an inference of the low-level model took.
-    pub(crate) fn vla(&mut self, measured: &VlaLatency) -> Result<(), TraceError> {
-        self.expect_moment(measured.step, "a latency")?;
-        self.message(schema::VLA, &reel::VlaLatency::from(measured))
-    }
-
-    /// Records how far the robot was off.
-    pub(crate) fn alignment(&mut self, measured: &Alignment) -> Result<(), TraceError> {
-        self.expect_moment(measured.step, "an alignment")?;
-        self.message(schema::ALIGNMENT, &reel::Alignment::from(measured))
-    }
-
-    /// Records everything that a log holds of a moment.
-    pub(crate) fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
-        log.odometry
-            .iter()
-            .filter(|it| it.step == step)
-            .try_for_each(|it| self.odometry(it))?;
-        log.primitives
-            .iter()
-            .filter(|it| it.step == step)
-            .try_for_each(|it| self.primitive(it))?;
-        log.vla
-            .iter()
-            .filter(|it| it.step == step)
-            .try_for_each(|it| self.vla(it))?;
-        log.alignments
-            .iter()
-            .filter(|it| it.step == step)
-            .try_for_each(|it| self.alignment(it))
-    }
-
-    /// Records the camera's image as it came.
-    pub(crate) fn original(
-        &mut self,
-        step: Option<u32>,
-        image: &CameraImage,
-    ) -> Result<(), TraceError> {
-        self.expect_moment(step, "the image of the camera")?;
-        if self.images == Images::None {
-            return Ok(());
-        }
-        self.message(
-            schema::CAMERA_ORIGINAL,
-            &viewer::image_message(self.time_ns(), &image.format, image.data.clone()),
-        )
-    }
-
-    /// Records what else the robot's recording holds, between the last step and the end; without
-    /// images, no cameras.
-    pub(crate) fn sensors(&mut self, channels: &[SensorChannel]) -> Result<(), TraceError> {
-        if !matches!(self.turn, Expected::InputOrEnd { .. }) {
-            return Err(self.out_of_turn("the robot's recording"));
-        }
-        let without_images = self.images == Images::None;
-        let kept = channels
-            .iter()
-            .filter(|channel| !(without_images && channel.kind == SensorKind::Camera));
-        for (index, channel) in kept.enumerate() {
-            self.with_writer(|writer| channel.write(index, writer))?;
-        }
-        Ok(())
-    }
-
-    /// What a robot measured belongs to the step under way, or stands before the start.
-    fn expect_moment(&self, step: Option<u32>, what: &str) -> Result<(), TraceError> {
-        match (&self.turn, step) {
-            (Expected::Start, None) => Ok(()),
-            (
-                Expected::Step {
-                    step: under_way, ..
-                },
-                Some(step),
-            ) if *under_way == step => Ok(()),
-            (_, None) => Err(self.out_of_turn(&format!("{what} of before the first step"))),
-            (_, Some(step)) => Err(self.out_of_turn(&format!("{what} of step {step}"))),
-        }
     }
 
     /// Records what came of a step.
@@ -641,7 +543,7 @@ impl<W: Write + Seek> Journal<W> {
             .writer
             .as_mut()
             .expect("the writer is taken only by into_inner and drop");
-        write(writer).map_err(|error| write_failed(&self.path, error))
+        write(writer).map_err(|error| TraceError::unwritten(&self.path, error))
     }
 
     fn out_of_turn(&self, what: &str) -> TraceError {
@@ -711,17 +613,5 @@ pub(crate) fn check_attachment(
             expected,
             found,
         })
-    }
-}
-
-fn write_failed(path: &Path, error: McapError) -> TraceError {
-    let source = match error {
-        McapError::Io(source) => source,
-        other => io::Error::other(other),
-    };
-    TraceError::Io {
-        action: "write",
-        path: path.to_owned(),
-        source,
     }
 }

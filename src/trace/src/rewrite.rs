@@ -166,7 +166,7 @@ impl<'a> Rendering<'a> {
         Ok(Self { packed, journal })
     }
 
-    /// The state after settling.
+    /// Writes the state after settling, with its frame.
     ///
     /// # Errors
     /// When it is called out of turn.
@@ -176,7 +176,7 @@ impl<'a> Rendering<'a> {
             .start(record, Some(FrameSource::Rgb(&frame.rgb)), layers)
     }
 
-    /// A step with its inputs.
+    /// Writes a step with its inputs, as an execution gave it.
     ///
     /// # Errors
     /// When it is called out of turn.
@@ -190,7 +190,7 @@ impl<'a> Rendering<'a> {
         self.journal.step(record, image, layers)
     }
 
-    /// The bytes of the trace.
+    /// Writes the end, and gives the bytes of the trace.
     ///
     /// # Errors
     /// When it is called out of turn, or they are not those that were packed.

@@ -240,9 +240,7 @@ impl Importing {
             bar.inc(1);
             imported
         };
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(inputs::workers(*jobs))
-            .build()?;
+        let pool = inputs::pool(*jobs)?;
         let results = pool.install(|| sources.par_iter().with_max_len(1).map(one).collect());
         bar.finish_and_clear();
         Ok((results, broken))

@@ -40,10 +40,7 @@ pub struct Pack {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
-    assets: inputs::Assets,
-    /// Traces at a time; without it one for each core
-    #[arg(long, value_name = "N")]
-    jobs: Option<usize>,
+    execution: Execution,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -72,16 +69,23 @@ pub struct Unpack {
     #[arg(long, conflicts_with = "out")]
     list: bool,
     #[command(flatten)]
-    assets: inputs::Assets,
-    /// Traces at a time; without it one for each core
-    #[arg(long, value_name = "N")]
-    jobs: Option<usize>,
+    execution: Execution,
     /// Print one JSON object per episode
     #[arg(long)]
     json: bool,
 }
 
-/// Packs traces (`reel pack`).
+/// How the episodes of a shard are executed.
+#[derive(clap::Args)]
+struct Execution {
+    #[command(flatten)]
+    assets: inputs::Assets,
+    /// Traces at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+}
+
+/// Executes traces, writes those that come back into a shard and names the others (`reel pack`).
 pub fn pack(arguments: &Pack) -> anyhow::Result<ExitStatus> {
     let out = &arguments.out;
     if out.extension().is_none_or(|extension| extension != "mcap") {
@@ -93,9 +97,9 @@ pub fn pack(arguments: &Pack) -> anyhow::Result<ExitStatus> {
             out.display()
         );
     }
-    let files = arguments.assets.trace_files()?;
+    let files = arguments.execution.assets.trace_files()?;
     let names = names(&files, &arguments.paths)?;
-    let pool = pool(arguments.jobs)?;
+    let pool = inputs::pool(arguments.execution.jobs)?;
     let bar = progress::bar(names.len(), "pack");
     let mut shard = ShardWriter::create(out)?;
     let (mut before, mut refused) = (0, Vec::new());
@@ -217,7 +221,7 @@ pub fn unpack(arguments: &Unpack) -> anyhow::Result<ExitStatus> {
     let Some(out) = &arguments.out else {
         return list(&shard, &numbers, arguments.json);
     };
-    let assets = arguments.assets.open()?;
+    let assets = arguments.execution.assets.open()?;
     let bar = progress::bar(numbers.len(), "unpack");
     let one = |number: &u32| -> anyhow::Result<PathBuf> {
         let packed = shard.episode(*number)?;
@@ -231,7 +235,7 @@ pub fn unpack(arguments: &Unpack) -> anyhow::Result<ExitStatus> {
         bar.inc(1);
         Ok(to)
     };
-    let results: Vec<_> = pool(arguments.jobs)?.install(|| {
+    let results: Vec<_> = inputs::pool(arguments.execution.jobs)?.install(|| {
         let one = |number| (number, one(number));
         numbers.par_iter().with_max_len(1).map(one).collect()
     });
@@ -313,10 +317,4 @@ fn write_new(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         return Ok(());
     }
     Ok(reel_trace::write_new(path, bytes)?)
-}
-
-fn pool(jobs: Option<usize>) -> anyhow::Result<rayon::ThreadPool> {
-    Ok(rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(jobs))
-        .build()?)
 }

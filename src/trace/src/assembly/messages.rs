@@ -2,7 +2,10 @@
 
 use mcap::records::MessageHeader;
 use prost::Message;
-use reel_world::{Digest, record::StartRecord};
+use reel_world::{
+    Digest,
+    record::{PolicyOutput, StartRecord},
+};
 
 use super::{
     Assembly,
@@ -85,20 +88,12 @@ impl Assembly<'_> {
             }
             schema::LOGPROBS => {
                 let message: reel::TokenLogprobs = decode(data)?;
-                let policy = self
-                    .draft(message.step)?
-                    .policy
-                    .as_mut()
-                    .ok_or("the policy output of its step is missing before it")?;
+                let policy = self.policy(message.step)?;
                 once(&mut policy.logprobs, codec::read_logprobs(message)?)
             }
             schema::POLICY_LATENCY => {
                 let message: reel::PolicyLatency = decode(data)?;
-                let policy = self
-                    .draft(message.step)?
-                    .policy
-                    .as_mut()
-                    .ok_or("the policy output of its step is missing before it")?;
+                let policy = self.policy(message.step)?;
                 once(&mut policy.latency_ns, message.latency_ns)
             }
             schema::USER_DIALOGUE => {
@@ -446,6 +441,12 @@ impl Assembly<'_> {
             None if self.start.is_none() => Ok(()),
             None => Err("it belongs to no step, but stands behind the start".into()),
         }
+    }
+
+    /// What came with the call of the step in the making, for a message that adds to it.
+    fn policy(&mut self, step: u32) -> Result<&mut PolicyOutput, Refusal> {
+        let policy = self.draft(step)?.policy.as_mut();
+        policy.ok_or_else(|| "the policy output of its step is missing before it".into())
     }
 
     /// The step in the making, if a message belongs to it.

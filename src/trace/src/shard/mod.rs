@@ -88,9 +88,9 @@ pub struct PackedEpisode {
     pub layers: FrameLayers,
     /// The last link of its hash chain.
     pub chain: Digest,
-    /// Digest of the file.
+    /// BLAKE3 digest of the whole file that was packed.
     pub digest: Digest,
-    /// Size of the file.
+    /// Size of the file that was packed, in bytes.
     pub bytes: u64,
     pub(crate) covered: Covered,
 }

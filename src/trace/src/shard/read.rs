@@ -176,7 +176,7 @@ impl Shard {
         u32::try_from(self.index.len() / ENTRY).unwrap_or(u32::MAX)
     }
 
-    /// Whether it holds none.
+    /// Whether it was packed from no trace at all.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -301,7 +301,7 @@ impl Shard {
             else {
                 continue;
             };
-            // The index has no checksum that is verified, the chunk has.
+            // Numbers are places in the chunk, so a hole would shift all behind it.
             if header.log_time != chunk.first.wrapping_add(chunk.messages.len() as u64) {
                 return Err(damaged("a message is out of place".to_owned()));
             }

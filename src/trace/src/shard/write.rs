@@ -35,7 +35,7 @@ pub struct ShardSummary {
     pub tasks: u32,
     /// How many scenes the tasks play in.
     pub scenes: u32,
-    /// Size of the file.
+    /// Size of the shard, in bytes.
     pub bytes: u64,
 }
 
@@ -103,7 +103,7 @@ impl ShardWriter {
             }
             Ok(writer)
         };
-        let writer = create().map_err(|error| failed(path, error))?;
+        let writer = create().map_err(|error| TraceError::unwritten(path, error))?;
         Ok(Self {
             path: path.to_owned(),
             temporary,
@@ -178,7 +178,7 @@ impl ShardWriter {
             files::sync_folder(&LocalDisk, &path)?;
             Ok(file.metadata()?.len())
         };
-        let bytes = publish().map_err(|error| failed(&path, error))?;
+        let bytes = publish().map_err(|error| TraceError::unwritten(&path, error))?;
         Ok(ShardSummary {
             episodes: self.ids.len() as u32,
             tasks: self.tasks.len() as u32,
@@ -205,7 +205,7 @@ impl ShardWriter {
             messages, first, ..
         } = std::mem::take(&mut self.pending[kind as usize]);
         self.pending[kind as usize].first = first + messages.len() as u32;
-        let failed = |error| failed(&self.path, error);
+        let failed = |error| TraceError::unwritten(&self.path, error);
         let writer = self.writer.as_mut().expect("it is taken at the end");
         for (number, message) in (first..).zip(&messages) {
             let header = MessageHeader {
@@ -227,17 +227,5 @@ impl Drop for ShardWriter {
         // What was finished has its name.
         drop(self.writer.take());
         let _ = fs::remove_file(&self.temporary);
-    }
-}
-
-fn failed(path: &Path, error: McapError) -> TraceError {
-    let source = match error {
-        McapError::Io(source) => source,
-        other => io::Error::other(other),
-    };
-    TraceError::Io {
-        action: "write",
-        path: path.to_owned(),
-        source,
     }
 }

@@ -189,9 +189,7 @@ fn play(run: &Run) -> anyhow::Result<ExitStatus> {
         kinds,
     };
     let bar = progress::bar(wanted.len(), "faults");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(run.jobs))
-        .build()?;
+    let pool = inputs::pool(run.jobs)?;
     let results: Vec<anyhow::Result<Option<(EpisodeReport, Label)>>> = pool.install(|| {
         let episode = |(number, wanted): (usize, &ExpectedOutcome)| {
             let made = maker.episode(number as u64, *wanted);

@@ -88,9 +88,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let prompt = arguments.prompt.prompt()?;
     let bar = progress::bar(paths.len(), "annotating");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(arguments.jobs))
-        .build()?;
+    let pool = inputs::pool(arguments.jobs)?;
     let note = |path: &PathBuf| {
         let noted = note(&files, path, client.as_ref(), &prompt, arguments);
         bar.inc(1);

@@ -88,9 +88,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let store = arguments.assets.store(&arguments.store, None)?;
     let failed = store.failed_traces()?;
     let bar = progress::bar(failed.len(), "prefer");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(arguments.jobs))
-        .build()?;
+    let pool = inputs::pool(arguments.jobs)?;
     let one = |path: &String| {
         let made = pair(store.trace_files(), Path::new(path), &traces)
             .map_err(|reason| (path.clone(), format!("{reason:#}")));

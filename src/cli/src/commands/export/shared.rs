@@ -195,9 +195,7 @@ impl CommonArguments {
             let written = |count: usize| writing.inc(count as u64);
             reel_export::export(&store, out, options, &verified, &written)
         };
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(inputs::workers(self.jobs))
-            .build()?;
+        let pool = inputs::pool(self.jobs)?;
         let report = pool.install(make);
         verifying.finish_and_clear();
         writing.finish_and_clear();

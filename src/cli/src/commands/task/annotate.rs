@@ -109,9 +109,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     )?;
     let (sets, broken) = (loaded.by_scene(), loaded.broken);
     let author = Author::new(arguments, &strategies)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(arguments.jobs))
-        .build()?;
+    let pool = inputs::pool(arguments.jobs)?;
     let all: usize = sets.iter().map(|(_, tasks)| tasks.len()).sum();
     let bar = progress::bar(all, "tasks");
     let mut counts = Counts::default();

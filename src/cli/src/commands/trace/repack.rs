@@ -125,9 +125,7 @@ fn repack(
             content: shares,
         })
     };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(arguments.jobs))
-        .build()?;
+    let pool = inputs::pool(arguments.jobs)?;
     let results: Vec<_> = pool.install(|| {
         paths
             .par_iter()

@@ -141,9 +141,7 @@ fn play(arguments: &Arguments, split: Split, traces: &Path) -> anyhow::Result<Ve
     };
     let tasks: Vec<Arc<Task>> = draw(&options).tasks.into_iter().map(Arc::new).collect();
     let bar = progress::bar(arguments.episodes as usize, "perturbed");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(inputs::workers(arguments.jobs))
-        .build()?;
+    let pool = inputs::pool(arguments.jobs)?;
     let episode = |number: u64| {
         let seed = (((arguments.seed << 24) + number) << 1) | half;
         let spread = number.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
