@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# `make load`: many sessions open in one `reel serve`, a part of them acting at once with the thinking time of the paper's policy
+# `make load`: many sessions open in one `reel serve`, all of them acting at once with the thinking time of the paper's policy
 # (5.9 s a step, from half of it to one and a half), on the loopback; the same clients beside it against a server of the same SDK
 # that does nothing (src/mcp/examples). They repeat what the oracle does, and every answer is compared with what it was told.
 # Prints how long each tool took, what a parked session costs, and how long the server takes to stop; then replays every trace.
@@ -9,6 +9,8 @@
 #   load.sh [--short]   --short: 60 sessions, 20 acting for 10 s, thinking 1 s
 #
 # SESSIONS, ACTING, SECONDS_ACTING, THINK, TASKS  how much
+# LEVELS         numbers of agents that act before that, for 30 s each (default "200,400,600,800,1000"; "none"): how much the server bears, beside
+#                what `reel run` does on the same cores with nobody to talk to
 # PARK_AFTER     seconds until an idle session is parked (default: what the server does by itself)
 # REEL           a binary that is built already
 # LOAD_EXAMPLES  folder with the examples `load` and `idle_server`, built already
@@ -19,8 +21,14 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 short=
 if [[ ${1:-} == --short ]]; then short=1; fi
 sessions=${SESSIONS:-${short:+60}} acting=${ACTING:-${short:+20}} seconds=${SECONDS_ACTING:-${short:+10}}
-think=${THINK:-${short:+1}} tasks=${TASKS:-${short:+20}}
-sessions=${sessions:-1000} acting=${acting:-200} seconds=${seconds:-120} think=${think:-5.9} tasks=${tasks:-100}
+think=${THINK:-${short:+1}} tasks=${TASKS:-${short:+20}} levels=${LEVELS:-${short:+10}}
+sessions=${sessions:-1000}
+acting=${acting:-$sessions} levels=${levels:-200,400,600,800,1000}
+seconds=${seconds:-120} think=${think:-5.9} tasks=${tasks:-100}
+if [[ $levels == none ]]; then levels=; fi
+
+level_seconds=${LEVEL_SECONDS:-${short:+5}}
+level_seconds=${level_seconds:-30}
 
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
 [[ -n ${REEL:-} ]] || cargo build --locked --profile fast -p reel-cli --no-default-features --features service
@@ -60,7 +68,7 @@ stop() {
 drive() {
   local name=$1
   shift
-  if ! timeout $((seconds + 900)) "$examples/load" --url "$url" --pid "$pid" --calls "$work/calls" --sessions "$sessions" \
+  if ! timeout $((seconds + 1200)) "$examples/load" --url "$url" --pid "$pid" --calls "$work/calls" --sessions "$sessions" \
     --acting "$acting" --think "$think" --seconds "$seconds" "$@" >"$work/$name.figures"; then
     tail -5 "$work/$name.log" >&2
     exit 1
@@ -71,6 +79,10 @@ figure() { sed -n "s/^$2 //p" "$work/$1.figures"; }
 echo "== recording what the oracle does in $tasks tasks" >&2
 "$reel" task draw --count "$tasks" --seed 7 --out "$work/tasks" >/dev/null
 "$reel" run --tasks "$work/tasks" --policy oracle --no-images --out "$work/calls" >/dev/null
+echo "== the same with images on all cores, without a server" >&2
+begin=$EPOCHREALTIME
+"$reel" run --tasks "$work/tasks" --policy oracle --out "$work/bare" --json >"$work/bare.json"
+bare=$(awk -v a="$begin" -v b="$EPOCHREALTIME" '{ sub(/.*"length":/, ""); calls += $0 } END { printf "%.1f", calls / (b - a) }' "$work/bare.json")
 
 echo "== $sessions sessions, $acting acting for $seconds s, reel" >&2
 cat >"$work/reel.toml" <<TOML
@@ -87,7 +99,7 @@ sessions = $sessions
 TOML
 rm -rf "$work/data"
 serve reel "$reel" serve --config "$work/reel.toml"
-drive reel
+drive reel --levels "$levels" --level-seconds "$level_seconds"
 stop reel
 stopped=$stopped_s
 
@@ -116,6 +128,23 @@ awk '
     printf "%-26s %7d %7.1f %7.1f %7.1f %s   %s\n", $2, $3, $4, $5, $6, idle[$2], said
   }
 ' "$work/idle.figures" "$work/reel.figures"
+# What the server bears: the most calls a second while 99 of 100 took at most 250 ms.
+{
+  grep '^level ' "$work/reel.figures" || true
+  echo "level $acting $(figure reel calls_per_s) $(figure reel p50_ms) $(figure reel p99_ms)" \
+    "$(figure reel server_cores) $(figure reel client_cores)"
+} >"$work/levels"
+printf '\n%-10s %10s %9s %9s %14s %14s\n' acting 'calls/s' 'p50 ms' 'p99 ms' 'server cores' 'client cores'
+awk -v bare="$bare" '
+  { printf "%-10s %10.1f %9.1f %9.1f %14.2f %14.2f\n", $2, $3, $4, $5, $6, $7 }
+  $5 <= 250 && $3 > most { most = $3 }
+  { met = $5 <= 250 }
+  END {
+    printf "calls a second with p99 <= 250 ms: %s%.1f; without a server, on all cores: %.1f; ratio %.2f (goal 0.8)\n",
+      met ? "at least " : "", most, bare, bare > 0 ? most / bare : 0
+    if (met) print "more agents, or a shorter THINK, would show how many it bears"
+  }
+' "$work/levels"
 # row TITLE NAME [GOAL]: a figure of both.
 row() { printf '%-42s %10s %10s   %s\n' "$1" "$(figure reel "$2")" "$(figure idle "$2")" "${3:-}"; }
 session_mb=$(figure reel session_mb)

@@ -30,7 +30,7 @@ export const LISTED = `WITH listed AS (
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.trace_digest = e.trace_digest
   LEFT JOIN (
-    SELECT trace_digest, CASE WHEN bool_or(verdict = 'diverged') THEN 'diverged' ELSE min(verdict) END AS verdict
+    SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
     FROM verdicts GROUP BY trace_digest
   ) v ON v.trace_digest = e.trace_digest
 )`;

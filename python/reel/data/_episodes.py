@@ -49,7 +49,8 @@ class EpisodeTable:
                   ELSE max(verdict)
                 END AS verdict
               FROM verdicts
-              WHERE sim_version = CAST($sim_version AS INT)
+              -- samples may have frames: a replay that compared no colours does not settle them
+              WHERE sim_version = CAST($sim_version AS INT) AND verdict NOT LIKE '%_without_rgb'
               GROUP BY trace_digest
             ) v ON v.trace_digest = e.trace_digest"""
         found = store.sql(sql, parameters={"sim_version": SIM_VERSION}).rows()

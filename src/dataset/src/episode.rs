@@ -78,7 +78,8 @@ pub struct Source {
     pub trace_digest: String,
     /// Where it lies, as the table names it.
     pub trace_uri: String,
-    /// `exact` where the trace replayed to the same digests, else `unverified`.
+    /// `exact` where the trace replayed to the same digests, `exact_without_rgb` where all but colours
+    /// was compared (datasets without images), else `unverified`.
     pub verdict: String,
     /// The simulator that replayed it; empty where none did.
     pub verdict_sim_version: String,

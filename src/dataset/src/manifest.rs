@@ -36,7 +36,7 @@ pub struct Counts {
     pub tools: BTreeMap<String, u64>,
     /// Number of examples of each policy, by its name.
     pub policies: BTreeMap<String, u64>,
-    /// Number of examples by replay verdict: `exact` or `unverified`.
+    /// Number of examples by replay verdict: `exact`, `exact_without_rgb` or `unverified`.
     pub verdicts: BTreeMap<String, u64>,
     /// Number of examples by annotator, e.g. `rules-1` or a model's name.
     pub annotators: BTreeMap<String, u64>,

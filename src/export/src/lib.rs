@@ -225,7 +225,7 @@ pub fn export(
         options.words,
         &mut report.excluded,
     )?;
-    let verified = verify::verify(store, &chosen, options.replay, verifying)?;
+    let verified = verify::verify(store, &chosen, options, verifying)?;
     let mut verdicts = verified.iter();
     chosen.retain_mut(|candidate| match verdicts.next() {
         Some(Err(reason)) if !options.allow_unverified => {

@@ -32,6 +32,7 @@ use crate::{
     parquet,
     select::Candidate,
     task_index::TaskIndex,
+    verify::Comparison,
 };
 
 /// Episodes whose rows are in memory at a time.
@@ -313,7 +314,12 @@ impl RowBuilder<'_> {
         Source {
             trace_digest: row.trace_digest.to_owned(),
             trace_uri: row.trace.to_owned(),
-            verdict: if verified { "exact" } else { "unverified" }.into(),
+            verdict: if verified {
+                Comparison::of(self.options).exact
+            } else {
+                "unverified"
+            }
+            .into(),
             verdict_sim_version: if verified {
                 reel_replay::SIM_VERSION.to_string()
             } else {

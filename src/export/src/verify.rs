@@ -5,32 +5,87 @@
 use std::{collections::HashMap, path::Path};
 
 use rayon::prelude::*;
-use reel_replay::Verdict;
+use reel_replay::{Detail, Verdict};
 use reel_tables::{Store, TraceVerdict};
 use reel_trace::{Limits, Trace, TraceFiles};
 use reel_world::Digest;
 
-use crate::{ExportError, Progress, select::Candidate};
+use crate::{ExportError, ExportOptions, Progress, select::Candidate};
 
 /// Traces replayed between two commits of their verdicts.
 const TRACES_PER_COMMIT: usize = 4_096;
 
+/// How much a replay compares before an episode is exported.
+#[derive(Clone, Copy)]
+pub(crate) struct Comparison {
+    detail: Detail,
+    /// Behind a verdict that depends on it.
+    suffix: &'static str,
+    /// The verdict of an episode that may be exported.
+    pub exact: &'static str,
+}
+
+impl Comparison {
+    const ALL: Self = Self {
+        detail: Detail::Full,
+        suffix: "",
+        exact: "exact",
+    };
+    /// Rows without images depend on no colour: not drawing any takes two fifths of the time.
+    const WITHOUT_RGB: Self = Self {
+        detail: Detail::Geometry,
+        suffix: "_without_rgb",
+        exact: "exact_without_rgb",
+    };
+
+    pub(crate) fn of(options: &ExportOptions) -> Self {
+        if options.images {
+            Self::ALL
+        } else {
+            Self::WITHOUT_RGB
+        }
+    }
+
+    /// The verdict on a trace. Where what was compared made no difference, it is as of any replay.
+    fn name(self, verdict: &Verdict) -> String {
+        match verdict {
+            Verdict::Exact { .. } | Verdict::Diverged { .. } => {
+                format!("{}{}", verdict.name(), self.suffix)
+            }
+            _ => verdict.name().to_owned(),
+        }
+    }
+
+    /// Whether a verdict that is known makes a replay needless. One that found colours different says
+    /// nothing of the rest.
+    fn is_settled_by(self, verdict: &str) -> bool {
+        match verdict.strip_suffix(Self::WITHOUT_RGB.suffix) {
+            Some(_) => self.detail == Detail::Geometry,
+            None => self.detail == Detail::Full || verdict != "diverged",
+        }
+    }
+
+    fn is_exact(self, verdict: &str) -> bool {
+        verdict == Self::ALL.exact || verdict == self.exact
+    }
+}
+
 /// Whether an episode may be trained on; else why not.
 pub(crate) type Verified = Result<(), String>;
 
-/// What is known of each candidate's trace; those that nothing is known of are replayed
-/// where `replay` says so.
+/// What is known of each candidate's trace; those that nothing is known of are replayed, if the
+/// options say so.
 pub(crate) fn verify(
     store: &Store,
     candidates: &[Candidate],
-    replay: bool,
+    options: &ExportOptions,
     progress: Progress<'_>,
 ) -> Result<Vec<Verified>, ExportError> {
     let this = reel_replay::SIM_VERSION;
-    let known = store
-        .verdicts()?
-        .into_iter()
-        .filter(|verdict| verdict.sim_version == this);
+    let comparison = Comparison::of(options);
+    let known = store.verdicts()?.into_iter().filter(|verdict| {
+        verdict.sim_version == this && comparison.is_settled_by(&verdict.verdict)
+    });
     let known: HashMap<String, TraceVerdict> = known
         .map(|verdict| (verdict.file_digest.clone(), verdict))
         .collect();
@@ -39,7 +94,13 @@ pub(crate) fn verify(
         let looked: Vec<(Verified, Option<TraceVerdict>)> = some
             .par_iter()
             .map(|candidate| {
-                let looked = look(store.trace_files(), candidate, &known, replay);
+                let looked = look(
+                    store.trace_files(),
+                    candidate,
+                    &known,
+                    comparison,
+                    options.replay,
+                );
                 progress(1);
                 looked
             })
@@ -59,6 +120,7 @@ fn look(
     files: &TraceFiles,
     candidate: &Candidate,
     known: &HashMap<String, TraceVerdict>,
+    comparison: Comparison,
     replay: bool,
 ) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
@@ -72,13 +134,15 @@ fn look(
         Some(verdict) => (verdict.clone(), None),
         None if !replay => return (Err("not verified: nothing was replayed".into()), None),
         None => {
-            let (verdict, holds) = verdict(files, path, &bytes);
+            let (verdict, holds) = verdict(files, path, &bytes, comparison);
             (verdict.clone(), holds.then_some(verdict))
         }
     };
     let verified = match verdict.verdict.as_str() {
-        "exact" if verdict.trace_digest == candidate.trace_digest => Ok(()),
-        "exact" => {
+        exact if comparison.is_exact(exact) && verdict.trace_digest == candidate.trace_digest => {
+            Ok(())
+        }
+        exact if comparison.is_exact(exact) => {
             Err("the file holds another recording than the tables: `reel ingest` it again".into())
         }
         _ => Err(format!("{}: {}", verdict.verdict, verdict.reason)),
@@ -87,12 +151,17 @@ fn look(
 }
 
 /// The verdict on the bytes of a trace, and whether it holds whatever meshes are there next time.
-fn verdict(files: &TraceFiles, path: &Path, bytes: &[u8]) -> (TraceVerdict, bool) {
+fn verdict(
+    files: &TraceFiles,
+    path: &Path,
+    bytes: &[u8],
+    comparison: Comparison,
+) -> (TraceVerdict, bool) {
     let mut holds = true;
     let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
         Ok(trace) => {
             let trace = files.with_meshes(trace);
-            let verdict = reel_replay::verify_catching_panics(&trace);
+            let verdict = reel_replay::verify_catching_panics(&trace, comparison.detail);
             let refused = matches!(verdict, Verdict::Refused { .. });
             holds = !refused || trace.header.meshes.is_empty();
             (trace.chain().to_string(), verdict)
@@ -109,8 +178,11 @@ fn verdict(files: &TraceFiles, path: &Path, bytes: &[u8]) -> (TraceVerdict, bool
         trace_digest,
         sim_version: reel_replay::SIM_VERSION,
         build: env!("CARGO_PKG_VERSION").into(),
-        verdict: verdict.name().into(),
-        reason: verdict.to_string(),
+        verdict: comparison.name(&verdict),
+        reason: match comparison.detail {
+            Detail::Full => verdict.to_string(),
+            Detail::Geometry => format!("{verdict} (colours were not compared)"),
+        },
     };
     (verdict, holds)
 }

@@ -1,5 +1,5 @@
-//! The clients of `make load` (`tests/load.sh`): many sessions open in one server, a few of them
-//! acting at once with the thinking time of a policy. Prints how long each tool took, and what the
+//! The clients of `make load` (`tests/load.sh`): many sessions open in one server, some or all of
+//! them acting at once with the thinking time of a policy. Prints how long each tool took, and what the
 //! server needed, as lines of words.
 //!
 //! They repeat calls that were recorded beforehand by `reel run --policy oracle` over the tasks
@@ -39,8 +39,8 @@ use tokio::{
     time,
 };
 
-const USAGE: &str = "usage: load --url http://ADDRESS --pid PID --calls FOLDER [--sessions 1000] [--acting 200] [--think 5.9] \
-                     [--seconds 120] [--idle]
+const USAGE: &str = "usage: load --url http://ADDRESS --pid PID --calls FOLDER [--sessions 1000] [--acting 1000] [--think 5.9] \
+                     [--seconds 120] [--levels 200,400] [--level-seconds 30] [--idle]
   --url      a running `reel serve` with one seed, profile paper, over the tasks of the recorded calls
   --pid      its process
   --calls    folder of traces whose calls are made
@@ -48,6 +48,8 @@ const USAGE: &str = "usage: load --url http://ADDRESS --pid PID --calls FOLDER [
   --acting   how many of them act at once
   --think    seconds that a policy thinks before each call, on average
   --seconds  how long they act
+  --levels   before that, so many of them act, then so many, and so on: a line for each
+  --level-seconds  how long each of these acts
   --idle     the server does nothing: answers are not compared";
 
 /// The longest that a call may take before the server counts as broken.
@@ -76,6 +78,8 @@ struct Arguments {
     acting: usize,
     think_s: f64,
     acting_time: Duration,
+    levels: Vec<usize>,
+    level_time: Duration,
     idle: bool,
 }
 
@@ -169,14 +173,19 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
         (parked.resident_mb - fresh.resident_mb) / count as f64
     );
 
-    // What opening took is no part of the table.
+    for acting in load.arguments.levels.clone() {
+        load.clone().level(acting).await?;
+    }
+    // What opening and the levels took is no part of the table.
     lock(&load.took_ms).clear();
-    let (own, machine_s, begun) = (
+    let (idle, own, machine_s, begun) = (
+        Usage::of(load.arguments.pid)?,
         Usage::of(std::process::id())?,
         machine_cpu_s()?,
         Instant::now(),
     );
-    load.clone().act_all().await?;
+    let (acting, acting_time) = (load.arguments.acting, load.arguments.acting_time);
+    load.clone().act_all(acting, acting_time).await?;
     let took_s = begun.elapsed().as_secs_f64();
     let (server, client) = (
         Usage::of(load.arguments.pid)?,
@@ -186,7 +195,7 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
         "acting_mb {:.1}\npeak_mb {:.1}",
         server.resident_mb, server.peak_mb
     );
-    let (server_s, client_s) = (server.cpu_s - parked.cpu_s, client.cpu_s - own.cpu_s);
+    let (server_s, client_s) = (server.cpu_s - idle.cpu_s, client.cpu_s - own.cpu_s);
     let others_s = machine_cpu_s()? - machine_s - server_s - client_s;
     for (whose, cpu_s) in [
         ("server", server_s),
@@ -198,25 +207,28 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
     let took_ms = std::mem::take(&mut *lock(&load.took_ms));
     let calls: usize = took_ms.values().map(Vec::len).sum();
     println!("calls {calls}\ncalls_per_s {:.1}", calls as f64 / took_s);
+    let [p50, p99, _] = quantiles(&mut took_ms.values().flatten().copied().collect::<Vec<_>>());
+    println!("p50_ms {p50:.1}\np99_ms {p99:.1}");
     let images = load.images.load(Ordering::Relaxed);
     println!(
         "image_kb {:.1}",
         load.image_bytes.load(Ordering::Relaxed) as f64 / 1e3 / images.max(1) as f64
     );
     for (tool, mut took_ms) in took_ms {
-        took_ms.sort_by(f64::total_cmp);
-        let at = |share: f64| {
-            took_ms[((took_ms.len() as f64 * share).ceil() as usize).clamp(1, took_ms.len()) - 1]
-        };
-        println!(
-            "tool {tool} {} {:.1} {:.1} {:.1}",
-            took_ms.len(),
-            at(0.5),
-            at(0.99),
-            at(1.0)
-        );
+        let [p50, p99, most] = quantiles(&mut took_ms);
+        println!("tool {tool} {} {p50:.1} {p99:.1} {most:.1}", took_ms.len());
     }
     Ok(load.wrong.load(Ordering::Relaxed))
+}
+
+/// Half of them take at most the first, 99 of 100 the second, all the third.
+fn quantiles(took_ms: &mut [f64]) -> [f64; 3] {
+    took_ms.sort_by(f64::total_cmp);
+    [0.5, 0.99, 1.0].map(|share| {
+        let place = (took_ms.len() as f64 * share).ceil() as usize;
+        let place = place.clamp(1, took_ms.len().max(1)) - 1;
+        took_ms.get(place).copied().unwrap_or_default()
+    })
 }
 
 impl Load {
@@ -274,10 +286,35 @@ impl Load {
         }
     }
 
-    async fn act_all(self: Arc<Self>) -> Result<(), Failure> {
-        let deadline = time::Instant::now() + self.arguments.acting_time;
+    /// Lets so many act for a while: calls a second, milliseconds of a call (half, 99 in 100), cores
+    /// that the server and the clients kept busy.
+    async fn level(self: Arc<Self>, acting: usize) -> Result<(), Failure> {
+        lock(&self.took_ms).clear();
+        let usage = || -> Result<[f64; 2], Failure> {
+            Ok([
+                Usage::of(self.arguments.pid)?.cpu_s,
+                Usage::of(std::process::id())?.cpu_s,
+            ])
+        };
+        let (before, begun) = (usage()?, Instant::now());
+        let time = self.arguments.level_time;
+        self.clone().act_all(acting, time).await?;
+        let (after, took_s) = (usage()?, begun.elapsed().as_secs_f64());
+        let mut took_ms: Vec<f64> = lock(&self.took_ms).values().flatten().copied().collect();
+        let [p50, p99, _] = quantiles(&mut took_ms);
+        println!(
+            "level {acting} {:.1} {p50:.1} {p99:.1} {:.2} {:.2}",
+            took_ms.len() as f64 / took_s,
+            (after[0] - before[0]) / took_s,
+            (after[1] - before[1]) / took_s,
+        );
+        Ok(())
+    }
+
+    async fn act_all(self: Arc<Self>, count: usize, time: Duration) -> Result<(), Failure> {
+        let deadline = time::Instant::now() + time;
         let mut acting = JoinSet::new();
-        for number in 0..self.arguments.acting {
+        for number in 0..count {
             acting.spawn(self.clone().act_until(deadline, number as u64));
         }
         all(acting).await
@@ -600,15 +637,21 @@ impl Arguments {
             pid: take("pid", None)?.parse().ok()?,
             calls: take("calls", None)?.into(),
             sessions: take("sessions", Some("1000"))?.parse().ok()?,
-            acting: take("acting", Some("200"))?.parse().ok()?,
+            acting: take("acting", Some("1000"))?.parse().ok()?,
             think_s: take("think", Some("5.9"))?
                 .parse()
                 .ok()
                 .filter(|seconds| (0.0..=3_600.0).contains(seconds))?,
             acting_time: Duration::from_secs(take("seconds", Some("120"))?.parse().ok()?),
+            levels: take("levels", Some(""))?
+                .split_terminator(',')
+                .map(|level| level.parse().ok())
+                .collect::<Option<_>>()?,
+            level_time: Duration::from_secs(take("level-seconds", Some("30"))?.parse().ok()?),
             idle: take("idle", None).is_some(),
         };
-        (values.is_empty() && parsed.acting <= parsed.sessions).then_some(parsed)
+        let most = parsed.levels.iter().chain([&parsed.acting]).max()?;
+        (values.is_empty() && *most <= parsed.sessions).then_some(parsed)
     }
 }
 

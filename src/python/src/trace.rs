@@ -11,7 +11,8 @@ use reel_counterfactual::{
     branch::{Branch, Continuation, fork},
 };
 use reel_replay::{
-    EndSummary, SnapshotCache, Verdict, Viewpoint, compare, seek, verify_catching_panics, view_at,
+    Detail, EndSummary, SnapshotCache, Verdict, Viewpoint, compare, seek, verify_catching_panics,
+    view_at,
 };
 use reel_tasks::assets::AssetFolder;
 use reel_trace::{FrameLayers, Images, RecordOptions, TraceFiles};
@@ -187,7 +188,7 @@ impl Trace {
 
     /// Executes the episode again and compares everything.
     fn replay<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let verdict = py.detach(|| verify_catching_panics(&self.inner));
+        let verdict = py.detach(|| verify_catching_panics(&self.inner, Detail::Full));
         let told = verdict.to_string();
         let mut object = serde_json::to_value(&verdict).or_raise()?;
         object["text"] = json!(told);
@@ -346,7 +347,7 @@ pub fn replay_all<'py>(
             return None;
         }
         let verdict = match files.read(path) {
-            Ok(trace) => verify_catching_panics(&files.with_meshes(trace)),
+            Ok(trace) => verify_catching_panics(&files.with_meshes(trace), Detail::Full),
             Err(error) => Verdict::Refused {
                 reason: error.to_string(),
             },

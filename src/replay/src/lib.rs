@@ -22,7 +22,6 @@ use std::{
 };
 
 use rayon::prelude::*;
-use reel_sim::render::Detail;
 use reel_trace::{Trace, TraceError, TraceFiles};
 use reel_world::{Assets, Frame, NoAssets};
 use serde::{Deserialize, Serialize};
@@ -37,7 +36,7 @@ pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch, check_meshes};
 pub use reel_episode::Rollout;
-pub use reel_sim::SIM_VERSION;
+pub use reel_sim::{SIM_VERSION, render::Detail};
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, frame_at, frames_at, seek, verify_restored};
 pub use shard::{PackedTraces, pack, unpack};
@@ -174,9 +173,9 @@ pub fn verify_all<P: AsRef<Path> + Sync>(
     })
 }
 
-/// Replays a trace that was read; a panic ends only its own verdict.
-pub fn verify_catching_panics(trace: &Trace) -> Verdict {
-    catch_unwind(AssertUnwindSafe(|| verify_trace(trace)))
+/// [`verify_with`], where a panic ends only its own verdict.
+pub fn verify_catching_panics(trace: &Trace, detail: Detail) -> Verdict {
+    catch_unwind(AssertUnwindSafe(|| verify_with(trace, detail)))
         .unwrap_or_else(|_| Verdict::panicked(&trace.path))
 }
 
@@ -218,7 +217,9 @@ pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     if let Err(verdict) = player::config(trace) {
         return verdict;
     }
-    if let (Detail::Full, Err(error)) = (detail, trace.verify_images()) {
+    if detail == Detail::Full
+        && let Err(error) = trace.verify_images()
+    {
         return refused(&error);
     }
     let replayed = Replay::start(trace, detail).and_then(|(replay, _)| replay.finish(|_, _| {}));

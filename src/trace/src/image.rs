@@ -3,12 +3,15 @@
 use std::{borrow::Cow, io::Cursor};
 
 use base64::Engine as _;
-use image_webp::{ColorType, WebPDecoder, WebPEncoder};
+use image_webp::WebPDecoder;
 use png::Transformations;
 use prost::Message as _;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
-use crate::schema::foxglove::{CompressedImage, RawImage};
+use crate::{
+    schema::foxglove::{CompressedImage, RawImage},
+    webp,
+};
 
 /// Format of an image in an unfinished recording that nobody has decoded yet.
 pub(crate) const BASE64_PNG: &str = "png;base64";
@@ -71,12 +74,9 @@ pub fn encode_png16(values: &[u16], width: u32, height: u32) -> Vec<u8> {
 /// When `rgb` is not `width * height * 3` bytes long or a side is 0 or above
 /// 16384: a programmer's error.
 pub fn encode_webp(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let encoder = WebPEncoder::new(&mut bytes);
-    encoder
-        .encode(rgb, width, height, ColorType::Rgb8)
-        .expect("the image has the size it says and memory does not fail");
-    bytes
+    assert_eq!(rgb.len() as u64, u64::from(width) * u64::from(height) * 3);
+    assert!((1..=16_384).contains(&width) && (1..=16_384).contains(&height));
+    webp::encode(rgb, width, height)
 }
 
 /// Decodes a WebP image to 8-bit RGB with its width and height; none when it is no such image
@@ -100,10 +100,22 @@ pub fn decode_webp(bytes: &[u8], pixels_max: u32) -> Option<(Vec<u8>, u32, u32)>
 /// # Panics
 /// When `rgb` is not `width * height * 3` bytes long: a programmer's error.
 pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
+    png_with(png::Compression::Fast, rgb, width, height)
+}
+
+/// [`encode_png`] in 0.6 of the time and an eighth larger, for an agent that waits.
+///
+/// # Panics
+/// As [`encode_png`].
+pub fn encode_png_fastest(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
+    png_with(png::Compression::Fastest, rgb, width, height)
+}
+
+fn png_with(compression: png::Compression, rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
-    encoder.set_compression(png::Compression::Fast);
+    encoder.set_compression(compression);
     let mut writer = encoder
         .write_header()
         .expect("writing to memory does not fail");

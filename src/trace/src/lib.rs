@@ -37,13 +37,16 @@ mod shard;
 mod trace_files;
 mod unpack;
 mod viewer;
+mod webp;
 
 pub use content::content;
 pub use disk::{Disk, DiskFile, LocalDisk};
 pub use doctor::{DoctorReport, Finding, examine};
 pub use error::TraceError;
 pub use files::write_new;
-pub use image::{decode_png, decode_webp, encode_png, encode_png16, encode_webp};
+pub use image::{
+    decode_png, decode_webp, encode_png, encode_png_fastest, encode_png16, encode_webp,
+};
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
 pub use reader::{RecordsReader, Trace};

@@ -39,6 +39,12 @@ pub trait RemoteFs: Send + Sync {
     /// # Errors
     /// Fails if it is not there, or the place cannot be reached.
     fn fetch(&self, name: &str) -> io::Result<PathBuf>;
+
+    /// Begins to bring a file that will be fetched soon, once, by this process. Waits for nothing; what
+    /// goes wrong is said when it is fetched.
+    fn prefetch(&self, name: &str) {
+        let _ = name;
+    }
 }
 
 /// Brings episodes of shards back to the bytes of their traces, by executing them.
@@ -194,6 +200,16 @@ impl TraceFiles {
             Some(name) => self.remote(path)?.fetch(name),
             None => Ok(path.to_owned()),
         }
+    }
+
+    /// Begins to bring files that are not on this machine and will be read soon, each once.
+    pub fn prefetch(&self, paths: &[PathBuf]) {
+        let Some(remote) = &self.remote else { return };
+        paths
+            .iter()
+            .filter(|path| shard::member(path).is_none())
+            .filter_map(|path| url(path))
+            .for_each(|name| remote.prefetch(name));
     }
 
     fn remote(&self, path: &Path) -> io::Result<&dyn RemoteFs> {

@@ -60,7 +60,7 @@ export interface Sound {
 
 export const HEALTH = `SELECT coalesce(v.verdict, 'unverified') AS verdict, count(*) AS episodes
 FROM episodes e LEFT JOIN (
-  SELECT trace_digest, CASE WHEN bool_or(verdict = 'diverged') THEN 'diverged' ELSE min(verdict) END AS verdict
+  SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
   FROM verdicts GROUP BY trace_digest
 ) v ON v.trace_digest = e.trace_digest
 GROUP BY v.verdict`;

@@ -67,7 +67,7 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
         reason(&renewed)
     );
     assert!(
-        reason(&diverging).starts_with("diverged: DIVERGED"),
+        reason(&diverging).starts_with("diverged_without_rgb: DIVERGED"),
         "{}",
         reason(&diverging)
     );
@@ -87,7 +87,7 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
         let row = row["provenance"].as_object().unwrap();
         assert_eq!(
             (row["verdict"].as_str(), row["preset"].as_str()),
-            (Some("exact"), Some("paper"))
+            (Some("exact_without_rgb"), Some("paper"))
         );
         assert_eq!(row["table_version"], store.version());
         assert!(
@@ -110,6 +110,24 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
         4
     );
     assert_eq!(store.verdicts().unwrap().len(), 7);
+    // rows with images need the colours compared, too; those without need no more than that
+    let with_images = ExportOptions {
+        images: true,
+        ..options(Format::Trl)
+    };
+    export(&store, &dir.path().join("images"), &with_images);
+    export(&store, &dir.path().join("again"), &options(Format::Trl));
+    let verdicts = store.verdicts().unwrap();
+    let count = |name| verdicts.iter().filter(|row| row.verdict == name).count();
+    assert_eq!(
+        [
+            count("exact_without_rgb"),
+            count("exact"),
+            count("diverged_without_rgb"),
+            count("diverged")
+        ],
+        [5, 5, 1, 1]
+    );
     let all = ExportOptions {
         allow_unverified: true,
         ..options(Format::Trl)

@@ -40,7 +40,7 @@ pub fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult
 }
 
 fn image(frame: &Frame) -> ContentBlock {
-    let png = reel_trace::encode_png(
+    let png = reel_trace::encode_png_fastest(
         &frame.rgb,
         reel_world::FRAME_WIDTH as u32,
         reel_world::FRAME_HEIGHT as u32,

@@ -109,7 +109,10 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
         if let Some(row) = lock().get(&digest) {
             return Ok(row.clone());
         }
-        let row = row(&reel_replay::verify_catching_panics(&trace), digest);
+        let row = row(
+            &reel_replay::verify_catching_panics(&trace, reel_replay::Detail::Full),
+            digest,
+        );
         lock().insert(digest, row.clone());
         Ok(row)
     })?;

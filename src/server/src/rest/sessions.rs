@@ -10,7 +10,7 @@ use axum::{
 };
 use reel_live::{Lease, LiveError, SessionEntry, check_name};
 use reel_mcp::Worker;
-use reel_trace::encode_png;
+use reel_trace::encode_png_fastest;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -57,7 +57,7 @@ pub(super) async fn frame(
     PathParams(session): PathParams<String>,
 ) -> Result<Response, ApiError> {
     let frame = app.pool.render_frame(&session).await?;
-    let png = encode_png(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
+    let png = encode_png_fastest(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
     Ok((
         [
             (header::CONTENT_TYPE, "image/png"),

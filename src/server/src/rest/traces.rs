@@ -349,7 +349,7 @@ pub(super) async fn replay(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
-        let verdict = reel_replay::verify_catching_panics(&trace);
+        let verdict = reel_replay::verify_catching_panics(&trace, reel_replay::Detail::Full);
         Ok(
             json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "message": verdict.to_string()}),
         )

@@ -5,7 +5,7 @@ use std::{
     fs, io,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, mpsc},
-    time::{Duration, SystemTime},
+    time::{Duration, Instant, SystemTime},
 };
 
 use futures_util::TryStreamExt as _;
@@ -13,7 +13,10 @@ use object_store::{
     GetOptions, ObjectMeta, ObjectStore, ObjectStoreExt as _, PutPayload, WriteMultipart, path,
 };
 use reel_trace::{FileMetadata, Limits, RemoteFs};
-use tokio::runtime::{Builder, Runtime};
+use tokio::{
+    runtime::{Builder, Runtime},
+    sync::Semaphore,
+};
 use url::Url;
 
 use crate::buckets::{BucketError, BucketHandles, Cache};
@@ -22,6 +25,19 @@ use crate::buckets::{BucketError, BucketHandles, Cache};
 const PART_BYTES: usize = 8 << 20;
 /// Parts under way at a time.
 const PARTS_AHEAD: usize = 4;
+
+/// Files that are fetched before somebody asks for them, under way at a time.
+const PREFETCHED_AT_ONCE: usize = 16;
+/// How old a prefetched copy may be: who asks later gets what is there then.
+const PREFETCHED_AGE_MAX: Duration = Duration::from_secs(60);
+
+/// A copy on this machine, and what is known of a file that was brought anew.
+type Fetched = Result<(PathBuf, Option<FileMetadata>), BucketError>;
+
+struct Prefetched {
+    asked: Instant,
+    file: mpsc::Receiver<Fetched>,
+}
 
 /// The buckets that the environment gives access to.
 pub struct Buckets {
@@ -32,6 +48,9 @@ pub struct Buckets {
     /// Of files that were listed or brought here: who goes through a folder asks for
     /// each of them once.
     seen: Mutex<HashMap<String, FileMetadata>>,
+    /// Files that are on their way or here, until somebody asks for them.
+    prefetched: Mutex<HashMap<String, Prefetched>>,
+    prefetching: Arc<Semaphore>,
 }
 
 /// What became of a file that was to be sent.
@@ -54,6 +73,8 @@ impl Buckets {
             cache: Arc::new(cache),
             opened: BucketHandles::default(),
             seen: Mutex::default(),
+            prefetched: Mutex::default(),
+            prefetching: Arc::new(Semaphore::new(PREFETCHED_AT_ONCE)),
         }
     }
 
@@ -119,11 +140,17 @@ impl Buckets {
         name: &str,
         work: impl Future<Output = Result<T, BucketError>> + Send + 'static,
     ) -> Result<T, BucketError> {
-        let failed = |reason: String| BucketError::Store {
-            action: "use the bucket",
-            reason,
-            name: name.to_owned(),
-        };
+        let panicked = || unusable(name, "this is a bug of reel: it panicked".to_owned());
+        let result = self.begin(name, work)?.recv();
+        result.unwrap_or_else(|_| Err(panicked()))
+    }
+
+    /// Runs a request on the threads for buckets; its result comes over the channel.
+    fn begin<T: Send + 'static>(
+        &self,
+        name: &str,
+        work: impl Future<Output = Result<T, BucketError>> + Send + 'static,
+    ) -> Result<mpsc::Receiver<Result<T, BucketError>>, BucketError> {
         if self.runtime.get().is_none() {
             let runtime = Builder::new_multi_thread()
                 .worker_threads(2)
@@ -133,21 +160,39 @@ impl Buckets {
             // of two who come at a time, one starts threads for nothing
             let _ = self
                 .runtime
-                .set(runtime.map_err(|error| failed(error.to_string()))?);
+                .set(runtime.map_err(|error| unusable(name, error.to_string()))?);
         }
         let runtime = self.runtime.get().expect("it was just set");
         let (sender, receiver) = mpsc::sync_channel(1);
         runtime.spawn(async move { drop(sender.send(work.await)) });
-        receiver
-            .recv()
-            .unwrap_or_else(|_| Err(failed("this is a bug of reel: it panicked".to_owned())))
+        Ok(receiver)
     }
 
     fn fetched(&self, name: &str) -> Result<PathBuf, BucketError> {
+        let prefetched = lock(&self.prefetched).remove(name);
+        let prefetched = prefetched
+            .filter(|prefetched| prefetched.asked.elapsed() < PREFETCHED_AGE_MAX)
+            .and_then(|prefetched| prefetched.file.recv().ok()?.ok())
+            // the cache may have made room
+            .filter(|(copy, _)| copy.exists());
+        let (copy, facts) = match prefetched {
+            Some(fetched) => fetched,
+            None => self.wait(name, self.fetching(name)?)?,
+        };
+        if let Some(facts) = facts {
+            lock(&self.seen).insert(name.to_owned(), facts);
+        }
+        Ok(copy)
+    }
+
+    /// Brings a file, unless its copy is what is there.
+    fn fetching(
+        &self,
+        name: &str,
+    ) -> Result<impl Future<Output = Fetched> + Send + use<>, BucketError> {
         let (objects, place) = self.place(name)?;
-        let (cache, name_of) = (self.cache.clone(), name.to_owned());
-        let (copy, facts) = self.wait(name, async move {
-            let name = name_of;
+        let (cache, name) = (self.cache.clone(), name.to_owned());
+        Ok(async move {
             let known = cache.known(&name);
             let options = GetOptions::new()
                 .with_if_none_match(known.as_ref().map(|(known, _)| known.etag.clone()));
@@ -181,11 +226,19 @@ impl Buckets {
                     path: name.into(),
                 })?;
             Ok((copy, Some(facts)))
+        })
+    }
+
+    fn begin_prefetch(&self, name: &str) -> Result<Prefetched, BucketError> {
+        let (fetching, permits) = (self.fetching(name)?, self.prefetching.clone());
+        let file = self.begin(name, async move {
+            let _permit = permits.acquire().await;
+            fetching.await
         })?;
-        if let Some(facts) = facts {
-            lock(&self.seen).insert(name.to_owned(), facts);
-        }
-        Ok(copy)
+        Ok(Prefetched {
+            asked: Instant::now(),
+            file,
+        })
     }
 
     fn facts_of(&self, name: &str) -> Result<FileMetadata, BucketError> {
@@ -244,6 +297,18 @@ impl RemoteFs for Buckets {
     fn fetch(&self, name: &str) -> io::Result<PathBuf> {
         Ok(self.fetched(name)?)
     }
+
+    fn prefetch(&self, name: &str) {
+        let mut prefetched = lock(&self.prefetched);
+        prefetched.retain(|_, file| file.asked.elapsed() < PREFETCHED_AGE_MAX);
+        if prefetched.contains_key(name) {
+            return;
+        }
+        // What cannot be fetched is an error of `fetch`.
+        if let Ok(file) = self.begin_prefetch(name) {
+            prefetched.insert(name.to_owned(), file);
+        }
+    }
 }
 
 impl From<BucketError> for io::Error {
@@ -285,6 +350,14 @@ fn split(name: &str) -> Result<(Url, path::Path), BucketError> {
         url,
         path::Path::parse(place).map_err(|error| wrong(&error.to_string()))?,
     ))
+}
+
+fn unusable(name: &str, reason: String) -> BucketError {
+    BucketError::Store {
+        action: "use the bucket",
+        reason,
+        name: name.to_owned(),
+    }
 }
 
 fn refused(action: &'static str, name: &str, error: &object_store::Error) -> BucketError {

@@ -422,7 +422,7 @@ pub(super) const VERDICTS: &[Column] = columns! {
     must trace_digest: Text, "the trace's chain digest; empty if the file cannot be read";
     must sim_version: Int, "version of the simulator that replayed it";
     must build: Text, "version of Reel that replayed it";
-    must verdict: Text, "`exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`";
+    must verdict: Text, "`exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`; `exact_without_rgb` and `diverged_without_rgb` where no colours were compared";
     must reason: Text, "the finding in words";
 };
 

@@ -35,6 +35,12 @@ const TRACES_PER_BATCH: usize = 16;
 /// Batches read ahead at a time.
 const BATCHES_AHEAD: usize = 16;
 
+/// An ingest of at most so many traces looks for them in the store; a larger one reads what the
+/// store holds first, which takes about 110 bytes of memory an episode.
+const LOOKED_UP_MAX: usize = 256;
+/// Looking up pays in stores of so many times as many episodes.
+const EPISODES_PER_LOOKUP: usize = 100;
+
 /// Called with (files done, files in all) from several threads.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
@@ -53,7 +59,8 @@ pub struct IngestReport {
     pub version: u64,
 }
 
-/// What the store holds.
+/// What the store holds: all of it, or what concerns the traces of one small ingest.
+#[derive(Default)]
 struct StoreContents {
     /// Trace digest by episode id.
     episodes: HashMap<Key, Key>,
@@ -63,6 +70,10 @@ struct StoreContents {
     paths: HashMap<Key, Key>,
     tasks: HashSet<Key>,
     scenes: HashSet<Key>,
+    /// Whether it is all; else episodes are looked up as their ids become known.
+    whole: bool,
+    /// The version of the store that holds it.
+    version: u64,
 }
 
 /// What waits to be committed.
@@ -92,7 +103,11 @@ impl Store {
             TRACES_PER_BATCH,
             progress,
             |groups, seen, done, take| {
-                let reader = RecordsReader::new(files);
+                let reader = RecordsReader::new(files.clone());
+                let prefetch = |groups: Option<&[Vec<PathBuf>]>| {
+                    let groups = groups.into_iter().flatten();
+                    groups.for_each(|group| files.prefetch(group));
+                };
                 let read = |group: &Vec<PathBuf>| {
                     let rows = TraceRows::read(&reader, group, &seen);
                     done(group.len());
@@ -101,9 +116,12 @@ impl Store {
                 std::thread::scope(|scope| {
                     let (sender, receiver) =
                         mpsc::sync_channel::<Vec<Result<TraceRows, StoreError>>>(1);
-                    let read = &read;
+                    let (read, prefetch) = (&read, &prefetch);
                     scope.spawn(move || {
-                        for ahead in groups.chunks(BATCHES_AHEAD) {
+                        let mut chunks = groups.chunks(BATCHES_AHEAD).peekable();
+                        prefetch(chunks.peek().copied());
+                        while let Some(ahead) = chunks.next() {
+                            prefetch(chunks.peek().copied());
                             if sender.send(ahead.par_iter().map(read).collect()).is_err() {
                                 return;
                             }
@@ -138,7 +156,7 @@ impl Store {
             .iter()
             .map(|path| absolute(path).unwrap_or_else(|_| path.clone()))
             .collect();
-        let mut known = self.known()?;
+        let mut known = self.known(&paths)?;
         let mut report = IngestReport::default();
         let fresh: Vec<PathBuf> = paths
             .iter()
@@ -160,13 +178,13 @@ impl Store {
         read(&groups, seen, &more, &mut |rows| {
             portion.push(rows);
             if portion.bytes >= PORTION_BYTES {
-                self.take(
-                    std::mem::take(&mut portion),
-                    &paths,
-                    &mut known,
-                    &mut report,
-                )?;
-                self.merge_small_files(Merge::INGESTED)?;
+                let full = std::mem::take(&mut portion);
+                self.take(full, &paths, &mut known, &mut report)?;
+                // Merges change no row; a version that is not theirs is another writer's.
+                let merged = self.merge_small_files(Merge::INGESTED)?;
+                if known.version + merged == self.version() {
+                    known.version = self.version();
+                }
             }
             Ok(())
         })?;
@@ -193,11 +211,15 @@ impl Store {
         report: &mut IngestReport,
     ) -> Result<(), StoreError> {
         for _ in 0..TRIES_MAX {
+            if known.version != self.version() {
+                *known = self.known(paths)?;
+            }
             let mut attempt = report.clone();
             match self.try_take(&portion, paths, known, &mut attempt) {
-                Ok(changed) => {
+                Ok(committed) => {
                     *report = attempt;
-                    if changed {
+                    if let Some(version) = committed {
+                        known.version = version;
                         self.reload()?;
                     }
                     return Ok(());
@@ -205,7 +227,8 @@ impl Store {
                 Err(Refused::Failed(error)) => return Err(error),
                 Err(Refused::Conflict) => {
                     self.reload()?;
-                    *known = self.known()?;
+                    // of no version: what was taken over from the failed try is forgotten
+                    known.version = u64::MAX;
                 }
             }
         }
@@ -215,14 +238,17 @@ impl Store {
         })
     }
 
-    /// Whether something had to be written.
+    /// The version that was committed, if something had to be written.
     fn try_take(
         &mut self,
         portion: &Portion,
         paths: &BTreeSet<PathBuf>,
         known: &mut StoreContents,
         report: &mut IngestReport,
-    ) -> Result<bool, Refused> {
+    ) -> Result<Option<u64>, Refused> {
+        if !known.whole {
+            self.look_up("episode_id", &portion.ids(|_| true), known)?;
+        }
         let verdicts = self.judge(portion, paths, known, report)?;
         let mut moved = BTreeMap::new();
         for (table, have) in [(Table::Tasks, &known.tasks), (Table::Scenes, &known.scenes)] {
@@ -253,15 +279,17 @@ impl Store {
             actions.extend(self.write_parts(&self.tables[&Table::Episodes], rows)?);
         }
         if actions.is_empty() && moved.is_empty() {
-            return Ok(false);
+            return Ok(None);
         }
-        self.commit_episodes(actions, &moved)?;
+        let version = self.commit_episodes(actions, &moved)?;
         for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
             for (read, _) in batch.read.iter().zip(keep).filter(|(_, keep)| **keep) {
                 known
                     .episodes
                     .insert(key(&read.episode_id), key(&read.digest));
                 known.paths.insert(key(&read.path), key(&read.episode_id));
+                let file = file_key(&self.trace_files, Path::new(&read.path));
+                known.files.insert(file);
             }
             known
                 .tasks
@@ -270,7 +298,7 @@ impl Store {
                 .scenes
                 .extend(batch.scenes.iter().map(|(scene, _)| *scene));
         }
-        Ok(true)
+        Ok(Some(version))
     }
 
     /// Which rows of a portion go in, and whose rows they replace.
@@ -303,31 +331,32 @@ impl Store {
                 {
                     verdicts.overwritten.insert(read.path.clone());
                 }
+                let stored = same_content.get(&read.episode_id);
                 match known.episodes.get(&key(&read.episode_id)) {
                     // the trace was moved, its old file is another one by now, or its file holds
                     // more beside the records (frames, log-probabilities): its row learns where
                     // and how it is
                     Some(digest)
                         if *digest == key(&read.digest)
-                            && same_content.get(&read.episode_id).is_some_and(
-                                |(path, bytes)| match *path == read.path {
-                                    true => self
-                                        .trace_files
-                                        .metadata(Path::new(path))
-                                        .is_ok_and(|facts| facts.bytes != *bytes),
-                                    false => !known
-                                        .files
-                                        .contains(&file_key(&self.trace_files, Path::new(path))),
-                                },
-                            ) =>
+                            && stored.is_some_and(|(path, bytes)| match *path == read.path {
+                                true => self
+                                    .trace_files
+                                    .metadata(Path::new(path))
+                                    .is_ok_and(|facts| facts.bytes != *bytes),
+                                false => !known
+                                    .files
+                                    .contains(&file_key(&self.trace_files, Path::new(path))),
+                            }) =>
                     {
                         other_content.insert(read.episode_id.clone());
                     }
-                    Some(digest) if *digest == key(&read.digest) => {
+                    Some(digest) if *digest == key(&read.digest) && stored.is_some() => {
                         verdicts.keep[index][row] = false;
                         report.unchanged += 1;
                         continue;
                     }
+                    // its row went when another episode took its file, in an earlier portion
+                    Some(digest) if *digest == key(&read.digest) => {}
                     Some(_) => {
                         other_content.insert(read.episode_id.clone());
                     }
@@ -402,16 +431,21 @@ impl Store {
         if rows.is_empty() {
             return Ok(None);
         }
-        // what a writer left that died before its episodes
         let newest = self.newest(table)?;
-        let there = self.keys(&newest, column_of(table))?;
+        let wanted = rows.values().map(|row| {
+            let digest = row[column_of(table)].as_string::<i32>();
+            digest.value(0).to_owned()
+        });
+        let there = self.keys(&newest, column_of(table), Some(&wanted.collect()))?;
         let missing: Vec<&RecordBatch> = rows
             .iter()
             .filter(|(digest, _)| !there.contains(digest))
             .map(|(_, row)| row)
             .collect();
         if missing.is_empty() {
-            return Ok(newest.version());
+            // A writer may have died between this table and its episodes, which do not name it then.
+            let named = self.tables[&table].version();
+            return Ok(newest.version().filter(|newest| Some(*newest) != named));
         }
         let actions = self.write_parts(&newest, vec![concat_batches(&table.schema(), missing)?])?;
         self.commit_side(&newest, actions).map(Some)
@@ -480,17 +514,15 @@ impl Store {
         let table = &self.tables[&Table::Episodes];
         let parts = self.parts(Table::Episodes);
         let mut touched = BTreeSet::new();
-        self.read_parts(
-            table,
-            &parts,
-            Some(&["episode_id", "trace"]),
-            |index, batch| {
+        for lookup in [("episode_id", episodes), ("trace", files)] {
+            let columns = ["episode_id", "trace"];
+            self.read_parts_with(table, &parts, lookup, Some(&columns), |index, batch| {
                 if goes(&batch).contains(&true) {
                     touched.insert(index);
                 }
                 Ok(())
-            },
-        )?;
+            })?;
+        }
         for (_, part) in parts
             .into_iter()
             .enumerate()
@@ -511,65 +543,74 @@ impl Store {
         Ok(actions)
     }
 
-    fn known(&self) -> Result<StoreContents, StoreError> {
-        let (mut episodes, mut files, mut paths) = (HashMap::new(), HashSet::new(), HashMap::new());
-        let columns = [
-            "episode_id",
-            "trace_digest",
-            "trace",
-            "trace_bytes",
-            "trace_modified_ns",
-        ];
-        self.read_parts(
-            &self.tables[&Table::Episodes],
-            &self.parts(Table::Episodes),
-            Some(&columns),
-            |_, batch| {
-                let text = |column: &str| batch[column].as_string::<i32>();
-                let number = |column: &str| batch[column].as_primitive::<Int64Type>();
-                for row in 0..batch.num_rows() {
-                    episodes.insert(
-                        key(text("episode_id").value(row)),
-                        key(text("trace_digest").value(row)),
-                    );
-                    let (bytes, modified_ns) = (
-                        number("trace_bytes").value(row),
-                        number("trace_modified_ns").value(row),
-                    );
-                    paths.insert(
-                        key(text("trace").value(row)),
-                        key(text("episode_id").value(row)),
-                    );
-                    files.insert(identity(
-                        text("trace").value(row),
-                        bytes as u64,
-                        modified_ns,
-                    ));
-                }
+    /// What the store holds of some traces before they are read.
+    fn known(&self, paths: &BTreeSet<PathBuf>) -> Result<StoreContents, StoreError> {
+        let parts = self.parts(Table::Episodes);
+        let episodes: usize = parts.iter().map(|part| part.rows).sum();
+        let mut known = StoreContents {
+            version: self.version(),
+            whole: paths.len() > LOOKED_UP_MAX || episodes < paths.len() * EPISODES_PER_LOOKUP,
+            ..StoreContents::default()
+        };
+        if known.whole {
+            let table = &self.tables[&Table::Episodes];
+            self.read_parts(table, &parts, Some(&CONTENT_COLUMNS), |_, batch| {
+                (0..batch.num_rows()).for_each(|row| known.take_row(&batch, row));
                 Ok(())
-            },
-        )?;
-        let tasks = self.keys(&self.tables[&Table::Tasks], column_of(Table::Tasks))?;
-        let scenes = self.keys(&self.tables[&Table::Scenes], column_of(Table::Scenes))?;
-        Ok(StoreContents {
-            episodes,
-            files,
-            paths,
-            tasks,
-            scenes,
-        })
+            })?;
+            for (table, keys) in [
+                (Table::Tasks, &mut known.tasks),
+                (Table::Scenes, &mut known.scenes),
+            ] {
+                *keys = self.keys(&self.tables[&table], column_of(table), None)?;
+            }
+        } else {
+            let traces = paths.iter().map(|path| path.display().to_string());
+            self.look_up("trace", &traces.collect(), &mut known)?;
+        }
+        Ok(known)
     }
 
+    /// Adds the episodes whose `column` is one of some texts.
+    fn look_up(
+        &self,
+        column: &str,
+        texts: &BTreeSet<String>,
+        known: &mut StoreContents,
+    ) -> Result<(), StoreError> {
+        self.read_parts_with(
+            &self.tables[&Table::Episodes],
+            &self.parts(Table::Episodes),
+            (column, texts),
+            Some(&CONTENT_COLUMNS),
+            |_, batch| {
+                let column = batch[column].as_string::<i32>();
+                (0..batch.num_rows())
+                    .filter(|row| texts.contains(column.value(*row)))
+                    .for_each(|row| known.take_row(&batch, row));
+                Ok(())
+            },
+        )
+    }
+
+    /// The keys of a table, or which of some texts are among them.
     fn keys(
         &self,
         table: &deltalake::DeltaTable,
         column: &str,
+        among: Option<&BTreeSet<String>>,
     ) -> Result<HashSet<Key>, StoreError> {
         let mut keys = HashSet::new();
-        self.read_parts(table, &parts(table), Some(&[column]), |_, batch| {
+        let take = |_, batch: RecordBatch| {
             keys.extend(batch[column].as_string::<i32>().iter().flatten().map(key));
             Ok(())
-        })?;
+        };
+        match among {
+            Some(texts) => {
+                self.read_parts_with(table, &parts(table), (column, texts), Some(&[column]), take)?
+            }
+            None => self.read_parts(table, &parts(table), Some(&[column]), take)?,
+        }
         Ok(keys)
     }
 
@@ -579,13 +620,10 @@ impl Store {
         episodes: &BTreeSet<String>,
     ) -> Result<HashMap<String, (String, u64)>, StoreError> {
         let mut traces = HashMap::new();
-        if episodes.is_empty() {
-            return Ok(traces);
-        }
-        let table = &self.tables[&Table::Episodes];
-        self.read_parts(
-            table,
+        self.read_parts_with(
+            &self.tables[&Table::Episodes],
             &self.parts(Table::Episodes),
+            ("episode_id", episodes),
             Some(&["episode_id", "trace", "trace_bytes"]),
             |_, batch| {
                 let (ids, files) = (
@@ -626,6 +664,30 @@ impl Store {
             Ok(())
         })?;
         Ok(files)
+    }
+}
+
+/// What an ingest looks at of a row of `episodes`.
+const CONTENT_COLUMNS: [&str; 5] = [
+    "episode_id",
+    "trace_digest",
+    "trace",
+    "trace_bytes",
+    "trace_modified_ns",
+];
+
+impl StoreContents {
+    fn take_row(&mut self, batch: &RecordBatch, row: usize) {
+        let text = |column: &str| batch[column].as_string::<i32>().value(row);
+        let number = |column: &str| batch[column].as_primitive::<Int64Type>().value(row);
+        let (episode, trace) = (key(text("episode_id")), text("trace"));
+        self.episodes.insert(episode, key(text("trace_digest")));
+        self.paths.insert(key(trace), episode);
+        self.files.insert(identity(
+            trace,
+            number("trace_bytes") as u64,
+            number("trace_modified_ns"),
+        ));
     }
 }
 

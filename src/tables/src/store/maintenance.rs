@@ -87,8 +87,9 @@ impl Store {
         Ok(report)
     }
 
-    /// Merges the small files of tables that have enough of them.
-    pub(super) fn merge_small_files(&mut self, merge: Merge) -> Result<(), StoreError> {
+    /// Merges the small files of tables that have enough of them; by how many versions of the store.
+    pub(super) fn merge_small_files(&mut self, merge: Merge) -> Result<u64, StoreError> {
+        let mut versions = 0;
         for table in Table::ALL {
             for _ in 0..TRIES_MAX {
                 let mut small = self.parts(table);
@@ -97,7 +98,10 @@ impl Store {
                     break;
                 }
                 match self.try_merge(table, small, merge) {
-                    Ok(_) => self.reload()?,
+                    Ok(_) => {
+                        versions += u64::from(!UNBOUND.contains(&table));
+                        self.reload()?;
+                    }
                     Err(Refused::Conflict) => {
                         self.reload()?;
                         // a writer that was killed left a commit that nothing names yet: the next
@@ -110,7 +114,7 @@ impl Store {
                 }
             }
         }
-        Ok(())
+        Ok(versions)
     }
 
     fn try_merge(&self, table: Table, small: Vec<Part>, merge: Merge) -> Result<u64, Refused> {

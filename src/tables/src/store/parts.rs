@@ -1,7 +1,7 @@
 //! Reading and writing the Parquet files of a table: the mechanics
 //! of [`super::Store`]. Decides nothing.
 
-use std::{io::Cursor, sync::Arc};
+use std::{collections::BTreeSet, io::Cursor, sync::Arc};
 
 use arrow::array::RecordBatch;
 use deltalake::{
@@ -15,7 +15,10 @@ use object_store::ObjectStoreExt as _;
 use parquet::{
     arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask, async_reader::AsyncFileReader},
     basic::{Compression, ZstdLevel},
+    bloom_filter::Sbbf,
+    errors::ParquetError,
     file::properties::WriterProperties,
+    schema::types::ColumnPath,
 };
 
 use super::{Store, StoreError};
@@ -32,8 +35,16 @@ const ROWS_AT_A_TIME: usize = 256;
 /// Files up to this size are read at once, in bytes.
 const WHOLE_BYTES_MAX: u64 = 16 << 20;
 
+/// How often a Bloom filter says of a text that is not there that it may be.
+const FALSE_POSITIVES: f64 = 0.01;
+
 /// No file of a table grows beyond this, in bytes.
 const FILE_BYTES_MAX: u64 = 256 << 20;
+
+/// Columns by which single rows are looked up: they get Bloom filters.
+const KEYS: [&str; 4] = ["episode_id", "trace", "task_digest", "scene_digest"];
+
+type PartReader = ParquetRecordBatchStreamBuilder<Box<dyn AsyncFileReader>>;
 
 /// How many small files make a merge, and what it writes.
 #[derive(Clone, Copy, Debug)]
@@ -67,8 +78,18 @@ pub(super) struct Part {
     /// When the file was written, in milliseconds since 1970.
     pub written_ms: i64,
     pub size: u64,
+    pub rows: usize,
     /// The action that takes it out of the table.
     pub remove: Remove,
+}
+
+impl Part {
+    fn failed(&self, source: ParquetError) -> StoreError {
+        StoreError::Parquet {
+            source,
+            path: self.path.clone(),
+        }
+    }
 }
 
 impl Store {
@@ -123,47 +144,80 @@ impl Store {
         columns: Option<&[&str]>,
         mut take: impl FnMut(usize, RecordBatch) -> Result<(), StoreError>,
     ) -> Result<(), StoreError> {
-        let objects = table.log_store().object_store(None);
         for (index, part) in parts.iter().enumerate() {
-            let failed = |source| StoreError::Parquet {
-                source,
-                path: part.path.clone(),
-            };
-            let path = object_store::path::Path::parse(&part.path).map_err(|error| {
-                StoreError::Location {
-                    reason: error.to_string(),
-                    location: part.path.clone(),
-                }
-            })?;
-            let reader: Box<dyn AsyncFileReader> = if part.size <= WHOLE_BYTES_MAX {
-                // one request, where each column would be one
-                let bytes = self
-                    .runtime
-                    .block_on(async { objects.get(&path).await?.bytes().await });
-                Box::new(Cursor::new(
-                    bytes.map_err(|error| self.delta(error.into()))?,
-                ))
-            } else {
-                Box::new(
-                    ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size),
-                )
-            };
-            let mut builder = self
+            let reader = self.open_part(table, part)?;
+            self.read_part(part, reader, columns, |batch| take(index, batch))?;
+        }
+        Ok(())
+    }
+
+    /// [`Store::read_parts`] where only rows are wanted whose `column` is one of some texts: row
+    /// groups that hold none of them, says their Bloom filter, are left out. `take` gets the other
+    /// rows of a group, too.
+    pub(super) fn read_parts_with(
+        &self,
+        table: &DeltaTable,
+        parts: &[Part],
+        (column, texts): (&str, &BTreeSet<String>),
+        columns: Option<&[&str]>,
+        mut take: impl FnMut(usize, RecordBatch) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        if texts.is_empty() {
+            return Ok(());
+        }
+        for (index, part) in parts.iter().enumerate() {
+            let mut reader = self.open_part(table, part)?;
+            let groups = self
                 .runtime
-                .block_on(ParquetRecordBatchStreamBuilder::new(reader))
-                .map_err(failed)?;
-            if let Some(columns) = columns {
-                let mask =
-                    ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
-                builder = builder.with_projection(mask);
-            }
-            let mut stream = builder
-                .with_batch_size(ROWS_AT_A_TIME)
-                .build()
-                .map_err(failed)?;
-            while let Some(batch) = self.runtime.block_on(stream.next()) {
-                take(index, batch.map_err(failed)?)?;
-            }
+                .block_on(groups_with(&mut reader, column, texts));
+            let groups = groups.map_err(|error| part.failed(error))?;
+            self.read_part(part, reader.with_row_groups(groups), columns, |batch| {
+                take(index, batch)
+            })?;
+        }
+        Ok(())
+    }
+
+    fn open_part(&self, table: &DeltaTable, part: &Part) -> Result<PartReader, StoreError> {
+        let objects = table.log_store().object_store(None);
+        let path =
+            object_store::path::Path::parse(&part.path).map_err(|error| StoreError::Location {
+                reason: error.to_string(),
+                location: part.path.clone(),
+            })?;
+        let reader: Box<dyn AsyncFileReader> = if part.size <= WHOLE_BYTES_MAX {
+            // one request, where each column would be one
+            let bytes = self
+                .runtime
+                .block_on(async { objects.get(&path).await?.bytes().await });
+            Box::new(Cursor::new(
+                bytes.map_err(|error| self.delta(error.into()))?,
+            ))
+        } else {
+            Box::new(ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size))
+        };
+        self.runtime
+            .block_on(ParquetRecordBatchStreamBuilder::new(reader))
+            .map_err(|error| part.failed(error))
+    }
+
+    fn read_part(
+        &self,
+        part: &Part,
+        mut reader: PartReader,
+        columns: Option<&[&str]>,
+        mut take: impl FnMut(RecordBatch) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        if let Some(columns) = columns {
+            let mask = ProjectionMask::columns(reader.parquet_schema(), columns.iter().copied());
+            reader = reader.with_projection(mask);
+        }
+        let mut stream = reader
+            .with_batch_size(ROWS_AT_A_TIME)
+            .build()
+            .map_err(|error| part.failed(error))?;
+        while let Some(batch) = self.runtime.block_on(stream.next()) {
+            take(batch.map_err(|error| part.failed(error))?)?;
         }
         Ok(())
     }
@@ -213,14 +267,51 @@ impl Store {
         rows_per_group: usize,
     ) -> Result<RecordBatchWriter, StoreError> {
         let writer = RecordBatchWriter::for_table(table).map_err(|error| self.delta(error))?;
-        let properties = WriterProperties::builder()
+        let mut properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .set_max_row_group_row_count(Some(rows_per_group))
-            .build();
+            .set_max_row_group_row_count(Some(rows_per_group));
+        let schema = table
+            .snapshot()
+            .map_err(|error| self.delta(error))?
+            .schema();
+        for key in KEYS.into_iter().filter(|key| schema.field(key).is_some()) {
+            let column = ColumnPath::from(key);
+            properties = properties
+                .set_column_bloom_filter_fpp(column.clone(), FALSE_POSITIVES)
+                .set_column_bloom_filter_max_ndv(column, rows_per_group as u64);
+        }
+        let properties = properties.build();
         Ok(writer
             .with_writer_properties(properties)
             .with_target_file_size(FILE_BYTES_MAX))
     }
+}
+
+/// The row groups whose `column` may hold one of some texts. Files of before have no Bloom filters:
+/// all of theirs.
+async fn groups_with(
+    reader: &mut PartReader,
+    column: &str,
+    texts: &BTreeSet<String>,
+) -> Result<Vec<usize>, ParquetError> {
+    let mut columns = reader.parquet_schema().columns().iter();
+    let column = columns.position(|leaf| leaf.path().string() == column);
+    let mut groups = Vec::new();
+    for group in 0..reader.metadata().num_row_groups() {
+        let filter = match column {
+            Some(column) => {
+                reader
+                    .get_row_group_column_bloom_filter(group, column)
+                    .await?
+            }
+            None => None,
+        };
+        let may_hold = |filter: Sbbf| texts.iter().any(|text| filter.check(text.as_str()));
+        if filter.is_none_or(may_hold) {
+            groups.push(group);
+        }
+    }
+    Ok(groups)
 }
 
 pub(super) fn parts(table: &DeltaTable) -> Vec<Part> {
@@ -231,6 +322,7 @@ pub(super) fn parts(table: &DeltaTable) -> Vec<Part> {
         path: file.object_store_path().to_string(),
         written_ms: file.modification_time(),
         size: file.size().max(0) as u64,
+        rows: file.num_records().unwrap_or_default(),
         remove: file.remove_action(true),
     };
     let mut parts: Vec<Part> = state.log_data().into_iter().map(part).collect();

@@ -86,6 +86,7 @@ impl TraceRows {
             tasks: vec![],
             scenes: vec![],
         };
+        reader.files().prefetch(paths);
         for path in paths {
             if path.to_str().is_none() {
                 rows.bad

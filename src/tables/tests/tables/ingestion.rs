@@ -234,6 +234,83 @@ fn two_ingests_at_a_time_lose_nothing_and_double_nothing() {
     );
 }
 
+/// Files that are written, replaced, moved, copied, exchanged and removed at random: a large store,
+/// in which traces are looked up, says and holds the same as a small one, whose contents are read.
+#[test]
+fn a_large_store_takes_traces_as_a_small_one_does() {
+    const SYNTHETIC: usize = 450;
+    const FILES: [&str; 4] = ["a.mcap", "b.mcap", "c.mcap", "d.mcap"];
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let variants: Vec<PathBuf> = (0..4)
+        .map(|variant| {
+            let mut play = success("oracle", Family::FDP, variant / 2);
+            if variant % 2 == 1 {
+                play = play.thinking(Default::default());
+            }
+            play.record_as(&path(&format!("variant-{variant}")), Images::None)
+        })
+        .collect();
+    let mut small = Store::open_or_create(path("small")).unwrap();
+    let mut large = Store::open_or_create(path("large")).unwrap();
+    let play = success("oracle", Family::FDP, 1);
+    reel_tables::synthesize(
+        &mut large,
+        &[play.task.into()],
+        &play.scene,
+        SYNTHETIC as u64,
+        1,
+        |_| (),
+    )
+    .unwrap();
+    let synthetic = traces(&large);
+    let mut random = 7_u64;
+    let mut draw = |below: usize| {
+        random = random
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (random >> 33) as usize % below
+    };
+    for round in 0..40 {
+        let (one, other) = (path(FILES[draw(4)]), path(FILES[draw(4)]));
+        match draw(6) {
+            0 | 1 => drop(fs::copy(&variants[draw(4)], &one).unwrap()),
+            2 => drop(fs::rename(&one, &other)),
+            3 => drop(fs::copy(&one, &other)),
+            4 => {
+                let between = path("between");
+                for (from, to) in [(&one, &between), (&other, &one), (&between, &other)] {
+                    drop(fs::rename(from, to));
+                }
+            }
+            _ => drop(fs::remove_file(&one)),
+        }
+        let there: Vec<PathBuf> = FILES
+            .iter()
+            .map(|name| path(name))
+            .filter(|path| path.exists() && draw(4) > 0)
+            .collect();
+        let before = [small.version(), large.version()];
+        assert_eq!(
+            ingest(&mut small, &there),
+            ingest(&mut large, &there),
+            "round {round}"
+        );
+        assert_eq!(
+            small.version() == before[0],
+            large.version() == before[1],
+            "round {round}: whether there was anything to commit"
+        );
+        let mut held = traces(&large);
+        held.retain(|trace| !synthetic.contains(trace));
+        assert_eq!(held, traces(&small), "round {round}");
+        assert_eq!(
+            rows(&large, Table::Episodes),
+            SYNTHETIC + rows(&small, Table::Episodes)
+        );
+    }
+}
+
 /// What another machine reads goes in as if it had been read here.
 #[test]
 fn rows_survive_the_way_from_another_machine() {
