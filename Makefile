@@ -95,7 +95,7 @@ scale: ## ten million synthetic episodes: made, compacted, asked; and read by th
 cluster: ## scheduler and executors on machines of their own, with a bucket: same answers, node failure, growth (needs Python; half an hour)
 	tests/cluster/run.sh
 
-load: ## a thousand sessions in one server, 200 acting, beside a server that does nothing (ten minutes)
+load: ## a thousand agents acting in one server, beside a server that does nothing and a simulator alone (fifteen minutes)
 	tests/load.sh
 
 prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)

@@ -319,6 +319,37 @@ export async function odd_traces_are_told(browser) {
   }, { expected });
 }
 
+/** Addresses that are written wrongly, or by what the tables know, lead somewhere; nothing found is no dead end. */
+export async function every_address_leads_on(browser, { trace }) {
+  const expected = ["400", "404"];
+  for (const address of ["/episodes/%zz", "/episodes/there-is-none"]) {
+    await onPage(browser, async (page) => {
+      await visit(page, address);
+      await page.getByRole("link", { name: "All episodes" }).click();
+      await page.getByRole("heading", { name: "Episodes", exact: true }).waitFor();
+    }, { expected });
+  }
+  await onPage(browser, async (page) => {
+    const [row] = await sql(`SELECT episode_id FROM episodes WHERE trace LIKE '%/${trace}.mcap'`);
+    await visit(page, `/episodes/${row.episode_id}?step=1`);
+    await page.locator("button[aria-current=step]").waitFor();
+    const { pathname } = new URL(page.url());
+    assert(pathname === `/episodes/${trace}` && parameter(page, "step") === "1", page.url());
+  }, { expected });
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    const order = page.getByRole("button", { name: "Ordered by Recorded" });
+    assert((await order.innerText()).trim() === "↓", "the order of the list is not shown");
+    await visit(page, "/episodes?where=length+%3C+0");
+    await page.getByRole("heading", { name: "No episode is like that" }).waitFor();
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    await until(async () => (await filters.getByRole("heading").count()) > 2, "the filters stay");
+    // Long names leave room for the count.
+    const counts = await filters.locator("button").evaluateAll((buttons) => buttons.filter((button) => button.scrollWidth > button.clientWidth).length);
+    assert(!counts, `${counts} counts of filters are cut`);
+  });
+}
+
 /** Traces are named by the table as files, and by pages as names. */
 export async function every_decisive_moment_has_a_page(browser) {
   const failed = await sql("SELECT e.trace, b.step FROM episodes e JOIN blame b USING (episode_id) WHERE NOT e.success AND b.step IS NOT NULL");

@@ -1,5 +1,5 @@
 /** The list of episodes in SQL: what a row is, what can be chosen, and how the choice becomes conditions. */
-import { traceName } from "./api";
+import { sql, traceName } from "./api";
 import { link } from "./route.svelte";
 
 /** A row that every list of episodes has. */
@@ -87,4 +87,14 @@ export function where(choice: Choice, clause = ""): string {
 /** The page of an episode, at a step where one is known. */
 export function episodeLink(trace: string, step?: number | null): string {
   return link(`/episodes/${encodeURIComponent(traceName(trace))}`, { step });
+}
+
+/** The trace of an episode that is named by its id; null where the tables have none, or there are no tables. */
+export async function traceOf(id: string, signal: AbortSignal): Promise<string | null> {
+  try {
+    const [row] = await sql<{ trace: string }>("SELECT trace FROM episodes WHERE episode_id = $id", { id }, signal);
+    return row?.trace ?? null;
+  } catch {
+    return null;
+  }
 }

@@ -13,7 +13,7 @@ class Route {
 
   /** Parts of the path: ["episodes", "<trace>"]. */
   get parts(): string[] {
-    return this.path.split("/").filter(Boolean).map(decodeURIComponent);
+    return this.path.split("/").filter(Boolean).map(decoded);
   }
 
   /** Goes to a page of ours. */
@@ -37,9 +37,24 @@ class Route {
     this.read();
   }
 
+  /** Another address of the page that is shown already. */
+  correct(address: string): void {
+    history.replaceState(null, "", address);
+    this.read();
+  }
+
   read(): void {
     this.path = location.pathname;
     this.search = location.search;
+  }
+}
+
+/** A part of an address; one that is written wrongly (`%zz`) stands for itself. */
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
   }
 }
 

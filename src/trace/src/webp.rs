@@ -487,7 +487,7 @@ mod tests {
 
     use super::*;
 
-    /// What `image-webp` writes.
+    /// The bytes that `image-webp` writes for the same pixels.
     fn reference(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
         let mut bytes = Vec::new();
         image_webp::WebPEncoder::new(&mut bytes)
