@@ -141,7 +141,7 @@ awk -v bare="$bare" '
   { met = $5 <= 250 }
   END {
     printf "calls a second with p99 <= 250 ms: %s%.1f; without a server, on all cores: %.1f; ratio %.2f (goal 0.8)\n",
-      met ? "at least " : "", most, bare, bare > 0 ? most / bare : 0
+      (met ? "at least " : ""), most, bare, (bare > 0 ? most / bare : 0)
     if (met) print "more agents, or a shorter THINK, would show how many it bears"
   }
 ' "$work/levels"
