@@ -13,15 +13,15 @@ use std::{
 use arrow::{
     array::{AsArray, BooleanArray, RecordBatch},
     compute::{concat_batches, filter_record_batch},
-    datatypes::Int64Type,
 };
 use deltalake::kernel::Action;
 use rayon::prelude::*;
-use reel_trace::{RecordsReader, TraceFiles};
+use reel_trace::RecordsReader;
 use serde::Serialize;
 
 use super::{
-    Refused, SIDE, Store, StoreError, TRIES_MAX,
+    Refused, Store, StoreError, TRIES_MAX,
+    contents::{StoreContents, column_of, file_key},
     location::absolute,
     parts::{Merge, parts},
     reading::{DocumentSet, Key, TraceKey, TraceRows, key},
@@ -34,12 +34,6 @@ const PORTION_BYTES: usize = 48 << 20;
 const TRACES_PER_BATCH: usize = 16;
 /// Batches read ahead at a time.
 const BATCHES_AHEAD: usize = 16;
-
-/// An ingest of at most so many traces looks for them in the store; a larger one reads what the
-/// store holds first, which takes about 110 bytes of memory an episode.
-const LOOKED_UP_MAX: usize = 256;
-/// Looking up pays in stores of so many times as many episodes.
-const EPISODES_PER_LOOKUP: usize = 100;
 
 /// Called with (files done, files in all) from several threads.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
@@ -57,23 +51,6 @@ pub struct IngestReport {
     pub quarantined: Vec<(PathBuf, String)>,
     /// The store's version afterwards.
     pub version: u64,
-}
-
-/// What the store holds: all of it, or what concerns the traces of one small ingest.
-#[derive(Default)]
-struct StoreContents {
-    /// Trace digest by episode id.
-    episodes: HashMap<Key, Key>,
-    /// Files as they were when they were read.
-    files: HashSet<Key>,
-    /// Episode by the path of its trace.
-    paths: HashMap<Key, Key>,
-    tasks: HashSet<Key>,
-    scenes: HashSet<Key>,
-    /// Whether it is all; else episodes are looked up as their ids become known.
-    whole: bool,
-    /// The version of the store that holds it.
-    version: u64,
 }
 
 /// What waits to be committed.
@@ -543,109 +520,6 @@ impl Store {
         Ok(actions)
     }
 
-    /// What the store holds of some traces before they are read.
-    fn known(&self, paths: &BTreeSet<PathBuf>) -> Result<StoreContents, StoreError> {
-        let parts = self.parts(Table::Episodes);
-        let episodes: usize = parts.iter().map(|part| part.rows).sum();
-        let mut known = StoreContents {
-            version: self.version(),
-            whole: paths.len() > LOOKED_UP_MAX || episodes < paths.len() * EPISODES_PER_LOOKUP,
-            ..StoreContents::default()
-        };
-        if known.whole {
-            let table = &self.tables[&Table::Episodes];
-            self.read_parts(table, &parts, Some(&CONTENT_COLUMNS), |_, batch| {
-                (0..batch.num_rows()).for_each(|row| known.take_row(&batch, row));
-                Ok(())
-            })?;
-            for (table, keys) in [
-                (Table::Tasks, &mut known.tasks),
-                (Table::Scenes, &mut known.scenes),
-            ] {
-                *keys = self.keys(&self.tables[&table], column_of(table), None)?;
-            }
-        } else {
-            let traces = paths.iter().map(|path| path.display().to_string());
-            self.look_up("trace", &traces.collect(), &mut known)?;
-        }
-        Ok(known)
-    }
-
-    /// Adds the episodes whose `column` is one of some texts.
-    fn look_up(
-        &self,
-        column: &str,
-        texts: &BTreeSet<String>,
-        known: &mut StoreContents,
-    ) -> Result<(), StoreError> {
-        self.read_parts_with(
-            &self.tables[&Table::Episodes],
-            &self.parts(Table::Episodes),
-            (column, texts),
-            Some(&CONTENT_COLUMNS),
-            |_, batch| {
-                let column = batch[column].as_string::<i32>();
-                (0..batch.num_rows())
-                    .filter(|row| texts.contains(column.value(*row)))
-                    .for_each(|row| known.take_row(&batch, row));
-                Ok(())
-            },
-        )
-    }
-
-    /// The keys of a table, or which of some texts are among them.
-    fn keys(
-        &self,
-        table: &deltalake::DeltaTable,
-        column: &str,
-        among: Option<&BTreeSet<String>>,
-    ) -> Result<HashSet<Key>, StoreError> {
-        let mut keys = HashSet::new();
-        let take = |_, batch: RecordBatch| {
-            keys.extend(batch[column].as_string::<i32>().iter().flatten().map(key));
-            Ok(())
-        };
-        match among {
-            Some(texts) => {
-                self.read_parts_with(table, &parts(table), (column, texts), Some(&[column]), take)?
-            }
-            None => self.read_parts(table, &parts(table), Some(&[column]), take)?,
-        }
-        Ok(keys)
-    }
-
-    /// The traces that some episodes were read from, and their sizes in bytes.
-    fn traces_of(
-        &self,
-        episodes: &BTreeSet<String>,
-    ) -> Result<HashMap<String, (String, u64)>, StoreError> {
-        let mut traces = HashMap::new();
-        self.read_parts_with(
-            &self.tables[&Table::Episodes],
-            &self.parts(Table::Episodes),
-            ("episode_id", episodes),
-            Some(&["episode_id", "trace", "trace_bytes"]),
-            |_, batch| {
-                let (ids, files) = (
-                    batch["episode_id"].as_string::<i32>(),
-                    batch["trace"].as_string::<i32>(),
-                );
-                let sizes = batch["trace_bytes"].as_primitive::<Int64Type>();
-                let wanted = ids
-                    .iter()
-                    .zip(files)
-                    .zip(sizes)
-                    .filter_map(|((id, file), size)| Some((id?, file?, size?)));
-                let wanted = wanted.filter(|(id, ..)| episodes.contains(*id));
-                traces.extend(wanted.map(|(id, file, size)| {
-                    (id.to_owned(), (file.to_owned(), size.max(0) as u64))
-                }));
-                Ok(())
-            },
-        )?;
-        Ok(traces)
-    }
-
     fn quarantined(
         &self,
         table: &deltalake::DeltaTable,
@@ -664,30 +538,6 @@ impl Store {
             Ok(())
         })?;
         Ok(files)
-    }
-}
-
-/// What an ingest looks at of a row of `episodes`.
-const CONTENT_COLUMNS: [&str; 5] = [
-    "episode_id",
-    "trace_digest",
-    "trace",
-    "trace_bytes",
-    "trace_modified_ns",
-];
-
-impl StoreContents {
-    fn take_row(&mut self, batch: &RecordBatch, row: usize) {
-        let text = |column: &str| batch[column].as_string::<i32>().value(row);
-        let number = |column: &str| batch[column].as_primitive::<Int64Type>().value(row);
-        let (episode, trace) = (key(text("episode_id")), text("trace"));
-        self.episodes.insert(episode, key(text("trace_digest")));
-        self.paths.insert(key(trace), episode);
-        self.files.insert(identity(
-            trace,
-            number("trace_bytes") as u64,
-            number("trace_modified_ns"),
-        ));
     }
 }
 
@@ -721,28 +571,4 @@ impl Portion {
         self.bytes += rows.map(RecordBatch::get_array_memory_size).sum::<usize>();
         self.batches.push(batch);
     }
-}
-
-fn column_of(table: Table) -> &'static str {
-    assert!(
-        SIDE[..2].contains(&table),
-        "only tasks and scenes have a digest for a key"
-    );
-    if table == Table::Tasks {
-        "task_digest"
-    } else {
-        "scene_digest"
-    }
-}
-
-fn file_key(files: &TraceFiles, path: &Path) -> Key {
-    let (bytes, modified_ns) = files
-        .metadata(path)
-        .map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
-    identity(&path.display().to_string(), bytes, modified_ns)
-}
-
-/// Of a file as it is.
-fn identity(path: &str, bytes: u64, modified_ns: i64) -> Key {
-    key(&format!("{path}\n{bytes}\n{modified_ns}"))
 }

@@ -8,6 +8,7 @@
 //! repeats. `verdicts` and `contradictions` hang on no version. Nobody outside this folder knows
 //! how the tables lie.
 
+mod contents;
 mod ingest;
 mod judgements;
 mod location;
