@@ -272,8 +272,8 @@ pub fn trace_files() -> TraceFiles {
     trace_files_with(None)
 }
 
-/// Where traces are read from: this machine and, in builds with tables, buckets; with meshes for what was
-/// recorded with meshes.
+/// Where traces are read from: this machine and, in builds with tables, buckets. Episodes that were
+/// recorded with meshes find them here, too.
 pub fn trace_files_with(assets: Option<Arc<dyn reel_world::Assets + Send>>) -> TraceFiles {
     #[cfg(feature = "analytics")]
     let files = TraceFiles::with_remote(Arc::new(buckets()));

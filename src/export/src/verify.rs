@@ -73,8 +73,8 @@ impl Comparison {
 /// Whether an episode may be trained on; else why not.
 pub(crate) type Verified = Result<(), String>;
 
-/// What is known of each candidate's trace; those that nothing is known of are replayed, if the
-/// options say so.
+/// Whether each candidate may be exported. A trace without a verdict is replayed where the
+/// options ask for that.
 pub(crate) fn verify(
     store: &Store,
     candidates: &[Candidate],

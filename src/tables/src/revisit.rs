@@ -56,9 +56,9 @@ impl<'t> Revisits<'t> {
         }
     }
 
-    /// Takes in a step: whether the same call was made before in the same state of the world, from
-    /// the same receptacle and with the same error, if any; a question if its answer was given
-    /// before.
+    /// Takes in a step. It is repeated if the same call was made before in the same state of the world,
+    /// from the same receptacle and with the same error, if any. A question
+    /// is repeated if its answer was given already.
     pub(crate) fn follow(&mut self, step: &'t StepRecord) -> bool {
         let tool = step.tool_name();
         let target = match (&step.object, &step.receptacle, &step.reply) {

@@ -1,5 +1,5 @@
-//! Frames as lossless WebP
-//! (<https://developers.google.com/speed/webp/docs/webp_lossless_bitstream_specification>).
+//! Frames as lossless WebP, by its published
+//! [specification](https://developers.google.com/speed/webp/docs/webp_lossless_bitstream_specification).
 //!
 //! The bytes of an image are bytes of a trace: a packed episode, and an image that is drawn again,
 //! have to give them once more. This encoder writes what `image-webp` 0.2 writes on 64 bits, with
@@ -82,9 +82,8 @@ fn container(image: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// The residuals of an image, row by row: what is left of each pixel, in three bytes (red less
-/// green, green, blue less green), when the pixel above is subtracted; in the first row, the pixel
-/// before.
+/// Gives the residuals of an image, row by row: each pixel (red less green, green, blue less green)
+/// less the pixel above it. In the first row it is the pixel before that is subtracted.
 fn residuals(rgb: &[u8], width: usize, mut take: impl FnMut(&[u32])) {
     let (mut above, mut row) = (vec![0; width], vec![0; width]);
     let mut residuals = vec![0; width];
@@ -199,8 +198,8 @@ fn tokens(changes: &[Change], mut take: impl FnMut([usize; 3], usize)) {
     }
 }
 
-/// How a run is written: a symbol of the green channel, and how many of the low bits of its length
-/// less one.
+/// How a run is written: a symbol of the green channel, and so many low bits of the number that is
+/// one less than the length of the run.
 #[derive(Clone, Copy)]
 struct Run {
     symbol: u16,
@@ -338,8 +337,8 @@ impl Code {
     }
 }
 
-/// A node of the tree that a Huffman code is made by; of the heap's equal ones any comes first,
-/// always the same.
+/// A node of the tree that a Huffman code is made by. Which of two equally frequent nodes leaves the
+/// heap first is up to the standard library, and the same in every run.
 #[derive(PartialEq, Eq)]
 struct Node {
     frequency: u32,

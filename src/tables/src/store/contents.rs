@@ -1,5 +1,5 @@
-//! What a store holds already of the traces of an ingest: all keys for a large one, looked up for a
-//! small one.
+//! What a store holds already of the traces of an ingest. A large ingest reads all keys of the store,
+//! a small one looks up those of its traces.
 
 use std::{
     collections::{BTreeSet, HashMap, HashSet},

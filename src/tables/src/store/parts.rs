@@ -287,8 +287,8 @@ impl Store {
     }
 }
 
-/// The row groups whose `column` may hold one of some texts. Files of before have no Bloom filters:
-/// all of theirs.
+/// The row groups whose `column` may hold one of some texts. A file without Bloom filters, which an
+/// earlier version wrote, gives all of its groups.
 async fn groups_with(
     reader: &mut PartReader,
     column: &str,

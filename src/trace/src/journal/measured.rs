@@ -81,8 +81,8 @@ impl<W: Write + Seek> Journal<W> {
         )
     }
 
-    /// Records what else the robot's recording holds, between the last step and the end; without
-    /// images, no cameras.
+    /// Records what else the robot's recording holds, after the last step and before the end. A trace
+    /// without images gets no cameras.
     pub(crate) fn sensors(&mut self, channels: &[SensorChannel]) -> Result<(), TraceError> {
         if !matches!(self.turn, Expected::InputOrEnd { .. }) {
             return Err(self.out_of_turn("the robot's recording"));
