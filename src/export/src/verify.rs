@@ -7,7 +7,7 @@ use std::{collections::HashMap, path::Path};
 use rayon::prelude::*;
 use reel_replay::{Detail, Verdict};
 use reel_tables::{Store, TraceVerdict};
-use reel_trace::{Limits, Trace, TraceFiles};
+use reel_trace::TraceFiles;
 use reel_world::Digest;
 
 use crate::{ExportError, ExportOptions, Progress, select::Candidate};
@@ -157,32 +157,17 @@ fn verdict(
     bytes: &[u8],
     comparison: Comparison,
 ) -> (TraceVerdict, bool) {
-    let mut holds = true;
-    let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
-        Ok(trace) => {
-            let trace = files.with_meshes(trace);
-            let verdict = reel_replay::verify_catching_panics(&trace, comparison.detail);
-            let refused = matches!(verdict, Verdict::Refused { .. });
-            holds = !refused || trace.header.meshes.is_empty();
-            (trace.chain().to_string(), verdict)
-        }
-        Err(error) => (
-            String::new(),
-            Verdict::Refused {
-                reason: error.to_string(),
-            },
-        ),
+    let judged = reel_replay::verify_bytes(files, path, bytes, comparison.detail);
+    let reason = match comparison.detail {
+        Detail::Full => judged.verdict.to_string(),
+        Detail::Geometry => format!("{} (colours were not compared)", judged.verdict),
     };
-    let verdict = TraceVerdict {
-        file_digest: Digest::of(bytes).to_string(),
-        trace_digest,
-        sim_version: reel_replay::SIM_VERSION,
-        build: env!("CARGO_PKG_VERSION").into(),
-        verdict: comparison.name(&verdict),
-        reason: match comparison.detail {
-            Detail::Full => verdict.to_string(),
-            Detail::Geometry => format!("{verdict} (colours were not compared)"),
-        },
-    };
-    (verdict, holds)
+    let verdict = TraceVerdict::new(
+        Digest::of(bytes),
+        judged.trace,
+        reel_replay::SIM_VERSION,
+        comparison.name(&judged.verdict),
+        reason,
+    );
+    (verdict, judged.is_lasting())
 }

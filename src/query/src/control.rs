@@ -5,12 +5,13 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::{
-        Mutex, OnceLock,
+        Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
 };
 
 use datafusion::error::DataFusionError;
+use reel_tables::TraceVerdict;
 use reel_trace::{TraceFiles, is_remote};
 use reel_world::Digest;
 
@@ -175,8 +176,10 @@ pub struct Control {
     traces: OnceLock<TraceAccess>,
     /// Where functions read traces from.
     pub(crate) files: TraceFiles,
-    /// What `replay` said, by the trace's digest.
+    /// What `replay` said, by the digest of the file.
     pub(crate) verdicts: Mutex<BTreeMap<Digest, ReplayRow>>,
+    /// Verdicts of `replay` that the store does not have yet.
+    new_verdicts: Mutex<Vec<TraceVerdict>>,
 }
 
 impl Control {
@@ -231,6 +234,23 @@ impl Control {
 
     pub(crate) fn count_simulated(&self) {
         self.simulated.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Keeps a verdict for the store.
+    pub(crate) fn keep(&self, verdict: TraceVerdict) {
+        self.new_verdicts
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(verdict);
+    }
+
+    /// The verdicts since this was asked last.
+    pub(crate) fn take_verdicts(&self) -> Vec<TraceVerdict> {
+        let mut new = self
+            .new_verdicts
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        std::mem::take(&mut *new)
     }
 
     pub(crate) fn allow(&self, traces: TraceAccess) {

@@ -175,7 +175,8 @@ impl QuerySession {
     }
 
     /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more.
-    /// It may wait: the query waits with it. Says how long the answer holds.
+    /// It may wait: the query waits with it. Says how long the answer holds. What `replay` found
+    /// goes to the store's table `verdicts`.
     ///
     /// # Errors
     /// As [`QuerySession::run_with`]; some batches may have been handed on then.
@@ -205,7 +206,14 @@ impl QuerySession {
                 let _ = sender.blocking_send(Part::End(end));
             });
         thread.map_err(|error| QueryError::Engine(error.into()))?;
-        self.0.watch(answer, take)
+        let scope = self.0.watch(answer, take);
+        // A question that was stopped has verdicts as well, and a store that cannot be written
+        // answers all the same.
+        let _ = self
+            .0
+            .store
+            .append_new_verdicts(&self.0.control.take_verdicts());
+        scope
     }
 
     /// Fields of `episodes.steps` that a query reads from disk; none: all of them.

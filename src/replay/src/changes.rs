@@ -16,7 +16,7 @@ use reel_world::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Verdict, on_workers, player, verify_from};
+use crate::{Verdict, file_verdict::verify_from, on_workers, player};
 
 /// What differs between an episode as recorded and as this simulator plays it from the same inputs.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
@@ -135,7 +135,7 @@ pub fn replay_outcomes_all<P: AsRef<Path> + Sync>(
 }
 
 fn judge(files: &TraceFiles, path: &Path, assets: &dyn Assets) -> ReplayReport {
-    let verdict = verify_from(files, path, assets);
+    let verdict = verify_from(files, path, assets).verdict;
     let outcomes = files.read(path).ok().and_then(|trace| match verdict {
         // Nothing changed, and nothing need be executed a second time to say so.
         Verdict::Exact { .. } => Some(Changes::none(&trace)),

@@ -8,6 +8,7 @@ mod changes;
 mod comparison;
 mod difference;
 mod explain;
+mod file_verdict;
 mod fork;
 mod mint;
 mod player;
@@ -16,14 +17,11 @@ mod seek;
 mod shard;
 mod viewpoint;
 
-use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
-};
+use std::path::Path;
 
 use rayon::prelude::*;
-use reel_trace::{Trace, TraceError, TraceFiles};
-use reel_world::{Assets, Frame, NoAssets};
+use reel_trace::{Trace, TraceError};
+use reel_world::Frame;
 use serde::{Deserialize, Serialize};
 
 pub use changes::{
@@ -32,6 +30,10 @@ pub use changes::{
 pub use comparison::{CallPair, CallSummary, Comparison, EpisodeSummary, TaskMismatch, compare};
 pub use difference::{Divergence, EpisodePosition};
 pub use explain::{Explanation, FieldChange, FrameChange, body_changes, explain, state_at};
+pub use file_verdict::{
+    FileVerdict, verify, verify_all, verify_all_from_snapshots, verify_bytes,
+    verify_catching_panics, verify_file,
+};
 pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch, check_meshes};
@@ -141,69 +143,6 @@ impl std::fmt::Display for Verdict {
             Verdict::Refused { reason } => write!(f, "REFUSED {reason}"),
         }
     }
-}
-
-/// Replays one trace file of this machine, of primitives only.
-pub fn verify(path: &Path) -> Verdict {
-    verify_from(&TraceFiles::default(), path, &NoAssets)
-}
-
-fn verify_from(files: &TraceFiles, path: &Path, assets: &dyn Assets) -> Verdict {
-    match files.read(path) {
-        Ok(trace) => verify_trace(&trace.with_meshes(assets)),
-        Err(error) => refused(&error),
-    }
-}
-
-/// Replays many trace files on so many threads; verdicts in the order of the paths.
-/// Meshes come from `assets`.
-pub fn verify_all<P: AsRef<Path> + Sync>(
-    files: &TraceFiles,
-    paths: &[P],
-    assets: &dyn Assets,
-    workers: usize,
-    on_done: impl Fn(&Path, &Verdict) + Sync,
-) -> Vec<Verdict> {
-    on_workers(paths, workers, |path| {
-        contained(
-            path.as_ref(),
-            |path| verify_from(files, path, assets),
-            &on_done,
-        )
-    })
-}
-
-/// [`verify_with`], where a panic ends only its own verdict.
-pub fn verify_catching_panics(trace: &Trace, detail: Detail) -> Verdict {
-    catch_unwind(AssertUnwindSafe(|| verify_with(trace, detail)))
-        .unwrap_or_else(|_| Verdict::panicked(&trace.path))
-}
-
-/// [`verify_all`], and each again from snapshots after `count` of its calls.
-pub fn verify_all_from_snapshots<P: AsRef<Path> + Sync>(
-    files: &TraceFiles,
-    paths: &[P],
-    assets: &dyn Assets,
-    workers: usize,
-    count: usize,
-    on_done: impl Fn(&Path, &Verdict) + Sync,
-) -> Vec<Verdict> {
-    let verify = |path: &Path| seek::verify_restored_at_some(files, path, assets, count);
-    on_workers(paths, workers, |path| {
-        contained(path.as_ref(), verify, &on_done)
-    })
-}
-
-/// A panic ends only the verdict of its own trace.
-fn contained(
-    path: &Path,
-    verify: impl Fn(&Path) -> Verdict,
-    on_done: &impl Fn(&Path, &Verdict),
-) -> Verdict {
-    let verdict =
-        catch_unwind(AssertUnwindSafe(|| verify(path))).unwrap_or_else(|_| Verdict::panicked(path));
-    on_done(path, &verdict);
-    verdict
 }
 
 /// Replays a trace that was read.

@@ -9,8 +9,8 @@ use std::{
 };
 
 use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
-use reel_trace::{Trace, TraceFiles};
-use reel_world::{Assets, Digest, Frame};
+use reel_trace::Trace;
+use reel_world::{Digest, Frame};
 
 use crate::{Replay, Verdict, refused};
 
@@ -197,23 +197,14 @@ pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
 
 /// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by
 /// the trace's own digest, so that the same trace is always asked the same.
-pub(crate) fn verify_restored_at_some(
-    files: &TraceFiles,
-    path: &Path,
-    assets: &dyn Assets,
-    count: usize,
-) -> Verdict {
-    let checked = files
-        .read(path)
-        .and_then(|trace| trace.verify_images().map(|()| trace));
-    let trace = match checked {
-        Ok(trace) => trace.with_meshes(assets),
-        Err(error) => return refused(&error),
-    };
+pub(crate) fn verify_restored_at_some(trace: &Trace, count: usize) -> Verdict {
+    if let Err(error) = trace.verify_images() {
+        return refused(&error);
+    }
     let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();
     calls.sort_by_key(|calls| Digest::of(format!("{} {calls}", trace.chain()).as_bytes()));
     calls.truncate(count);
-    verify_restored(&trace, &calls)
+    verify_restored(trace, &calls)
 }
 
 /// From a snapshot to the end.

@@ -8,7 +8,8 @@ use std::{
 };
 
 use axum::body::Bytes;
-use reel_tables::{Stamp, Store, StoreError};
+use reel_replay::{FileVerdict, SIM_VERSION};
+use reel_tables::{Stamp, Store, StoreError, TraceVerdict};
 use reel_trace::TraceFiles;
 
 /// Longest answer that is kept, in bytes.
@@ -110,6 +111,27 @@ impl Tables {
         }
         opened.bytes += question.len() + answer.len();
         opened.answers.insert(question, answer);
+    }
+
+    /// Keeps what a replay found, as far as it holds as long as the file does and there are tables.
+    pub fn keep(&self, judged: &FileVerdict) {
+        let (true, Some(file)) = (judged.is_lasting(), judged.file) else {
+            return;
+        };
+        let verdict = TraceVerdict::new(
+            file,
+            judged.trace,
+            SIM_VERSION,
+            judged.verdict.name().to_owned(),
+            judged.verdict.to_string(),
+        );
+        let kept = self
+            .newest()
+            .and_then(|newest| newest.store.append_new_verdicts(&[verdict]));
+        // Whoever asked for the verdict has it all the same.
+        if let Err(error) = kept {
+            tracing::info!(%error, "a verdict was not kept in the tables");
+        }
     }
 
     /// Opens the store as it was at an earlier version of the tables.

@@ -16,7 +16,7 @@ use reel_world::{Family, Profile, Skills, Task};
 use crate::{
     ExitStatus,
     cluster_arguments::ClusterArguments,
-    commands::{blame, ingest, query, run, taxonomy},
+    commands::{blame, ingest, query, run, store, taxonomy},
     inputs, progress,
 };
 
@@ -101,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 
     let bar = progress::bar(recorded.len(), "replay");
-    let verdicts = reel_replay::verify_all(
+    let judged = reel_replay::verify_all(
         &TraceFiles::default(),
         &recorded,
         &reel_world::NoAssets,
@@ -109,17 +109,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         |_, _| bar.inc(1),
     );
     bar.finish_and_clear();
-    let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
+    let exact = judged.iter().filter(|one| one.verdict.is_exact()).count();
     println!(
         "3. {exact} of {} episodes replay bit for bit",
         recorded.len()
     );
-    for (path, verdict) in recorded
+    for (path, one) in recorded
         .iter()
-        .zip(&verdicts)
-        .filter(|(_, verdict)| !verdict.is_exact())
+        .zip(&judged)
+        .filter(|(_, one)| !one.verdict.is_exact())
     {
-        println!("   {}: {verdict}", path.display());
+        println!("   {}: {}", path.display(), one.verdict);
     }
     if exact < recorded.len() {
         bail!("a replay diverged: that is a fault of Reel; please report it with the trace");
@@ -132,6 +132,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         &store,
         &ClusterArguments::default(),
     )?;
+    store::keep_verdicts(&inputs::store(&store, None)?, &judged)?;
     println!("4. {} episodes in tables\n", report.added);
     let name = "main_results";
     let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;

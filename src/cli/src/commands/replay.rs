@@ -1,11 +1,10 @@
 //! `reel replay`: re-executes traces and compares everything.
 
-use std::{collections::BTreeMap, path::PathBuf};
-
 use reel_replay::{
-    ReplayReport, Verdict, replay_outcomes_all, verify_all, verify_all_from_snapshots,
+    FileVerdict, ReplayReport, Verdict, replay_outcomes_all, verify_all, verify_all_from_snapshots,
 };
 use reel_world::Assets;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
     ExitStatus,
@@ -22,6 +21,7 @@ use crate::{
 ///   reel replay traces-out/FDP_home_0001--oracle--0.mcap --json
 ///   reel replay trace.mcap --explain --images-out why     # every difference, in ULPs, images and texts
 ///   reel replay trace.mcap --explain --against old/reel # both builds' states at the first differing physics step
+///   reel replay traces-out --store store                # the verdicts go to its table `verdicts`
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///   reel replay traces/golden/v1 --outcomes
 ///   reel replay traces-out --assets meshes              # recorded with these meshes
@@ -70,6 +70,10 @@ pub struct Arguments {
     /// list the outcomes that change
     #[arg(long, conflicts_with_all = ["explain", "restored"])]
     outcomes: bool,
+    /// Keep the verdicts in the tables of this store, where pages, SQL and exports find them
+    #[cfg(feature = "analytics")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["explain", "state_at", "outcomes"])]
+    store: Option<String>,
     /// Print one JSON object per trace
     #[arg(long)]
     json: bool,
@@ -102,6 +106,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             "reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here"
         );
     }
+    #[cfg(feature = "analytics")]
+    let store = arguments
+        .store
+        .as_deref()
+        .map(|store| inputs::store(store, None))
+        .transpose()?;
     let bar = progress::bar(paths.len(), "replay");
     let workers = inputs::workers(arguments.jobs);
     if arguments.outcomes {
@@ -123,17 +133,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
     }
-    let verdicts =
+    let judged =
         match arguments
             .in_cluster
             .map_traces("replay", &arguments.restored, &paths, |more| bar.inc(more))?
         {
-            Some(verdicts) => verdicts,
+            Some(judged) => judged,
             None => verify(&files, &paths, &assets, workers, arguments.restored, || {
                 bar.inc(1)
             }),
         };
     bar.finish_and_clear();
+    #[cfg(feature = "analytics")]
+    if let Some(store) = &store {
+        crate::commands::store::keep_verdicts(store, &judged)?;
+    }
+    let verdicts: Vec<Verdict> = judged.into_iter().map(|judged| judged.verdict).collect();
     let mut totals = [0u64; 3];
     for (path, verdict) in paths.iter().zip(&verdicts) {
         if arguments.json {
@@ -186,7 +201,7 @@ fn verify(
     workers: usize,
     restored: Option<usize>,
     done: impl Fn() + Sync,
-) -> Vec<Verdict> {
+) -> Vec<FileVerdict> {
     match restored {
         None => verify_all(files, paths, assets, workers, |_, _| done()),
         Some(count) => {

@@ -2,7 +2,10 @@
 //! from its inputs. Rows are worked off in parallel and remembered by the trace's digest; a stopped
 //! query stops between two rows.
 
-use std::{path::Path, sync::Arc};
+use std::{
+    path::Path,
+    sync::{Arc, PoisonError},
+};
 
 use arrow::{
     array::{
@@ -18,9 +21,10 @@ use datafusion::{
     logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
 };
 use rayon::prelude::*;
-use reel_replay::Verdict;
+use reel_replay::Detail;
 use reel_reward::Preset;
-use reel_trace::encode_png;
+use reel_tables::TraceVerdict;
+use reel_trace::{TraceError, encode_png};
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, record::Metrics};
 
 use super::FunctionHelp;
@@ -30,7 +34,8 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
         call: "replay(trace)",
         meaning: "Runs an episode again from its inputs and compares every digest: struct(verdict, first_divergence, digest). \
-                  The verdict is 'exact', 'diverged', 'other_simulator', 'not_replayable' or 'refused'.",
+                  The verdict is 'exact', 'diverged', 'other_simulator', 'not_replayable' or 'refused', and goes to the \
+                  table `verdicts` of a store that can be written.",
         example: "SELECT family, count(*) FROM episodes WHERE replay(trace).verdict = 'exact' GROUP BY family",
     },
     FunctionHelp {
@@ -88,34 +93,7 @@ pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
 
 fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let rows = each(&arrays[0], control, |path, _| {
-        let trace = match control.files.read(path) {
-            Ok(trace) => trace,
-            Err(error) => {
-                return Ok(ReplayRow {
-                    verdict: "refused",
-                    first_divergence: Some(error.to_string()),
-                    digest: None,
-                });
-            }
-        };
-        let digest = trace.chain();
-        let lock = || {
-            control
-                .verdicts
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner)
-        };
-        if let Some(row) = lock().get(&digest) {
-            return Ok(row.clone());
-        }
-        let row = row(
-            &reel_replay::verify_catching_panics(&trace, reel_replay::Detail::Full),
-            digest,
-        );
-        lock().insert(digest, row.clone());
-        Ok(row)
-    })?;
+    let rows = each(&arrays[0], control, |path, _| Ok(replayed(path, control)))?;
     let (mut verdicts, mut divergences, mut digests) = (
         StringBuilder::new(),
         StringBuilder::new(),
@@ -138,13 +116,45 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
     ))))
 }
 
-fn row(verdict: &Verdict, digest: Digest) -> ReplayRow {
-    let first_divergence = (!verdict.is_exact()).then(|| verdict.to_string());
-    ReplayRow {
-        verdict: verdict.name(),
-        first_divergence,
-        digest: Some(digest.to_string()),
+/// What the replay of a trace says, remembered for the session by the digest of its file.
+fn replayed(path: &Path, control: &Control) -> ReplayRow {
+    let refused = |error: &TraceError| ReplayRow {
+        verdict: "refused",
+        first_divergence: Some(error.to_string()),
+        digest: None,
+    };
+    let bytes = match control.files.bytes(path) {
+        Ok(bytes) => bytes,
+        Err(error) => return refused(&error),
+    };
+    let file = Digest::of(&bytes);
+    let remembered = || {
+        control
+            .verdicts
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    };
+    if let Some(row) = remembered().get(&file) {
+        return row.clone();
     }
+    let judged = reel_replay::verify_bytes(&control.files, path, &bytes, Detail::Full);
+    let verdict = &judged.verdict;
+    let row = ReplayRow {
+        verdict: verdict.name(),
+        first_divergence: (!verdict.is_exact()).then(|| verdict.to_string()),
+        digest: judged.trace.map(|digest| digest.to_string()),
+    };
+    if judged.is_lasting() {
+        control.keep(TraceVerdict::new(
+            file,
+            judged.trace,
+            reel_replay::SIM_VERSION,
+            row.verdict.to_owned(),
+            verdict.to_string(),
+        ));
+    }
+    remembered().insert(file, row.clone());
+    row
 }
 
 fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {

@@ -18,7 +18,7 @@ CREATE MACRO kind(tool) AS (
 );
 -- The episodes, each with its calls as one word.
 CREATE VIEW told AS SELECT *, ifnull(array_to_string([letter(call) FOR call IN steps], ''), '') AS word FROM episodes;
-CREATE VIEW played AS FROM told WHERE end_reason IS NOT NULL;
+CREATE VIEW played AS FROM told WHERE end_reason IS NOT NULL AND parent_trace IS NULL;
 -- A row a call, beside all of its episode.
 CREATE VIEW calls AS SELECT e.*, call FROM episodes e, unnest(e.steps) AS of_episode(call);
 

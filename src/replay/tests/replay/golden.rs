@@ -38,9 +38,10 @@ fn every_golden_trace_is_exact() {
         |_, _| {},
     )) {
         assert!(
-            verdict.is_exact(),
-            "{}: {verdict}\nif this change is meant: raise SIM_VERSION and `reel dev mint`",
-            path.display()
+            verdict.verdict.is_exact(),
+            "{}: {}\nif this change is meant: raise SIM_VERSION and `reel dev mint`",
+            path.display(),
+            verdict.verdict
         );
     }
 }

@@ -13,9 +13,9 @@ mod restore;
 use reel_vectors::episodes;
 use std::fs;
 
-use reel_replay::{Verdict, verify, verify_all, verify_trace};
+use reel_replay::{FileVerdict, Verdict, verify, verify_all, verify_trace};
 use reel_trace::{Images, Trace};
-use reel_world::record::Backend;
+use reel_world::{Digest, record::Backend};
 
 use episodes::{record, tasks};
 
@@ -41,14 +41,21 @@ fn what_was_recorded_is_exact_in_any_order_and_on_any_number_of_workers() {
             images,
         ));
     }
-    let one_by_one: Vec<Verdict> = verify_all(
+    let one_by_one: Vec<FileVerdict> = verify_all(
         &reel_trace::TraceFiles::default(),
         &paths,
         &reel_world::NoAssets,
         1,
         |_, _| {},
     );
-    assert!(one_by_one.iter().all(Verdict::is_exact), "{one_by_one:#?}");
+    assert!(
+        one_by_one.iter().all(|one| one.verdict.is_exact()),
+        "{one_by_one:#?}"
+    );
+    for (path, judged) in paths.iter().zip(&one_by_one) {
+        assert_eq!(judged.file, Some(Digest::of(&fs::read(path).unwrap())));
+        assert_eq!(judged.trace, Some(Trace::read(path).unwrap().chain()));
+    }
     let shuffled: Vec<_> = [2, 0, 3, 1].map(|index: usize| paths[index].clone()).into();
     let verdicts = verify_all(
         &reel_trace::TraceFiles::default(),

@@ -119,7 +119,8 @@ fn an_episode_with_meshes_replays_exactly_from_its_start_and_from_every_call() {
             1,
             |_, _| {},
         );
-        assert!(verdicts[0].is_exact(), "{}", verdicts[0]);
+        assert!(verdicts[0].verdict.is_exact(), "{:?}", verdicts[0]);
+        assert!(verdicts[0].has_meshes && verdicts[0].is_lasting());
         let trace = Trace::read(&path).unwrap().with_meshes(&assets);
         let done = |tool: &str| {
             trace

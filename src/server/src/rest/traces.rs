@@ -338,7 +338,7 @@ pub(super) fn not_executed(verdict: &Verdict) -> ApiError {
     )
 }
 
-/// Executes an episode again and compares every digest.
+/// Executes an episode again and compares every digest. The verdict goes to the table `verdicts`.
 #[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces",
     params(("trace" = String, Path)),
     responses((status = 200, body = ref("#/components/schemas/ReplayVerdict")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
@@ -348,8 +348,14 @@ pub(super) async fn replay(
     PathParams(name): PathParams<String>,
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
-        let trace = app.archive.read(&name)?;
-        let verdict = reel_replay::verify_catching_panics(&trace, reel_replay::Detail::Full);
+        let path = app.archive.existing(&name)?;
+        let judged = reel_replay::verify_file(app.archive.files(), &path);
+        let verdict = &judged.verdict;
+        if let (None, Verdict::Refused { reason }) = (judged.trace, verdict) {
+            return Err(ApiError::unprocessable("bad_trace", reason.clone()));
+        }
+        #[cfg(feature = "tables")]
+        app.tables.keep(&judged);
         Ok(
             json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "message": verdict.to_string()}),
         )

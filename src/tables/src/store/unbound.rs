@@ -2,6 +2,9 @@
 //! the content of a trace, whatever version of the store names it: so these rows are bound to no
 //! version, are only ever added to, and are always read at their newest.
 
+use std::collections::HashSet;
+
+use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
 use super::{Refused, Store, StoreError, TRIES_MAX};
@@ -17,6 +20,32 @@ pub struct TraceVerdict {
     pub build: String,
     pub verdict: String,
     pub reason: String,
+}
+
+impl TraceVerdict {
+    /// What this build found in a file of that digest. `trace` is none where it holds no trace.
+    pub fn new(
+        file: Digest,
+        trace: Option<Digest>,
+        sim_version: u32,
+        verdict: String,
+        reason: String,
+    ) -> Self {
+        Self {
+            file_digest: file.to_string(),
+            trace_digest: trace.map(|digest| digest.to_string()).unwrap_or_default(),
+            sim_version,
+            build: env!("CARGO_PKG_VERSION").to_owned(),
+            verdict,
+            reason,
+        }
+    }
+
+    /// What makes it another verdict than those that are kept: a build that finds the same adds
+    /// nothing.
+    fn key(&self) -> (&str, u32, &str) {
+        (&self.file_digest, self.sim_version, &self.verdict)
+    }
 }
 
 /// What the Histories of a trace claim against its record: a row of `contradictions`.
@@ -54,6 +83,23 @@ impl Store {
     /// When the store cannot be written.
     pub fn append_verdicts(&self, verdicts: &[TraceVerdict]) -> Result<(), StoreError> {
         self.append_unbound(Table::Verdicts, verdicts)
+    }
+
+    /// Keeps those of the verdicts that are not kept yet.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn append_new_verdicts(&self, verdicts: &[TraceVerdict]) -> Result<(), StoreError> {
+        if verdicts.is_empty() {
+            return Ok(());
+        }
+        let kept = self.verdicts()?;
+        let mut known: HashSet<_> = kept.iter().map(TraceVerdict::key).collect();
+        let new: Vec<&TraceVerdict> = verdicts
+            .iter()
+            .filter(|verdict| known.insert(verdict.key()))
+            .collect();
+        self.append_unbound(Table::Verdicts, &new)
     }
 
     /// Every trace whose Histories were checked, by any version of the checker.

@@ -2,6 +2,7 @@
 
 mod label;
 pub mod reward;
+mod verdicts;
 
 use std::{
     sync::Arc,
@@ -15,6 +16,7 @@ use reel_world::{Family, Task};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
+pub use verdicts::keep_verdicts;
 
 /// Stores of tables: what they hold, their versions and upkeep; rewards and labels of episodes.
 /// `reel ingest` fills a store, `reel query` asks it.
