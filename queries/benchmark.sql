@@ -26,6 +26,6 @@ SELECT
   avg(asks) AS asks,
   avg(spl) AS spl
 FROM episodes
-WHERE end_reason IS NOT NULL
+WHERE end_reason IS NOT NULL AND parent_trace IS NULL
 GROUP BY GROUPING SETS ((policy, family), (policy))
 ORDER BY policy, CASE family WHEN 'FDP' THEN 1 WHEN 'FODP' THEN 2 WHEN 'FDO' THEN 3 WHEN 'SUL' THEN 4 ELSE 5 END

@@ -34,6 +34,6 @@ SELECT
   avg(CAST(e.success AS DOUBLE)) FILTER (WHERE q.asks IS NULL) AS success_unasked
 FROM episodes e
 LEFT JOIN of_episode q ON q.episode_id = e.episode_id
-WHERE e.end_reason IS NOT NULL
+WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
 GROUP BY e.policy, e.fuzzy
 ORDER BY e.policy, e.fuzzy

@@ -31,6 +31,6 @@ SELECT
   avg(t.latency_s) AS latency_s
 FROM episodes e
 LEFT JOIN thought t ON t.episode_id = e.episode_id
-WHERE e.end_reason IS NOT NULL AND e.backend LIKE CAST($backend AS VARCHAR)
+WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND e.backend LIKE CAST($backend AS VARCHAR)
 GROUP BY GROUPING SETS ((e.policy, e.family), (e.policy))
 ORDER BY policy, CASE family WHEN 'FDP' THEN 1 WHEN 'FODP' THEN 2 WHEN 'FDO' THEN 3 WHEN 'SUL' THEN 4 ELSE 5 END

@@ -20,7 +20,7 @@ WITH scored AS (
     r.total_reward - e.total_reward AS difference
   FROM rescored r
   JOIN episodes e ON e.episode_id = r.episode_id AND e.trace_digest = r.trace_digest
-  WHERE e.end_reason IS NOT NULL
+  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
 )
 SELECT
   policy, recorded, preset, version,

@@ -14,14 +14,14 @@
 WITH played AS (
   SELECT policy, preset, count(*) AS episodes
   FROM episodes
-  WHERE end_reason IS NOT NULL
+  WHERE end_reason IS NOT NULL AND parent_trace IS NULL
   GROUP BY policy, preset
 ),
 terms AS (
   SELECT e.policy, e.preset, r.component, r.value
   FROM rewards r
   JOIN episodes e ON e.episode_id = r.episode_id AND r.version IS NULL
-  WHERE e.end_reason IS NOT NULL
+  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
 )
 SELECT
   t.policy, t.preset, t.component,

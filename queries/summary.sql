@@ -22,6 +22,7 @@ WITH judged AS (
   FROM episodes e
   LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.episode_id = e.episode_id AND b.trace_digest = e.trace_digest
+  WHERE e.parent_trace IS NULL
 ),
 kinds AS (
   SELECT
