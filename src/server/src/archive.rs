@@ -149,6 +149,15 @@ impl Archive {
         })
     }
 
+    /// Names of all finished traces, in order.
+    pub fn finished(&self) -> io::Result<Vec<String>> {
+        let paths = self.host.disk.list(&self.folder)?;
+        let mut names: Vec<String> = paths.iter().filter_map(|path| self.name_of(path)).collect();
+        names.retain(|name| !name.starts_with('.'));
+        names.sort_unstable();
+        Ok(names)
+    }
+
     /// Traces in the order of their names, from the one after `after` on.
     pub fn list(&self, after: &str, limit: usize) -> io::Result<Vec<TraceFile>> {
         let mut names: Vec<(String, bool)> = Vec::new();

@@ -33,6 +33,8 @@ pub struct Config {
     /// The store of tables: a folder or s3://bucket/folder; without it `store` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub store: Option<String>,
+    /// Whether new traces of the archive are read into the tables as they come.
+    pub ingest_new: bool,
     /// Folder of meshes of objects, which sessions play with and recordings with meshes are executed
     /// with; without it objects are primitives.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -223,6 +225,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 8801)),
             data: "reel-data".into(),
             store: None,
+            ingest_new: true,
             assets: None,
             definitions: None,
             tokens: None,

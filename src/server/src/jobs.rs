@@ -5,6 +5,7 @@
 use std::{
     collections::{BTreeMap, VecDeque},
     ffi::OsString,
+    path::Path,
     process::Stdio,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
@@ -13,6 +14,7 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
+use reel_trace::is_remote;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tokio::{
@@ -194,7 +196,7 @@ impl Jobs {
 
     /// Puts a job in the queue.
     pub fn start(&self, work: Work) -> Result<Job, ApiError> {
-        let arguments = self.command.arguments(&work)?;
+        let (arguments, left_out) = self.command.arguments(&work)?;
         let created = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .map_or(0, |time| time.as_secs());
@@ -206,7 +208,7 @@ impl Jobs {
             total: None,
             message: String::new(),
             report: Vec::new(),
-            errors: Vec::new(),
+            errors: left_out,
             created,
         };
         let (sender, receiver) = watch::channel(job.clone());
@@ -282,6 +284,11 @@ impl Jobs {
         })
     }
 
+    /// Leaves a job out of the list.
+    pub fn forget(&self, id: u64) {
+        self.lock().retain(|known| known.job.borrow().id != id);
+    }
+
     /// Stops a waiting or running job; fails if it has ended or is unknown.
     pub fn cancel(&self, id: u64) -> Result<(), ApiError> {
         let job = self.watch(id)?;
@@ -305,18 +312,22 @@ impl Jobs {
 }
 
 impl Paths {
-    /// The command line of a job.
-    fn arguments(&self, work: &Work) -> Result<Vec<OsString>, ApiError> {
-        let mut arguments: Vec<OsString> = Vec::new();
+    /// The command line of a job, and what of it cannot be done.
+    fn arguments(&self, work: &Work) -> Result<(Vec<OsString>, Vec<String>), ApiError> {
+        let (mut arguments, mut left_out) = (Vec::<OsString>::new(), Vec::new());
         let mut say = |words: &[&str]| arguments.extend(words.iter().map(OsString::from));
         match work {
             Work::Ingest { traces } => {
                 say(&["ingest", "--json", "--store", &self.store]);
-                arguments.extend(self.traces(traces)?);
+                arguments.extend(self.traces(traces, &mut left_out)?);
             }
             Work::Replay { traces } => {
                 say(&["replay", "--json"]);
-                arguments.extend(self.traces(traces)?);
+                // Before the first ingest there are no tables to keep verdicts in.
+                if is_remote(Path::new(&self.store)) || Path::new(&self.store).exists() {
+                    say(&["--store", &self.store]);
+                }
+                arguments.extend(self.traces(traces, &mut left_out)?);
             }
             Work::Blame {} => say(&["blame", "--json", "--store", &self.store]),
             Work::Taxonomy {} => say(&["taxonomy", "--json", "--store", &self.store]),
@@ -389,21 +400,33 @@ impl Paths {
                 }
             }
         }
-        Ok(arguments)
+        Ok((arguments, left_out))
     }
 
-    fn traces(&self, names: &[String]) -> Result<Vec<OsString>, ApiError> {
+    /// The files of traces; those of a selection that are gone are left out, unless all are.
+    fn traces(
+        &self,
+        names: &[String],
+        left_out: &mut Vec<String>,
+    ) -> Result<Vec<OsString>, ApiError> {
         if names.is_empty() {
             return Ok(vec![self.archive.folder().as_os_str().to_owned()]);
         }
-        names
-            .iter()
-            .map(|name| {
-                self.archive
-                    .existing(name)
-                    .map(|path| path.into_os_string())
-            })
-            .collect()
+        let mut files = Vec::new();
+        let mut first = None;
+        for name in names {
+            match self.archive.existing(name) {
+                Ok(path) => files.push(path.into_os_string()),
+                Err(error) => {
+                    left_out.push(format!("left out: {}", error.message()));
+                    first = first.or(Some(error));
+                }
+            }
+        }
+        match first {
+            Some(error) if files.is_empty() => Err(error),
+            _ => Ok(files),
+        }
     }
 }
 

@@ -14,6 +14,8 @@ mod files;
 mod gate;
 mod in_memory;
 #[cfg(feature = "tables")]
+mod intake;
+#[cfg(feature = "tables")]
 mod jobs;
 mod metrics;
 mod mock_llm;
@@ -27,6 +29,8 @@ mod service;
 mod snapshots;
 #[cfg(feature = "tables")]
 mod sql_process;
+#[cfg(any(feature = "tables", feature = "rerun"))]
+mod static_file;
 #[cfg(feature = "tables")]
 mod store;
 mod tls;

@@ -2,12 +2,15 @@
 //! where the client takes it. Everything that is no file is the one page, which finds its own way.
 
 use axum::{
-    http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header},
+    http::{HeaderMap, Method, StatusCode, Uri, header},
     response::{Html, IntoResponse as _, Response},
 };
 use rust_embed::{EmbeddedFile, RustEmbed};
 
-use crate::rest::not_found;
+use crate::{
+    rest::not_found,
+    static_file::{StaticFile, takes_gzip},
+};
 
 #[derive(RustEmbed)]
 #[folder = "../../dashboards/dist"]
@@ -50,44 +53,24 @@ const MISSING: &str = "<!doctype html><title>Reel</title><p>This build of Reel h
                        Run <code>make pages</code> and build again. The service itself runs: see <a href=\"/api/openapi.json\">/api/openapi.json</a>.";
 
 fn answer(path: &str, file: EmbeddedFile, kept: &'static str, headers: &HeaderMap) -> Response {
-    let zipped = headers
-        .get(header::ACCEPT_ENCODING)
-        .and_then(|value| value.to_str().ok())
-        .is_some_and(|it| it.contains("gzip"));
-    let smaller = zipped.then(|| Files::get(&format!("{path}.gz"))).flatten();
     let kind = file.metadata.mimetype().to_owned();
-    let compressed = smaller.is_some();
-    let file = smaller.unwrap_or(file);
-    let tag: String = file
-        .metadata
-        .sha256_hash()
+    let zipped = takes_gzip(headers)
+        .then(|| Files::get(&format!("{path}.gz")))
+        .flatten();
+    let compressed = zipped.is_some();
+    let file = zipped.unwrap_or(file);
+    let hash = file.metadata.sha256_hash();
+    let tag: String = hash
         .iter()
         .take(16)
         .map(|byte| format!("{byte:02x}"))
         .collect();
-    let tag = format!("\"{tag}\"");
-    let known = headers
-        .get(header::IF_NONE_MATCH)
-        .is_some_and(|it| it.as_bytes() == tag.as_bytes());
-    let mut response = if known {
-        StatusCode::NOT_MODIFIED.into_response()
-    } else {
-        file.data.into_owned().into_response()
-    };
-    let mut say = |name, value: &str| {
-        if let Ok(value) = HeaderValue::from_str(value) {
-            response.headers_mut().insert(name, value);
-        }
-    };
-    say(header::CONTENT_TYPE, &kind);
-    say(header::CACHE_CONTROL, kept);
-    say(header::ETAG, &tag);
-    say(header::VARY, "accept-encoding");
-    say(header::CONTENT_SECURITY_POLICY, POLICY);
-    say(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
-    say(header::REFERRER_POLICY, "no-referrer");
-    if compressed {
-        say(header::CONTENT_ENCODING, "gzip");
+    StaticFile {
+        kind: &kind,
+        kept,
+        policy: POLICY,
+        tag: &tag,
+        compressed,
     }
-    response
+    .answer(headers, || file.data.into_owned().into())
 }

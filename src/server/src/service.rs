@@ -290,6 +290,10 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
             router,
         } = self;
         let tending = tokio::spawn(tend(app.clone()));
+        #[cfg(feature = "tables")]
+        if app.config.ingest_new {
+            tokio::spawn(crate::intake::take_in(app.clone()));
+        }
         let closing = app.closing.clone();
         let serving = tokio::spawn(connections::serve(
             listener,

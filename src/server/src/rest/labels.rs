@@ -102,6 +102,28 @@ pub(super) async fn set(
     Ok((StatusCode::CREATED, Json(kept)))
 }
 
+/// Which label is taken back.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LabelKey {
+    /// The episode's id; its beginning is enough where it is unique.
+    episode: String,
+    /// Who said so; with tokens, whose token it is counts.
+    author: Option<String>,
+}
+
+/// Takes back what an author said about an episode.
+#[utoipa::path(delete, path = "/api/labels", operation_id = "remove_label", tag = "tables", params(LabelKey),
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn remove(
+    State(app): State<Arc<App>>,
+    QueryParams(key): QueryParams<LabelKey>,
+) -> Result<StatusCode, ApiError> {
+    let texts = [("author", Some(author(key.author.as_ref())?))];
+    keep(&app, "remove", &key.episode, &texts, None).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
 /// What an author says about an answer of the user to `ask`.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

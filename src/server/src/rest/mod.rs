@@ -193,6 +193,8 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(sql::ask_named))
         .for_role(Read, routes!(labels::list))
         .for_role(Admin, routes!(labels::set))
+        .for_role(Admin, routes!(labels::remove))
+        .for_role(Read, routes!(tables::waiting))
         .for_role(Admin, routes!(labels::answer))
         .for_role(Read, routes!(definitions::list))
         .for_role(Admin, routes!(definitions::keep, definitions::drop))

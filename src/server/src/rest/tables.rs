@@ -1,9 +1,18 @@
 //! Episodes as the tables know them.
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, path::Path, sync::Arc};
 
-use axum::{Json, extract::State};
-use reel_query::{Format, Parameters, QuerySession};
+use arrow::{array::AsArray as _, compute::cast, datatypes::DataType};
+use axum::{
+    Json,
+    body::Bytes,
+    extract::State,
+    http::header,
+    response::{IntoResponse as _, Response},
+};
+use reel_query::{Format, Parameters, QueryError, QuerySession};
+use reel_tables::Store;
+use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::{IntoParams, ToSchema};
@@ -125,10 +134,81 @@ pub(super) async fn episode(
 pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<Value>, ApiError> {
     let session = QuerySession::with_limits(app.tables.newest()?.store, app.sql_limits())?;
     let batches = session.run_with(sql, parameters)?;
-    let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
+    let text = reel_query::format(&batches, Format::Json).map_err(QueryError::from)?;
     let rows =
         serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is not JSON"))?;
     Ok(named(app, rows))
+}
+
+/// Traces of the archive that the tables do not have.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Waiting {
+    /// How many there are.
+    count: usize,
+    /// Their names in order, the first 1,000.
+    traces: Vec<String>,
+    /// Whether the server reads them in by itself (`ingest_new`); else a job of kind `ingest` does.
+    automatic: bool,
+}
+
+impl Waiting {
+    fn of(app: &App, mut traces: Vec<String>) -> Self {
+        let count = traces.len();
+        traces.truncate(WAITING_LISTED);
+        Self {
+            count,
+            traces,
+            automatic: app.config.ingest_new,
+        }
+    }
+
+    fn to_json(&self) -> Bytes {
+        serde_json::to_vec(self).unwrap_or_default().into()
+    }
+}
+
+/// Traces that were recorded since the last ingest: branches, episodes of sessions, uploads. Files
+/// that cannot be read in (table `quarantine`) do not wait.
+#[utoipa::path(get, path = "/api/waiting", operation_id = "waiting_traces", tag = "tables",
+    responses((status = 200, body = Waiting), (status = 503, body = ErrorBody), (status = 507, body = ErrorBody)))]
+pub(super) async fn waiting(State(app): State<Arc<App>>) -> Result<Response, ApiError> {
+    let answer = analyse(&app, |app| {
+        let recorded = app.archive.finished().map_err(ApiError::disk)?;
+        let Ok(newest) = app.tables.newest() else {
+            // Before the first ingest everything waits.
+            return Ok(Waiting::of(app, recorded).to_json());
+        };
+        // Pages ask again and again, and seldom is anything new.
+        let names = Digest::of(recorded.join("\n").as_bytes());
+        let (stamp, question) = (newest.stamp, format!("waiting traces of {names}"));
+        if let Some(answer) = app.tables.cached_answer(stamp.as_ref(), &question) {
+            return Ok(answer);
+        }
+        let known = known_traces(app, newest.store)?;
+        let new = recorded.into_iter().filter(|name| !known.contains(name));
+        let answer = Waiting::of(app, new.collect()).to_json();
+        app.tables
+            .cache_answer(stamp.as_ref(), question, answer.clone());
+        Ok(answer)
+    });
+    let content = [(header::CONTENT_TYPE, "application/json")];
+    answer.await.map(|answer| (content, answer).into_response())
+}
+
+/// Most names of waiting traces in one answer.
+const WAITING_LISTED: usize = 1_000;
+
+/// Names of the traces that an ingest has looked at.
+fn known_traces(app: &App, store: Store) -> Result<BTreeSet<String>, ApiError> {
+    let session = QuerySession::with_limits(store, app.sql_limits())?;
+    let looked_at = "SELECT trace FROM episodes UNION ALL SELECT trace FROM quarantine";
+    let mut names = BTreeSet::new();
+    for batch in session.run(looked_at)? {
+        let paths = cast(batch.column(0), &DataType::Utf8).map_err(QueryError::from)?;
+        let paths = paths.as_string::<i32>().iter().flatten();
+        names.extend(paths.filter_map(|path| app.archive.name_of(Path::new(path))));
+    }
+    Ok(names)
 }
 
 /// Rows with the names of traces in the place of their paths.

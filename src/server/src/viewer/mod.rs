@@ -1,20 +1,27 @@
 //! Rerun's web viewer, out of its crate, and a page that opens an episode in it at a step.
 
-use std::{net::SocketAddr, sync::OnceLock};
+use std::{
+    io::Write as _,
+    net::SocketAddr,
+    sync::{Arc, OnceLock},
+};
 
 use axum::{
     Router,
     body::Bytes,
-    http::header,
-    response::{IntoResponse, Redirect, Response},
+    http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse as _, Redirect, Response},
     routing::get,
 };
+use flate2::{Compression, write::GzEncoder};
 use re_web_viewer_server::WebViewerData;
+use reel_world::Digest;
 use tokio::net::TcpListener;
 
 use crate::{
     ServeError,
     run::{runtime, stopped},
+    static_file::{StaticFile, takes_gzip},
 };
 
 /// Content of an `.rrd` file.
@@ -33,39 +40,87 @@ fn viewer() -> Option<&'static WebViewerData> {
 
 /// The viewer at `/rerun/?trace=NAME&step=N`; it fetches `/api/traces/NAME/rrd`.
 pub(crate) fn router<S: Clone + Send + Sync + 'static>() -> Router<S> {
-    let file = |kind: &'static str, content: &'static [u8]| {
-        get(move || async move { served(kind, content) })
-    };
     let of = |part: fn(&'static WebViewerData) -> &'static [u8]| viewer().map_or(&[][..], part);
-    Router::new()
-        .route("/rerun", get(|| async { Redirect::permanent("/rerun/") }))
-        .route(
+    let files: [(&str, &'static str, &'static [u8]); 4] = [
+        (
             "/rerun/",
-            file("text/html; charset=utf-8", include_bytes!("page.html")),
-        )
-        .route(
+            "text/html; charset=utf-8",
+            include_bytes!("page.html"),
+        ),
+        (
             "/rerun/start.js",
-            file("text/javascript", include_bytes!("start.js")),
-        )
-        .route(
+            "text/javascript",
+            include_bytes!("start.js"),
+        ),
+        (
             "/rerun/re_viewer.js",
-            file("text/javascript", of(WebViewerData::viewer_js)),
-        )
-        .route(
+            "text/javascript",
+            of(WebViewerData::viewer_js),
+        ),
+        (
             "/rerun/re_viewer_bg.wasm",
-            file("application/wasm", of(WebViewerData::viewer_wasm)),
-        )
+            "application/wasm",
+            of(WebViewerData::viewer_wasm),
+        ),
+    ];
+    let router = Router::new().route("/rerun", get(|| async { Redirect::permanent("/rerun/") }));
+    files
+        .into_iter()
+        .fold(router, |router, (path, kind, content)| {
+            let file = Arc::new(ViewerFile {
+                kind,
+                content,
+                prepared: OnceLock::new(),
+            });
+            router.route(path, get(move |headers| served(file.clone(), headers)))
+        })
 }
 
-fn served(kind: &'static str, content: &'static [u8]) -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, kind),
-        (header::CACHE_CONTROL, "no-cache"),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-    ];
-    (headers, Bytes::from_static(content)).into_response()
+/// A file of the viewer: tens of megabytes, compressed when somebody first asks.
+struct ViewerFile {
+    kind: &'static str,
+    content: &'static [u8],
+    /// What changes with its content, and that compressed.
+    prepared: OnceLock<(String, Bytes)>,
+}
+
+impl ViewerFile {
+    fn prepared(&self) -> &(String, Bytes) {
+        self.prepared.get_or_init(|| {
+            let mut zipped = GzEncoder::new(Vec::new(), Compression::fast());
+            // Nothing can go wrong in memory.
+            let _ = zipped.write_all(self.content);
+            let zipped = zipped.finish().unwrap_or_default();
+            let tag = Digest::of(self.content).to_string();
+            (tag[..32].to_owned(), zipped.into())
+        })
+    }
+}
+
+async fn served(file: Arc<ViewerFile>, headers: HeaderMap) -> Response {
+    let prepare = file.clone();
+    if tokio::task::spawn_blocking(move || {
+        prepare.prepared();
+    })
+    .await
+    .is_err()
+    {
+        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+    }
+    let (tag, zipped) = file.prepared();
+    let compressed = takes_gzip(&headers);
+    let tag = format!("{tag}{}", if compressed { "-gzip" } else { "" });
+    StaticFile {
+        kind: file.kind,
+        kept: "no-cache",
+        policy: POLICY,
+        tag: &tag,
+        compressed,
+    }
+    .answer(&headers, || match compressed {
+        true => zipped.clone(),
+        false => Bytes::from_static(file.content),
+    })
 }
 
 /// Serves one recording in Rerun's web viewer, until Ctrl-C. `on_listening` is told the

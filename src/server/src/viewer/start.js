@@ -40,9 +40,20 @@ function go(handle, tries = 0, stayed = 0) {
   if (stayed < 40 && tries < 200) setTimeout(() => go(handle, tries, stayed), 50);
 }
 
+/** The page of the episode at the same step, where this service has pages. */
+async function wayBack() {
+  const episode = document.getElementById("episode");
+  const address = `/episodes/${encodeURIComponent(trace)}`;
+  const page = await fetch(address, { method: "HEAD", headers: { accept: "text/html" } }).catch(() => null);
+  if (!page?.ok) return;
+  episode.href = Number.isFinite(step) ? `${address}?step=${step}` : address;
+  episode.hidden = false;
+}
+
 async function main() {
   if (!trace) throw new Error("the address names no trace: /rerun/?trace=NAME");
   document.title = `${trace} in Rerun`;
+  void wayBack();
   const [data] = await Promise.all([recording(), wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" })]);
   const handle = new wasm_bindgen.WebHandle({
     url: [], hide_welcome_screen: true, enable_history: false, notebook: false, persist: false,

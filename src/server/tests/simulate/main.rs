@@ -326,6 +326,8 @@ impl<'g> World<'g> {
             format!("sim{generation}")
         };
         Config {
+            // The folder is on a disk that no other process sees.
+            ingest_new: false,
             data: self
                 .fixtures
                 .folder

@@ -45,6 +45,15 @@ pub struct Arguments {
 enum Command {
     /// Label one episode of the store
     Set(Set),
+    /// Take back what an author said about an episode
+    Remove {
+        /// The episode's id; its beginning is enough where it is unique
+        #[arg(value_name = "EPISODE")]
+        episode: String,
+        /// Name of the author of the label
+        #[arg(long, value_name = "NAME")]
+        author: String,
+    },
     /// Label an answer of the user to `ask`: faithful to what the user wants and enough to go on
     /// (faithful), wrong (unfaithful), or not enough to tell (unclear)
     Answer(Answer),
@@ -128,6 +137,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             &arguments.store,
             vec![labelled(&arguments.store, set, now_ms)?],
         ),
+        Command::Remove { episode, author } => remove(&arguments.store, episode, author),
         Command::Answer(answer) => keep_answer(&arguments.store, answer, now_ms),
         Command::Answers => {
             let labels = Store::open(&arguments.store)?.answer_labels()?;
@@ -266,6 +276,26 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         note: set.note.clone(),
         at_ms,
     })
+}
+
+/// Takes back an author's labels of an episode, a decision between others too.
+fn remove(store: &str, episode: &str, author: &str) -> anyhow::Result<ExitStatus> {
+    let mut store = Store::open(store)?;
+    let of_author = |label: &&LabelRow| label.author == author.trim();
+    let labelled: BTreeMap<String, ()> = store
+        .labels()?
+        .iter()
+        .filter(of_author)
+        .map(|label| (label.episode_id.clone(), ()))
+        .collect();
+    let episode = the_episode(&labelled, episode)
+        .with_context(|| format!("{author} has labelled no such episode"))?;
+    store.change_labels(|mut before| {
+        before.retain(|label| label.episode_id != *episode || !of_author(&label));
+        before
+    })?;
+    println!("label removed");
+    Ok(ExitStatus::Success)
 }
 
 /// The name of an author, which is not blank.
