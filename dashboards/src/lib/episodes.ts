@@ -13,11 +13,17 @@ export interface Episode {
   class: string | null;
   sub_class: string | null;
   decisive_step: number | null;
+  trace_digest: string;
+  /** Digest of the trace that this one branches from, and the first call that differs. */
+  parent_trace: string | null;
+  parent_call: number | null;
+  /** How many branchings lie between it and a row of the list. */
+  depth?: number;
   [column: string]: unknown;
 }
 
 /** Episodes with their class, decisive step and verdict, as `listed`. Rows of an older file of the same trace do not count. */
-export const LISTED = `WITH listed AS (
+const listed = (condition: string) => `WITH listed AS (
   SELECT
     e.*,
     CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
@@ -33,7 +39,11 @@ export const LISTED = `WITH listed AS (
     SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
     FROM verdicts GROUP BY trace_digest
   ) v ON v.trace_digest = e.trace_digest
+  WHERE ${condition}
 )`;
+/** What was played. A branch is no trial of its policy: it stands below its parent, and counts nowhere. */
+export const LISTED = listed("e.parent_trace IS NULL");
+export const BRANCHES = listed("e.parent_trace IS NOT NULL");
 
 /** What stands beside the list, in this order. */
 export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason"] as const;

@@ -577,6 +577,9 @@ export type VisibleObject = {
   pixels: number;
 };
 
+/** Traces of the archive that the tables do not have. */
+export type Waiting = { automatic: boolean; count: number; traces: string[] };
+
 /** A wall. */
 export type Wall = { from: [number, number]; height: number; to: [number, number] };
 
@@ -610,6 +613,7 @@ export type GetAnswer<P extends string> =
   P extends `/api/questions${Query}` ? Questions :
   P extends `/api/sessions${Query}` ? Sessions :
   P extends `/api/traces${Query}` ? Traces :
+  P extends `/api/waiting${Query}` ? Waiting :
   P extends `/health${Query}` ? Healthy :
   P extends `/healthz${Query}` ? Health :
   P extends `/metadata${Query}` ? EnvironmentMetadata :

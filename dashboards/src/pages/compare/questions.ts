@@ -12,7 +12,7 @@ export interface Thing {
 export function things(kind: Kind, signal: AbortSignal): Promise<Thing[]> {
   const text =
     kind === "policy"
-      ? "SELECT policy AS name, count(*) AS episodes FROM episodes WHERE end_reason IS NOT NULL GROUP BY policy ORDER BY policy"
+      ? "SELECT policy AS name, count(*) AS episodes FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL GROUP BY policy ORDER BY policy"
       : `SELECT preset AS name, count(DISTINCT episode_id) AS episodes
 FROM (SELECT preset, episode_id FROM episodes UNION ALL SELECT preset, episode_id FROM rescored) GROUP BY preset ORDER BY preset`;
   return sql<Thing>(text, {}, signal);
@@ -25,7 +25,7 @@ export interface Shared {
   tasks: number;
 }
 
-export const SHARED = `WITH played AS (SELECT DISTINCT policy, task_digest FROM episodes WHERE end_reason IS NOT NULL)
+export const SHARED = `WITH played AS (SELECT DISTINCT policy, task_digest FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL)
 SELECT a.policy AS a, b.policy AS b, count(*) AS tasks FROM played a JOIN played b ON b.task_digest = a.task_digest AND b.policy > a.policy
 GROUP BY a.policy, b.policy ORDER BY tasks DESC, a, b`;
 
@@ -61,7 +61,7 @@ export function policyPairs(a: string, b: string, byName: boolean, signal: Abort
   FROM episodes e
   LEFT JOIN blame bl ON bl.episode_id = e.episode_id AND bl.trace_digest = e.trace_digest
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
-  WHERE e.end_reason IS NOT NULL AND e.policy IN ($a, $b)
+  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND e.policy IN ($a, $b)
 ),
 solved AS (
   SELECT policy, key, min(task_id) AS task_id, min(family) AS family, avg(success) AS success, avg(total_reward) AS reward, avg(length) AS steps,
@@ -89,7 +89,7 @@ SELECT e.episode_id AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS su
 FROM episodes e
 JOIN once a ON a.episode_id = e.episode_id AND a.preset = $a
 JOIN once b ON b.episode_id = e.episode_id AND b.preset = $b
-WHERE e.end_reason IS NOT NULL
+WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
 ORDER BY e.task_id, key LIMIT ${MOST}`;
   return sql<Pair>(text, { a, b }, signal);
 }

@@ -1,7 +1,7 @@
 /** What the page of an episode asks for first: asked while the page itself is still on its way. */
 import { foresee } from "../../lib/api";
 import { framePath } from "../../lib/trace";
-import { momentOf, queryOf, viewOf } from "./camera";
+import { frameMoment, momentOf, queryOf, showsAfter, viewOf } from "./camera";
 
 export function pathsOf(trace: string) {
   const trunk = `/api/traces/${encodeURIComponent(trace)}` as const;
@@ -12,5 +12,5 @@ export function pathsOf(trace: string) {
 
 /** The image comes first: it takes longest. */
 export function foreseeEpisode(trace: string, query: URLSearchParams) {
-  foresee([framePath(trace, momentOf(query), queryOf(viewOf(query))), ...Object.values(pathsOf(trace))]);
+  foresee([framePath(trace, frameMoment(momentOf(query), showsAfter(query)), queryOf(viewOf(query))), ...Object.values(pathsOf(trace))]);
 }

@@ -14,6 +14,16 @@ export function momentOf(query: URLSearchParams): number {
   return Number.isNaN(step) ? START : Math.max(START, step);
 }
 
+/** Whether the image shows what came of the call, instead of what the robot saw when it chose it. Futures are compared by what came. */
+export function showsAfter(query: URLSearchParams): boolean {
+  return (query.get("show") ?? (query.has("branch") ? "after" : "before")) === "after";
+}
+
+/** The moment whose image is shown: that of a step is recorded after its call. */
+export function frameMoment(moment: number, after: boolean): number {
+  return after ? moment : Math.max(START, moment - 1);
+}
+
 export function queryOf({ camera, eye, lookAt }: View): string {
   if (camera === "head") return "";
   return camera === "free" ? link("", { camera, eye, look_at: lookAt }) : link("", { camera });

@@ -1,7 +1,7 @@
 /** What the list of episodes asks: one question for the rows, one for all counts. */
 import { sql } from "../../lib/api";
 import { type Column, order, selected } from "../../lib/columns";
-import { type Choice, type Episode, FACETS, type Facet, LISTED, condition, facetValue, where } from "../../lib/episodes";
+import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, condition, facetValue, where } from "../../lib/episodes";
 
 export const SIZE = 50;
 
@@ -25,11 +25,25 @@ export interface List {
   page: number;
 }
 
-export function rows(list: List, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
+export async function rows(list: List, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
   const text = `${LISTED}
 SELECT ${selected(list.columns)} FROM listed WHERE ${where(list.choice, list.clause)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
-  return sql<Episode>(text, { ...list.choice }, signal);
+  return withBranches(await sql<Episode>(text, { ...list.choice }, signal), list.columns, signal);
+}
+
+/** Every row with its branches below it, and theirs below them. */
+async function withBranches(rows: Episode[], columns: Column[], signal: AbortSignal): Promise<Episode[]> {
+  const below = new Map<string, Episode[]>();
+  for (let parents = rows; parents.length;) {
+    const digests = parents.map((row) => `'${row.trace_digest}'`).join(", ");
+    const text = `${BRANCHES} SELECT ${selected(columns)} FROM listed WHERE parent_trace IN (${digests}) ORDER BY parent_call, trace`;
+    parents = await sql<Episode>(text, {}, signal);
+    for (const row of parents) below.set(row.parent_trace!, [...(below.get(row.parent_trace!) ?? []), row]);
+  }
+  const hung = (row: Episode, depth: number): Episode[] =>
+    [{ ...row, depth }, ...(below.get(row.trace_digest) ?? []).flatMap((branch) => hung(branch, depth + 1))];
+  return below.size ? rows.flatMap((row) => hung(row, 0)) : rows;
 }
 
 /** Counts of every facet, each under the choices of all others, in one pass over the table. */
