@@ -24,9 +24,9 @@ export async function sankey_to_decisive_step(browser) {
     const canvas = page.locator("[role=img] canvas").first();
     await canvas.waitFor();
     const { width, height } = await canvas.boundingBox();
-    // The sub-classes stand in the right-most column, from top to bottom; the label beside them is 150 wide.
+    // The sub-classes stand in the right-most column, from top to bottom; the label beside them is 185 wide.
     for (let y = 20; y < height && !parameter(page, "sub_class"); y += 12) {
-      await canvas.click({ position: { x: width - 156, y } });
+      await canvas.click({ position: { x: width - 191, y } });
     }
     const sub = parameter(page, "sub_class");
     assert(sub, "no click on the Sankey chose a sub-class");
@@ -40,6 +40,72 @@ export async function sankey_to_decisive_step(browser) {
       WHERE e.trace LIKE '%/${new URL(page.url()).pathname.split("/").pop()}.mcap'`);
     assert(row.step === step && row.sub_class === sub, `the tables say step ${row.step}, ${row.sub_class}`);
   });
+}
+
+/** A chosen family is counted apart wherever it shares a class with others. */
+export async function sankey_counts_the_choice(browser) {
+  await onPage(browser, async (page) => {
+    const counts = await sql(`SELECT family, class, count(*) AS n, sum(count(*)) OVER (PARTITION BY class) AS all_n
+      FROM episodes JOIN classes USING (trace_digest) WHERE NOT success GROUP BY family, class ORDER BY family, class`);
+    const shared = counts.find(({ n, all_n }) => n < all_n);
+    assert(shared, "no class is shared by two families");
+    await visit(page, `/failures?family=${shared.family}`);
+    const canvas = page.locator("[role=img] canvas").first();
+    await canvas.waitFor();
+    const { x, y, width, height } = await canvas.boundingBox();
+    const told = new Set();
+    for (let at = 6; at < height; at += 6) {
+      await page.mouse.move(x + (width - 185) / 2, y + at);
+      for (const text of await page.locator("[role=img] > div:not(:has(canvas))").allInnerTexts()) told.add(text.trim());
+    }
+    for (const { family, class: klass, n, all_n } of counts.filter((one) => one.family === shared.family)) {
+      assert(told.has(`${klass}: ${n} of ${all_n}`), `the chart does not say that ${n} of ${all_n} ${klass} are of ${family}, only ${[...told].join(" | ")}`);
+    }
+  });
+}
+
+/** A filter of Failures holds on every tab and can be removed on each; confusions are those of the choice, and scroll. */
+export async function failures_keep_their_filter(browser) {
+  await onPage(browser, async (page) => {
+    const wrong = await sql(`SELECT e.family, count(DISTINCT e.episode_id) AS n FROM steps s JOIN episodes e USING (episode_id)
+      WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object GROUP BY e.family ORDER BY e.family`);
+    const picked = async () => {
+      const cells = await page.getByRole("region", { name: "Objects by category" }).getByRole("link").allInnerTexts();
+      return cells.reduce((sum, text) => sum + Number(text), 0);
+    };
+    assert(wrong.length > 1, "too few families with wrong picks");
+    await visit(page, "/failures?tab=confusions");
+    const all = await picked();
+    await visit(page, `/failures?tab=confusions&family=${wrong[0].family}`);
+    assert((await picked()) === wrong[0].n && all > wrong[0].n, `${await picked()} of ${all} wrong picks for ${wrong[0].family}, which has ${wrong[0].n}`);
+    await page.evaluate(() => localStorage.setItem("reel-author", "Nobody"));
+    for (const tab of ["", "confusions", "label"]) {
+      await visit(page, `/failures?tab=${tab}&family=${wrong[0].family}`);
+      await page.getByRole("button", { name: `Remove family ${wrong[0].family}` }).click();
+      await until(() => !parameter(page, "family"), "the address without the family");
+    }
+  });
+  // Furniture with long names, more of it than fits.
+  for (const width of [390, 1024, 1440]) {
+    await onPage(browser, async (page) => {
+      const names = [...Array(18).keys()].map((at) => `furniture with a long name ${at} in the second kitchen upstairs`);
+      const confusions = names.flatMap((wanted) => names.map((taken) => ({ wanted, taken, alike: false, episodes: 1, example: "x" })));
+      await page.route("**/api/sql", (asked) => asked.request().postData().includes("dest_distractors") ? asked.fulfill({ json: confusions }) : asked.continue());
+      await visit(page, "/failures?tab=confusions");
+      const region = page.getByRole("region", { name: "Furniture" }).last();
+      await region.focus();
+      const seen = await region.evaluate((box) => {
+        box.scrollLeft = 1e6;
+        const [corner, last, row] = ["thead th", "thead th:last-child span", "tbody th"].map((name) => box.querySelector(name).getBoundingClientRect());
+        const whole = [...box.querySelectorAll("th span")].every((span) => span.scrollWidth <= span.clientWidth + 1 && span.scrollHeight <= span.clientHeight + 1);
+        const { left, right } = box.getBoundingClientRect();
+        return { whole, reached: last.right <= right + 1, kept: row.left >= left - 1 && corner.left >= left - 1, wider: document.documentElement.scrollWidth - innerWidth };
+      });
+      assert(seen.whole && seen.reached && seen.kept && seen.wider <= 0, `${width}: ${JSON.stringify(seen)}`);
+      const found = await findings(page);
+      assert(!found.length, found.join("\n"));
+    }, { width });
+  }
 }
 
 /** The keyboard moves one clock, and everything with it. */

@@ -1,5 +1,6 @@
 /** The list of episodes in SQL: what a row is, what can be chosen, and how the choice becomes conditions. */
 import { sql, traceName } from "./api";
+import { words } from "./format";
 import { link } from "./route.svelte";
 
 /** A row that every list of episodes has. */
@@ -50,6 +51,11 @@ export function filterName(filter: Filter): string {
     placed_on: "placed on",
   };
   return names[filter] ?? filter;
+}
+
+/** The value of a filter as people read it; names that people gave stay as they are. */
+export function filterValue(filter: Filter, value: string): string {
+  return ["run_id", "policy", "task_id"].includes(filter) ? value : words(value);
 }
 
 /** What was chosen in the address. */
