@@ -180,23 +180,124 @@ export async function what_if_succeeds(browser, { trace, step }) {
   });
 }
 
+/** Answers a deletion of a label as the service does, and remembers it. */
+async function deletions(page) {
+  const deleted = [];
+  await page.route("**/api/labels?*", (asked) => {
+    if (asked.request().method() !== "DELETE") return asked.continue();
+    const asks = new URL(asked.request().url()).searchParams;
+    deleted.push({ episode: asks.get("episode"), author: asks.get("author") });
+    return asked.fulfill({ status: 204 });
+  });
+  return deleted;
+}
+const labelsBy = (author) => sql(`SELECT episode_id, class, sub_class, step, confidence, note FROM labels WHERE author = '${author}'`);
+
 /** A label given by keys is in the tables, and there when the page comes back. */
 export async function labels_persist(browser) {
+  const author = `Ada ${Date.now()}`;
   await onPage(browser, async (page) => {
-    await visit(page, "/failures?tab=label");
-    await page.getByLabel("Your name").fill("Ada");
+    await visit(page, "/failures?tab=label&blind=off");
+    await page.getByLabel("Your name").fill(author);
     await page.getByRole("button", { name: "Begin" }).click();
     await page.getByRole("heading", { name: "Why did it fail?" }).waitFor();
     await page.keyboard.press("2");
     await page.keyboard.press("b");
     await page.keyboard.press("Enter");
-    await until(async () => (await sql("SELECT class FROM labels WHERE author = 'Ada'")).length === 1, "the label in the tables");
-    const [kept] = await sql("SELECT episode_id, class, sub_class FROM labels WHERE author = 'Ada'");
+    await until(async () => (await labelsBy(author)).length === 1, "the label in the tables");
+    const [kept] = await labelsBy(author);
     await visit(page, `/failures?tab=label&episode=${kept.episode_id}`);
     await page.locator(".tag", { hasText: "labelled" }).waitFor();
     const chosen = await page.locator("button[aria-pressed=true]").allInnerTexts();
     assert(chosen.some((text) => text.includes(kept.class)), `${chosen} does not show ${kept.class}`);
-    await page.getByText(/Ada/).first().waitFor();
+    await page.getByText(author).first().waitFor();
+  });
+}
+
+/** Who labels sees what the rule says after answering only; another answer is undone into the one before, a first one into none. */
+export async function labels_are_given_blind(browser) {
+  const author = `blind ${Date.now()}`;
+  await onPage(browser, async (page) => {
+    const deleted = await deletions(page);
+    await page.addInitScript((author) => localStorage.setItem("reel-author", author), author);
+    await visit(page, "/failures?tab=label");
+    await page.getByRole("heading", { name: "Why did it fail?" }).waitFor();
+    const rule = page.getByRole("region", { name: "What the rule says" });
+    const told = async () => (await rule.count()) + (await page.locator(".tag", { hasText: "decisive" }).count()) + (await page.locator(".list .seen").count()) +
+      (await page.getByRole("button", { name: "Agree with the rule" }).count());
+    await page.locator(".list button").first().waitFor();
+    assert((await told()) === 0, "blind, and the rule's answer shows");
+    await page.keyboard.press("j");
+    for (const key of ["2", "b", "Enter"]) await page.keyboard.press(key);
+    await rule.waitFor();
+    assert((await rule.innerText()).includes("You say Key Action Missing"), await rule.innerText());
+    const undo = page.getByRole("button", { name: "Undo", exact: true });
+    await undo.waitFor();
+    const [first] = await labelsBy(author);
+    assert(first.sub_class === "missing_open" && first.step === 1, JSON.stringify(first));
+    for (const dark of [false, true]) {
+      await page.emulateMedia({ colorScheme: dark ? "dark" : "light" });
+      const found = await findings(page);
+      assert(!found.length, found.join("\n"));
+    }
+    for (const key of ["3", "a", "Enter"]) await page.keyboard.press(key);
+    await until(async () => (await labelsBy(author))[0].sub_class === "oscillation", "the other answer");
+    await undo.waitFor();
+    await page.keyboard.press("u");
+    await until(async () => (await labelsBy(author))[0].sub_class === "missing_open", "the answer before");
+    assert(!deleted.length, "an answer that is restored is not deleted");
+    await page.keyboard.press("n");
+    await until(() => parameter(page, "episode") !== first.episode_id, "the next episode");
+    const next = parameter(page, "episode");
+    for (const key of ["1", "Enter"]) await page.keyboard.press(key);
+    await undo.click();
+    await until(() => deleted.length === 1, "the deletion");
+    assert(deleted[0].episode === next && deleted[0].author === author, JSON.stringify(deleted));
+    await until(async () => (await told()) === 0, "the rule hidden again");
+    await page.getByLabel("Blind").uncheck();
+    await rule.waitFor();
+    assert(parameter(page, "blind") === "off", page.url());
+  });
+}
+
+/** An episode is labelled on its own page, a success too; the list then shows, counts and chooses labels. */
+export async function an_episode_is_labelled_on_its_page(browser) {
+  const author = `page ${Date.now()}`;
+  const [success] = await sql("SELECT episode_id, trace FROM episodes WHERE success AND length > 3 ORDER BY trace LIMIT 1");
+  for (const options of [{ width: 390, height: 844 }, { dark: true }]) {
+    await onPage(browser, async (page) => {
+      const deleted = await deletions(page);
+      await visit(page, `/episodes/${traceName(success.trace)}?step=2`);
+      await page.getByRole("button", { name: "Label …" }).click();
+      const panel = page.getByRole("region", { name: "Label this episode" });
+      await panel.getByRole("combobox", { name: "Class", exact: true }).selectOption("Lost Memory");
+      await panel.getByRole("combobox", { name: "Sub-class" }).selectOption("oscillation");
+      await panel.getByLabel("Confidence").fill("0.75");
+      await panel.getByLabel("Note").fill("back and forth, and yet");
+      await panel.getByLabel("Your name").fill(author);
+      await panel.getByRole("button", { name: "Store the label" }).click();
+      await panel.getByRole("row", { name: new RegExp(author) }).waitFor();
+      const [kept] = await labelsBy(author);
+      assert(kept.episode_id === success.episode_id && kept.sub_class === "oscillation" && kept.step === 2 && kept.confidence === 0.75 && kept.note.startsWith("back"), JSON.stringify(kept));
+      const found = await findings(page);
+      const wider = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      assert(!found.length && wider <= 0, `${wider} pixels wider; ${found.join("\n")}`);
+      await panel.getByRole("button", { name: `Delete the label of ${author}` }).click();
+      await until(() => deleted.length === 1, "the deletion");
+      assert(deleted[0].author === author && deleted[0].episode === success.episode_id, JSON.stringify(deleted));
+    }, options);
+  }
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes?columns=task_id,label,labelled_by");
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    await filters.getByRole("heading", { name: "labelled by" }).waitFor();
+    await filters.getByRole("button", { name: author }).click();
+    await until(() => parameter(page, "labelled_by")?.includes(author), "the facet in the address");
+    const row = page.getByRole("row", { name: /oscillation/ });
+    await row.getByText(author).waitFor();
+    await until(async () => (await page.getByRole("row").count()) === 2, "the one episode that is labelled so");
+    const [facet, count] = [filters, filters.locator(".count").first()];
+    assert((await count.boundingBox()).x < (await facet.boundingBox()).x + 204, "counts stand within the filters");
   });
 }
 

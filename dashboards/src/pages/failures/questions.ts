@@ -72,8 +72,16 @@ export interface Failed {
   rule_last_step: number | null;
   decisive_step: number | null;
   explanation: string | null;
-  own_sub_class: string | null;
   own_class: string | null;
+  own_sub_class: string | null;
+  own_step: number | null;
+}
+
+/** What a person says of an episode. */
+export interface Answer {
+  class: string;
+  sub_class: string | null;
+  step: number | null;
 }
 
 export const QUEUE = 500;
@@ -82,10 +90,9 @@ export const QUEUE = 500;
 export function queue(choice: Choice, author: string, signal: AbortSignal): Promise<Failed[]> {
   const text = `${LISTED}
 SELECT l.episode_id, l.trace, l.task_id, l.policy, l.instruction, l.length, l.class, l.sub_class, l.rule, l.rule_step, l.rule_last_step,
-  l.decisive_step, l.explanation, own.class AS own_class, own.sub_class AS own_sub_class
+  l.decisive_step, l.explanation, own.class AS own_class, own.sub_class AS own_sub_class, own.step AS own_step
 FROM (SELECT * FROM listed WHERE ${where(choice)}) l
-LEFT JOIN (SELECT episode_id, max(class) AS class, max(sub_class) AS sub_class FROM labels WHERE author = $author GROUP BY episode_id) own
-  ON own.episode_id = l.episode_id
+LEFT JOIN (SELECT * FROM labels WHERE author = $author AND kind = 'human') own ON own.episode_id = l.episode_id
 ORDER BY l.task_id, l.episode_id LIMIT ${QUEUE}`;
   return sql<Failed>(text, { ...choice, author }, signal);
 }
@@ -102,17 +109,17 @@ export function calls(episode: string, signal: AbortSignal): Promise<Call[]> {
   return sql<Call>("SELECT step, tool, argument, text, error_code FROM steps WHERE episode_id = $episode ORDER BY step", { episode }, signal);
 }
 
-/** How often an author gave a class where the rules gave another or the same. */
+/** How often an author gave a class, and what the rules gave there: null where they gave none, as for a success. */
 export interface Pair {
   author: string;
   kind: string;
   labelled: string;
-  found: string;
+  found: string | null;
   episodes: number;
   same: number;
 }
 
-export const PAIRS = `SELECT l.author, l.kind, coalesce(l.class, 'none') AS labelled, coalesce(c.class, 'not classified') AS found,
+export const PAIRS = `SELECT l.author, l.kind, l.class AS labelled, c.class AS found,
   count(*) AS episodes, count(*) FILTER (WHERE l.sub_class = c.sub_class) AS same
 FROM labels l
 JOIN episodes e ON e.episode_id = l.episode_id
