@@ -28,6 +28,8 @@ export const COLUMNS: Column[] = [
   { key: "completion", title: "CR", number: true, usual: true, show: (row) => percent(row["completion"] as number | null) },
   { key: "total_reward", title: "Return", number: true, usual: true, show: digits("total_reward", 2) },
   { key: "verdict", title: "Replay", usual: true, show: plain("verdict") },
+  { key: "label", title: "Label", show: plain("label") },
+  { key: "labelled_by", title: "Labelled by", show: text("labelled_by") },
   { key: "trace_modified_ns", title: "Recorded", show: (row) => date.format(Number(row["trace_modified_ns"]) / 1e6) },
   { key: "family", title: "Family", show: text("family") },
   { key: "run_id", title: "Run", show: text("run_id") },

@@ -1,5 +1,7 @@
 /** The list of episodes in SQL: what a row is, what can be chosen, and how the choice becomes conditions. */
 import { sql, traceName } from "./api";
+import { words } from "./format";
+import { PEOPLE } from "./labels";
 import { link } from "./route.svelte";
 
 /** A row that every list of episodes has. */
@@ -31,7 +33,7 @@ const listed = (condition: string) => `WITH listed AS (
     c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
     coalesce(b.step, c.step) AS decisive_step,
     b.cause, b.explanation, b.advised_call, b.wasted_steps, b.point_of_no_return,
-    coalesce(v.verdict, 'unverified') AS verdict
+    coalesce(v.verdict, 'unverified') AS verdict, l.label, l.labelled_by
   FROM episodes e
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.trace_digest = e.trace_digest
@@ -39,6 +41,7 @@ const listed = (condition: string) => `WITH listed AS (
     SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
     FROM verdicts GROUP BY trace_digest
   ) v ON v.trace_digest = e.trace_digest
+  LEFT JOIN (${PEOPLE}) l ON l.episode_id = e.episode_id
   WHERE ${condition}
 )`;
 /** What was played. A branch is no trial of its policy: it stands below its parent, and counts nowhere. */
@@ -46,7 +49,7 @@ export const LISTED = listed("e.parent_trace IS NULL");
 export const BRANCHES = listed("e.parent_trace IS NOT NULL");
 
 /** What stands beside the list, in this order. */
-export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason"] as const;
+export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason", "label", "labelled_by"] as const;
 export type Facet = (typeof FACETS)[number];
 /** What links may choose besides. */
 export const FILTERS = [...FACETS, "task_id", "target_category", "dest", "picked", "placed_on"] as const;
@@ -57,9 +60,14 @@ export type Choice = Partial<Record<Filter, string>>;
 export function filterName(filter: Filter): string {
   const names: Partial<Record<Filter, string>> = {
     sub_class: "sub-class", run_id: "run", verdict: "replay", end_reason: "end", task_id: "task", target_category: "wanted", dest: "destination",
-    placed_on: "placed on",
+    placed_on: "placed on", labelled_by: "labelled by",
   };
   return names[filter] ?? filter;
+}
+
+/** The value of a filter as people read it; names that people gave stay as they are. */
+export function filterValue(filter: Filter, value: string): string {
+  return ["run_id", "policy", "task_id", "labelled_by"].includes(filter) ? value : words(value);
 }
 
 /** What was chosen in the address. */

@@ -1,7 +1,4 @@
-/** The classes of failures (those of the rules: a test of src/taxonomy compares), and who labels them in this browser. */
-import { post } from "./api";
-import type { LabelBody } from "./generated";
-
+/** The classes of failures: those of the rules, which a test of src/taxonomy compares. */
 export const CLASSES: Record<string, string[]> = {
   "Object Confusion": ["wrong_instance", "wrong_kind", "wrong_attribute", "wrong_receptacle", "similar_furniture", "ignored_answer"],
   "Key Action Missing": ["missing_ask", "missing_open", "missing_pick", "missing_place", "never_looked", "premature_finish", "uninformative_ask", "incomplete"],
@@ -18,14 +15,3 @@ export const CLASSES: Record<string, string[]> = {
   ],
   Other: ["timeout", "invalid_output", "physical_failure", "primitive_failure", "unexplained"],
 };
-
-const AUTHOR = "reel-author";
-
-export const author = {
-  get: () => localStorage.getItem(AUTHOR) ?? "",
-  set: (name: string) => localStorage.setItem(AUTHOR, name),
-};
-
-export function label(one: LabelBody): Promise<LabelBody> {
-  return post("/api/labels", one);
-}

@@ -1,6 +1,6 @@
-/** What the page of failures asks the tables. An empty policy means all. */
+/** What the page of failures asks the tables. */
 import { sql } from "../../lib/api";
-import { LISTED } from "../../lib/episodes";
+import { type Choice, LISTED, where } from "../../lib/episodes";
 
 export interface Flow {
   family: string;
@@ -9,12 +9,12 @@ export interface Flow {
   episodes: number;
 }
 
-export function flows(policy: string, signal: AbortSignal): Promise<Flow[]> {
+export function flows(choice: Choice, signal: AbortSignal): Promise<Flow[]> {
   const text = `${LISTED}
 SELECT coalesce(family, 'none') AS family, class, coalesce(sub_class, 'none') AS sub_class, count(*) AS episodes
-FROM listed WHERE outcome = 'failure' AND ($policy = '' OR policy = $policy)
+FROM listed WHERE outcome = 'failure' AND ${where(choice)}
 GROUP BY family, class, sub_class ORDER BY episodes DESC, class, sub_class`;
-  return sql<Flow>(text, { policy }, signal);
+  return sql<Flow>(text, { ...choice }, signal);
 }
 
 export function policies(signal: AbortSignal): Promise<{ policy: string; failed: number }[]> {
@@ -30,20 +30,31 @@ export interface Confusion {
   example: string;
 }
 
-const OF_POLICY = "($policy = '' OR policy = $policy)";
-
-export function objectConfusions(policy: string, look: boolean, signal: AbortSignal): Promise<Confusion[]> {
-  const [wanted, taken] = look ? ["wanted_caption", "picked_caption"] : ["wanted", "picked"];
-  const text = `SELECT coalesce(${wanted}, 'not told') AS wanted, coalesce(${taken}, 'not told') AS taken, bool_or(alike) AS alike,
-  sum(episodes) AS episodes, min(example) AS example
-FROM object_confusions WHERE ${OF_POLICY} GROUP BY 1, 2 ORDER BY episodes DESC, 1, 2 LIMIT 400`;
-  return sql<Confusion>(text, { policy }, signal);
+/** Objects that were picked instead of the goal's, as the named query `object_confusions` counts them, within a choice. */
+export function objectConfusions(choice: Choice, look: boolean, signal: AbortSignal): Promise<Confusion[]> {
+  const [wanted, taken] = look ? ["l.target_caption", "o.caption"] : ["l.target_category", "o.category"];
+  const text = `${LISTED}
+SELECT coalesce(${wanted}, 'not told') AS wanted, coalesce(${taken}, 'not told') AS taken, bool_or(o.category = l.target_category) AS alike,
+  count(DISTINCT l.episode_id) AS episodes, min(l.trace) AS example
+FROM steps s
+JOIN (SELECT * FROM listed WHERE ${where(choice)}) l ON l.episode_id = s.episode_id
+LEFT JOIN objects o ON o.task_digest = l.task_digest AND o.instance = s.object
+WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object
+GROUP BY 1, 2 ORDER BY episodes DESC, 1, 2 LIMIT 400`;
+  return sql<Confusion>(text, { ...choice }, signal);
 }
 
-export function receptacleConfusions(policy: string, signal: AbortSignal): Promise<Confusion[]> {
-  const text = `SELECT wanted, placed_on AS taken, bool_or(alike) AS alike, sum(episodes) AS episodes, min(example) AS example
-FROM receptacle_confusions WHERE ${OF_POLICY} GROUP BY wanted, placed_on ORDER BY episodes DESC, 1, 2 LIMIT 400`;
-  return sql<Confusion>(text, { policy }, signal);
+/** Furniture that the goal's object was placed on instead of the destination, as the named query `receptacle_confusions` counts it. */
+export function receptacleConfusions(choice: Choice, signal: AbortSignal): Promise<Confusion[]> {
+  const text = `${LISTED}
+SELECT l.dest AS wanted, s.receptacle AS taken, bool_or(array_has(t.dest_distractors, s.receptacle)) AS alike,
+  count(DISTINCT l.episode_id) AS episodes, min(l.trace) AS example
+FROM steps s
+JOIN (SELECT * FROM listed WHERE ${where(choice)}) l ON l.episode_id = s.episode_id
+JOIN tasks t ON t.task_digest = l.task_digest
+WHERE s.tool = 'place' AND s.error_code IS NULL AND s.goal_object AND NOT s.goal_receptacle
+GROUP BY 1, 2 ORDER BY episodes DESC, 1, 2 LIMIT 400`;
+  return sql<Confusion>(text, { ...choice }, signal);
 }
 
 /** A failed episode to be labelled. */
@@ -61,22 +72,29 @@ export interface Failed {
   rule_last_step: number | null;
   decisive_step: number | null;
   explanation: string | null;
-  own_sub_class: string | null;
   own_class: string | null;
+  own_sub_class: string | null;
+  own_step: number | null;
+}
+
+/** What a person says of an episode. */
+export interface Answer {
+  class: string;
+  sub_class: string | null;
+  step: number | null;
 }
 
 export const QUEUE = 500;
 
-/** Failed episodes under a condition, with what this author said of them. */
-export function queue(condition: string, parameters: Record<string, string>, author: string, signal: AbortSignal): Promise<Failed[]> {
+/** Episodes of a choice, with what this author said of them. */
+export function queue(choice: Choice, author: string, signal: AbortSignal): Promise<Failed[]> {
   const text = `${LISTED}
 SELECT l.episode_id, l.trace, l.task_id, l.policy, l.instruction, l.length, l.class, l.sub_class, l.rule, l.rule_step, l.rule_last_step,
-  l.decisive_step, l.explanation, own.class AS own_class, own.sub_class AS own_sub_class
-FROM (SELECT * FROM listed WHERE ${condition}) l
-LEFT JOIN (SELECT episode_id, max(class) AS class, max(sub_class) AS sub_class FROM labels WHERE author = $author GROUP BY episode_id) own
-  ON own.episode_id = l.episode_id
+  l.decisive_step, l.explanation, own.class AS own_class, own.sub_class AS own_sub_class, own.step AS own_step
+FROM (SELECT * FROM listed WHERE ${where(choice)}) l
+LEFT JOIN (SELECT * FROM labels WHERE author = $author AND kind = 'human') own ON own.episode_id = l.episode_id
 ORDER BY l.task_id, l.episode_id LIMIT ${QUEUE}`;
-  return sql<Failed>(text, { ...parameters, author }, signal);
+  return sql<Failed>(text, { ...choice, author }, signal);
 }
 
 export interface Call {
@@ -91,17 +109,17 @@ export function calls(episode: string, signal: AbortSignal): Promise<Call[]> {
   return sql<Call>("SELECT step, tool, argument, text, error_code FROM steps WHERE episode_id = $episode ORDER BY step", { episode }, signal);
 }
 
-/** How often an author gave a class where the rules gave another or the same. */
+/** How often an author gave a class, and what the rules gave there: null where they gave none, as for a success. */
 export interface Pair {
   author: string;
   kind: string;
   labelled: string;
-  found: string;
+  found: string | null;
   episodes: number;
   same: number;
 }
 
-export const PAIRS = `SELECT l.author, l.kind, coalesce(l.class, 'none') AS labelled, coalesce(c.class, 'not classified') AS found,
+export const PAIRS = `SELECT l.author, l.kind, l.class AS labelled, c.class AS found,
   count(*) AS episodes, count(*) FILTER (WHERE l.sub_class = c.sub_class) AS same
 FROM labels l
 JOIN episodes e ON e.episode_id = l.episode_id

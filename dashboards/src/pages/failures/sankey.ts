@@ -1,66 +1,94 @@
-/** The flows of failures as a chart. */
+/** The flows of failures as a chart. Where parts are chosen, every node and flow shows how much of it is chosen. */
 import type { EChartsCoreOption } from "echarts/core";
 import { words } from "../../lib/format";
 import { palette } from "../../lib/palette";
 import type { Flow } from "./questions";
 
 export type Part = "family" | "class" | "sub_class";
-export const PARTS: Part[] = ["family", "class", "sub_class"];
+type Chosen = Partial<Record<Part, string>>;
+const PARTS: Part[] = ["family", "class", "sub_class"];
+const CLASSES = ["Object Confusion", "Key Action Missing", "Lost Memory", "Other"];
+
+/** Whether a flow has the chosen parts, one of them left out. */
+export function fits(flow: Flow, chosen: Chosen, but?: Part): boolean {
+  return PARTS.every((part) => part === but || !chosen[part] || flow[part] === chosen[part]);
+}
 
 /** What a click on something of the chart chooses. */
-export function chosenBy(data: unknown): Partial<Record<Part, string>> | null {
-  return typeof data === "object" && data !== null && "parts" in data ? (data.parts as Partial<Record<Part, string>>) : null;
+export function chosenBy(data: unknown): Chosen | null {
+  return typeof data === "object" && data !== null && "parts" in data ? (data.parts as Chosen) : null;
+}
+
+/** A node or a flow between two, with its chosen episodes and all of them. */
+interface Piece {
+  parts: Chosen;
+  shown: string;
+  color: string;
+  chosen: number;
+  all: number;
 }
 
 /** Nodes of two parts may have one name; the part before it tells them apart. */
 const node = (part: Part, flow: Flow) => (part === "sub_class" ? `${part} ${flow.class} ${flow.sub_class}` : `${part} ${flow[part]}`);
 
-export function sankey(flows: Flow[], chosen: Record<Part, string>, dark: boolean): EChartsCoreOption {
+/** Adds a flow to a piece of the chart, which begins with the first flow. */
+function add<P extends Piece>(pieces: Map<string, P>, key: string, flow: Flow, chosen: Chosen, first: Omit<P, "chosen" | "all">) {
+  const piece = pieces.get(key) ?? ({ ...first, chosen: 0, all: 0 } as P);
+  piece.all += flow.episodes;
+  if (fits(flow, chosen)) piece.chosen += flow.episodes;
+  pieces.set(key, piece);
+}
+
+export function sankey(flows: Flow[], chosen: Chosen, dark: boolean): EChartsCoreOption {
   const colors = palette(dark);
-  const classes = ["Object Confusion", "Key Action Missing", "Lost Memory", "Other"];
-  const color = (flow: Flow) => colors.series[(classes.indexOf(flow.class) + 1 || 6) % colors.series.length];
+  const color = (flow: Flow) => colors.series[(CLASSES.indexOf(flow.class) + 1 || 6) % colors.series.length]!;
   const any = PARTS.some((part) => chosen[part]);
-  const fits = (flow: Flow) => PARTS.every((part) => !chosen[part] || flow[part] === chosen[part]);
-  const nodes = new Map<string, { name: string; depth: number; shown: string; episodes: number; parts: object; lit: boolean; color?: string }>();
-  const links = new Map<string, { source: string; target: string; value: number; parts: object; lit: boolean; color?: string }>();
+  const nodes = new Map<string, Piece & { name: string; depth: number }>();
+  const links = new Map<string, Piece & { source: string; target: string }>();
   for (const flow of flows) {
     PARTS.forEach((part, depth) => {
       const name = node(part, flow);
       const parts = part === "sub_class" ? { class: flow.class, sub_class: flow.sub_class } : { [part]: flow[part] };
-      const known = nodes.get(name) ?? { name, depth, shown: words(flow[part]), episodes: 0, parts, lit: false, color: depth ? color(flow) : colors.soft };
-      known.episodes += flow.episodes;
-      known.lit ||= fits(flow);
-      nodes.set(name, known);
+      add(nodes, name, flow, chosen, { name, depth, parts, shown: words(flow[part]), color: depth ? color(flow) : colors.soft });
     });
     for (const [from, to] of [["family", "class"], ["class", "sub_class"]] as const) {
       const [source, target] = [node(from, flow), node(to, flow)];
-      const known = links.get(`${source}\n${target}`) ?? {
-        source, target, value: 0, parts: { [from]: flow[from], [to]: flow[to] }, lit: false, color: color(flow),
-      };
-      known.value += flow.episodes;
-      known.lit ||= fits(flow);
-      links.set(`${source}\n${target}`, known);
+      const shown = `${words(flow[from])} → ${words(flow[to])}`;
+      add(links, `${source}\n${target}`, flow, chosen, { source, target, shown, parts: { [from]: flow[from], [to]: flow[to] }, color: color(flow) });
     }
   }
-  const strong = (lit: boolean, yes: number, no: number) => (!any || lit ? yes : no);
+  const counted = (piece: Piece) => (any ? `${piece.chosen} of ${piece.all}` : `${piece.all}`);
+  /** The chosen part of a node stands at its top in full colour. */
+  const filled = ({ color, chosen, all }: Piece) => ({
+    type: "linear", x: 0, y: 0, x2: 0, y2: 1,
+    colorStops: [[0, color], [chosen / all, color], [chosen / all, `${color}40`], [1, `${color}40`]].map(([offset, color]) => ({ offset, color })),
+  });
   return {
     tooltip: {
-      formatter: ({ data }: { data: { shown?: string; episodes?: number; value?: number; parts: Record<string, string> } }) => {
+      formatter: ({ data }: { data: Piece }) => {
         const box = document.createElement("div");
-        const name = data.shown ?? Object.values(data.parts).map(words).join(" → ");
-        box.textContent = `${name}: ${data.episodes ?? data.value}`;
+        box.textContent = `${data.shown}: ${counted(data)}`;
         return box;
       },
     },
     series: [{
-      type: "sankey", left: 0, right: 150, top: 4, bottom: 8, nodeWidth: 12, nodeGap: 9, draggable: false, layoutIterations: 48,
+      type: "sankey", left: 0, right: 185, top: 4, bottom: 8, nodeWidth: 12, nodeGap: 9, draggable: false, layoutIterations: 48,
       emphasis: { disabled: true },
       label: {
         color: colors.ink, fontSize: 13, textBorderWidth: 0,
-        formatter: ({ data }: { data: { shown: string; episodes: number } }) => `${data.shown}  ${data.episodes}`,
+        formatter: ({ data }: { data: Piece }) => `${data.shown}  ${counted(data)}`,
       },
-      data: [...nodes.values()].map((one) => ({ ...one, itemStyle: { color: one.color, borderWidth: 0, opacity: strong(one.lit, 1, 0.25) } })),
-      links: [...links.values()].map((one) => ({ ...one, lineStyle: { color: one.color, opacity: strong(one.lit, 0.35, 0.07), curveness: 0.5 } })),
+      data: [...nodes.values()].map((one) => ({
+        ...one,
+        itemStyle: { color: any ? filled(one) : one.color, borderWidth: 0 },
+        label: any && !one.chosen ? { color: colors.soft } : undefined,
+      })),
+      // The chosen part of a flow and the rest are two bands side by side.
+      links: [...links.values()].flatMap((one) => {
+        const band = (value: number, opacity: number) => ({ ...one, value, lineStyle: { color: one.color, opacity, curveness: 0.5 } });
+        if (!any) return [band(one.all, 0.35)];
+        return [band(one.chosen, 0.55), band(one.all - one.chosen, 0.09)].filter(({ value }) => value);
+      }),
     }],
   };
 }
