@@ -151,6 +151,80 @@ export async function stepping(browser, { trace, step }) {
   });
 }
 
+/** The decisive moment shows what the robot saw when it chose, not what came of it. */
+export async function a_step_shows_what_was_seen(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    const asked = [];
+    page.on("request", (request) => asked.push(request.url().slice(url.length)));
+    const frame = (at) => `/api/traces/${trace}/frames/${at < 0 ? "start" : at}`;
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    const image = page.locator(".view img").first();
+    await image.waitFor();
+    assert(asked.includes(frame(step - 1)) && !asked.includes(frame(step)), `asked for ${asked.filter((path) => path.includes("/frames/"))}`);
+    assert((await image.getAttribute("alt")).endsWith(`before step ${step}`), await image.getAttribute("alt"));
+    const before = await image.getAttribute("src");
+    await page.keyboard.press("b");
+    await until(async () => (await image.getAttribute("src")) !== before, "the image after the call");
+    assert(asked.includes(frame(step)) && parameter(page, "show") === "after", page.url());
+    await page.getByRole("button", { name: "Before the call" }).click();
+    await until(async () => (await image.getAttribute("src")) === before, "the image before the call again");
+    // So do the small images of lists.
+    asked.length = 0;
+    await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
+    await page.locator("a.open img").first().waitFor();
+    assert(asked.includes(frame(step - 1)) && !asked.includes(frame(step)), `asked for ${asked.filter((path) => path.includes("/frames/"))}`);
+  });
+}
+
+/** A replay on the page is a verdict in the tables, and the overview counts it. */
+export async function a_replay_leaves_its_verdict(browser, { trace }) {
+  await onPage(browser, async (page) => {
+    const of = `SELECT v.verdict FROM episodes e JOIN verdicts v ON v.trace_digest = e.trace_digest WHERE e.trace LIKE '%/${trace}.mcap'`;
+    const job = await (await fetch(`${url}/api/jobs`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ kind: "replay", traces: [trace, "gone"] }),
+    })).json();
+    let ended;
+    await until(async () => {
+      ended = await (await fetch(`${url}/api/jobs/${job.id}`)).json();
+      return !["waiting", "running"].includes(ended.state);
+    }, "the replay");
+    assert(ended.state === "done" && ended.errors.some((text) => text.includes("gone")), JSON.stringify(ended));
+    const rows = await sql(of);
+    assert(rows.length >= 1 && rows.every(({ verdict }) => verdict === "exact"), JSON.stringify(rows));
+    // Once more by the trace's own route: nothing is counted twice.
+    assert((await (await fetch(`${url}/api/traces/${trace}/replay`, { method: "POST" })).json()).exact, "it does not replay");
+    assert((await sql(of)).length === rows.length, "a verdict is there twice");
+    const [{ n }] = await sql(`SELECT count(DISTINCT e.episode_id) AS n FROM episodes e JOIN verdicts v ON v.trace_digest = e.trace_digest
+      WHERE v.verdict = 'exact' AND e.parent_trace IS NULL`);
+    await visit(page, "/");
+    const shown = await page.locator("li", { hasText: "Verified exact" }).first().innerText();
+    assert(shown.includes(String(n)), `${n} exact: ${shown}`);
+  });
+}
+
+/** A branch is read in by itself, hangs below its parent, and is no policy of the benchmark. */
+export async function branches_come_and_hang_below_their_parent(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
+    await page.locator("a.open").first().waitFor();
+    const name = `hanging-${Date.now()}`;
+    const made = await fetch(`${url}/api/traces/${trace}/branches`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "planner", name }),
+    });
+    assert(made.status === 201, await made.text());
+    await page.getByText("The tables have new episodes.").waitFor();
+    await page.getByRole("button", { name: "Show them" }).click();
+    await page.getByText(`↳ branch at step ${step}`).first().waitFor();
+    const [{ n }] = await sql(`SELECT count(*) AS n FROM episodes WHERE trace LIKE '%/${name}.mcap' AND parent_trace IS NOT NULL`);
+    assert(n === 1, `${n} rows of the branch`);
+    await visit(page, "/");
+    await page.getByRole("heading", { name: /Success/ }).first().waitFor();
+    const policies = await sql("SELECT DISTINCT policy FROM main_results");
+    assert(!policies.some(({ policy }) => policy === "branch"), JSON.stringify(policies));
+    assert((await page.getByRole("row", { name: /^branch/ }).count()) === 0, "a branch is a policy of the overview");
+  });
+}
+
 /** The same moment in Rerun's web viewer. */
 export async function rerun_opens_at_the_moment(browser, { trace, step }) {
   await onPage(browser, async (page) => {
@@ -159,6 +233,13 @@ export async function rerun_opens_at_the_moment(browser, { trace, step }) {
     const shows = () => viewer.evaluate(() => Number(document.documentElement.dataset.step)).catch(() => null);
     await until(async () => (await shows()) === step, `step ${step} in Rerun`);
     assert((await viewer.title()).startsWith(trace), await viewer.title());
+    await viewer.getByRole("link", { name: "The episode in Reel" }).click();
+    await viewer.waitForURL(`${url}/episodes/${trace}?step=${step}`);
+    // Its tens of megabytes come compressed, and once.
+    const wasm = await fetch(`${url}/rerun/re_viewer_bg.wasm`, { method: "HEAD", headers: { "accept-encoding": "gzip" } });
+    assert(wasm.headers.get("content-encoding") === "gzip", "the viewer is not compressed");
+    const again = await fetch(`${url}/rerun/re_viewer_bg.wasm`, { headers: { "accept-encoding": "gzip", "if-none-match": wasm.headers.get("etag") } });
+    assert(again.status === 304, `${again.status} for what is known`);
   });
 }
 

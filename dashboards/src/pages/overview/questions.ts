@@ -1,4 +1,4 @@
-/** What the overview asks the tables. Episodes whose trace breaks off count nowhere but in the totals. */
+/** What the overview asks the tables. Episodes whose trace breaks off count nowhere but in the totals, branches nowhere. */
 
 export interface Totals {
   episodes: number;
@@ -9,7 +9,7 @@ export interface Totals {
 }
 
 export const TOTALS = `SELECT count(*) AS episodes, count(DISTINCT task_digest) AS tasks, count(DISTINCT policy) AS policies,
-  count(DISTINCT run_id) AS runs, sum(length) AS steps FROM episodes`;
+  count(DISTINCT run_id) AS runs, sum(length) AS steps FROM episodes WHERE parent_trace IS NULL`;
 
 /** A policy in a family, or in all (`family` is null and `whole` is 1). */
 export interface Cell {
@@ -51,7 +51,7 @@ export interface Reason {
 
 export const REASONS = `SELECT coalesce(c.class, 'not classified') AS class, c.sub_class, count(*) AS episodes
 FROM episodes e LEFT JOIN classes c ON c.trace_digest = e.trace_digest
-WHERE NOT e.success GROUP BY c.class, c.sub_class ORDER BY episodes DESC, class, sub_class`;
+WHERE NOT e.success AND e.parent_trace IS NULL GROUP BY c.class, c.sub_class ORDER BY episodes DESC, class, sub_class`;
 
 export interface Sound {
   verdict: string;
@@ -63,7 +63,7 @@ FROM episodes e LEFT JOIN (
   SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
   FROM verdicts GROUP BY trace_digest
 ) v ON v.trace_digest = e.trace_digest
-GROUP BY v.verdict`;
+WHERE e.parent_trace IS NULL GROUP BY v.verdict`;
 
 export interface LeftOut {
   reason: string;

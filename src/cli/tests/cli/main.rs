@@ -66,6 +66,8 @@ mod usd_meshes;
 #[cfg(feature = "analytics")]
 mod user_model;
 #[cfg(feature = "analytics")]
+mod verdicts;
+#[cfg(feature = "analytics")]
 mod vocabulary;
 
 use std::{

@@ -1,5 +1,7 @@
 //! Why a query has no result: the errors of a session.
 
+use std::io::ErrorKind;
+
 use datafusion::error::DataFusionError;
 
 use crate::{
@@ -49,6 +51,19 @@ impl From<DataFusionError> for QueryError {
             return QueryError::Stopped(stopped.clone());
         }
         QueryError::Engine(error)
+    }
+}
+
+impl QueryError {
+    /// Whether the system refused something (a thread, a file, memory), and the same query may
+    /// succeed in a moment.
+    pub fn is_of_the_system(&self) -> bool {
+        match self {
+            QueryError::Engine(error) => {
+                matches!(error.find_root(), DataFusionError::IoError(cause) if cause.kind() == ErrorKind::WouldBlock)
+            }
+            _ => false,
+        }
     }
 }
 

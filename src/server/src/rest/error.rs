@@ -306,6 +306,9 @@ impl From<QueryError> for ApiError {
                 Self::unprocessable(OVER_LIMIT, message)
             }
             QueryError::ReadOnly { .. } => Self::unprocessable("read_only", message),
+            error if error.is_of_the_system() => {
+                Self::busy(format!("{message}; try again in a moment"))
+            }
             _ => Self::unprocessable("bad_query", message),
         }
     }
