@@ -65,6 +65,37 @@ export async function a_question_becomes_a_panel(browser) {
   });
 }
 
+/** A panel under the title of another one replaces it only when that is confirmed. */
+export async function a_panel_is_not_replaced_unasked(browser) {
+  const name = "kept-as-it-is";
+  const saved = async () => (await (await fetch(`${url}/api/definitions`)).json()).find((one) => one.name === name)?.definition.sql;
+  await onPage(browser, async (page) => {
+    const save = async (question) => {
+      await visit(page, `/sql?${new URLSearchParams({ q: question })}`);
+      await page.getByRole("button", { name: "Save as a panel…" }).click();
+      await page.getByLabel("Title").fill("Kept as it is");
+      await page.keyboard.press("Enter");
+    };
+    try {
+      await save("SELECT 1");
+      await page.getByRole("link", { name: "look at it" }).waitFor();
+      await save("SELECT 2");
+      const asks = page.getByRole("dialog", { name: /Replace “Kept as it is”/ });
+      await asks.waitFor();
+      const found = await findings(page);
+      assert(!found.length, found.join("; "));
+      await page.keyboard.press("Escape");
+      assert((await saved()) === "SELECT 1", await saved());
+      await page.getByRole("button", { name: /Save kept-as-it-is/ }).click();
+      await asks.getByRole("button", { name: "Replace it" }).click();
+      await page.getByRole("link", { name: "look at it" }).waitFor();
+      assert((await saved()) === "SELECT 2", await saved());
+    } finally {
+      await fetch(`${url}/api/definitions/${name}`, { method: "DELETE" });
+    }
+  });
+}
+
 /** The editor highlights, completes by keyboard, undoes, and lets those out who use no mouse. */
 export async function the_editor_helps_and_lets_go(browser) {
   for (const dark of [false, true]) {
@@ -94,4 +125,30 @@ export async function the_editor_helps_and_lets_go(browser) {
       assert((await written(page)).endsWith("WHERE pol"), await written(page));
     }, { dark });
   }
+}
+
+const drawnAs = (select) => `/sql?${new URLSearchParams({ q: `SELECT ${select}`, as: "bar" })}`;
+
+/** Bars of an answer with two grouping columns get a colour for each value of the second; rows that no column separates are not hidden. */
+export async function bars_hide_no_row(browser) {
+  await onPage(browser, async (page) => {
+    await visit(page, drawnAs("family, policy, count(*) AS n FROM episodes GROUP BY 1, 2 ORDER BY 1, 2"));
+    await page.getByRole("img", { name: /^n by family for each policy/ }).waitFor();
+    const group = page.getByLabel("one colour for each");
+    assert((await group.inputValue()) === "policy", await group.inputValue());
+    await group.selectOption("family");
+    const hint = page.getByRole("region", { name: "Chart" }).getByRole("alert");
+    await hint.waitFor();
+    assert(/Choose policy as group/.test(await hint.innerText()), await hint.innerText());
+    assert(!(await page.getByRole("img", { name: /by family/ }).count()), "bars are drawn over each other");
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    await group.selectOption("policy");
+    await page.getByRole("img", { name: /for each policy/ }).waitFor();
+    await visit(page, drawnAs("family, total_reward FROM episodes"));
+    await hint.waitFor();
+    assert(/GROUP BY family/.test(await hint.innerText()), await hint.innerText());
+    await visit(page, drawnAs("family, count(*) AS n FROM episodes GROUP BY 1"));
+    await page.getByRole("img", { name: /^n by family, / }).waitFor();
+  });
 }
