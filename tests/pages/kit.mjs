@@ -10,7 +10,7 @@ const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 export const url = process.env.URL;
 export const emptyUrl = process.env.EMPTY_URL;
 /** How long anything may take: the machine may be busy. */
-export const PATIENCE_MS = 120_000;
+export const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 120_000);
 
 export function assert(condition, message) {
   if (!condition) throw new Error(message);
@@ -50,6 +50,18 @@ export async function opened(browser, { dark = false, width = 1440, height = 900
 /** Goes there, and waits until nothing is loaded any more. */
 export async function visit(page, address) {
   await page.goto(url + address, { waitUntil: "networkidle" });
+}
+
+/** Runs something on a page of its own whose console stays silent but for what is expected there. */
+export async function onPage(browser, work, { expected = [], ...options } = {}) {
+  const { page, context, complaints } = await opened(browser, options);
+  try {
+    await work(page);
+    const others = complaints.filter((text) => !expected.some((one) => text.includes(one)));
+    assert(!others.length, `the console complains: ${others.join(" | ")}`);
+  } finally {
+    await context.close();
+  }
 }
 
 /** Serious findings of axe, in a line each. */

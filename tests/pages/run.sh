@@ -9,6 +9,7 @@
 # REEL        a binary that is built already (default: cargo builds it)
 # REEL_NODE   where packages are installed (default: ~/.cache/reel-node)
 # ODD         a folder of traces that are not as they should be (src/cli/tests/cli/pages.rs makes it)
+# PATIENCE_MS how long anything may take, in milliseconds (default: two minutes)
 # PAGES_DATA  a data folder to be used again: made where it is not there (default: a temporary one)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

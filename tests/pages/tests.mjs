@@ -1,19 +1,8 @@
 /** What people do with the pages: each a way from a question to its answer, in a real browser. */
 import {
-  PATIENCE_MS, agent, assert, call, emptyUrl, findings, opened, sql, traceName, url, until, visit,
+  PATIENCE_MS, agent, assert, call, emptyUrl, findings, onPage, sql, traceName, url, until, visit,
 } from "./kit.mjs";
 
-/** Runs something on a page of its own whose console stays silent but for what is expected there. */
-async function onPage(browser, work, { expected = [], ...options } = {}) {
-  const { page, context, complaints } = await opened(browser, options);
-  try {
-    await work(page);
-    const others = complaints.filter((text) => !expected.some((one) => text.includes(one)));
-    assert(!others.length, `the console complains: ${others.join(" | ")}`);
-  } finally {
-    await context.close();
-  }
-}
 const parameter = (page, name) => new URL(page.url()).searchParams.get(name);
 const moment = (page) => page.locator("output").first().innerText();
 
@@ -379,54 +368,6 @@ export async function an_episode_is_labelled_on_its_page(browser) {
     await until(async () => (await page.getByRole("row").count()) === 2, "the one episode that is labelled so");
     const [facet, count] = [filters, filters.locator(".count").first()];
     assert((await count.boundingBox()).x < (await facet.boundingBox()).x + 204, "counts stand within the filters");
-  });
-}
-
-/** A question that cannot be asked is told where; one that can is drawn. */
-export async function sql_errors_are_told(browser) {
-  await onPage(browser, async (page) => {
-    await visit(page, "/sql");
-    const editor = page.locator("textarea");
-    await editor.fill("SELECT policy, count(*) AS n\nFROM episodes\nGROUP BY polcy");
-    await page.keyboard.press("Control+Enter");
-    const alert = page.locator("[role=alert]");
-    await alert.waitFor();
-    assert(/polcy/.test(await alert.innerText()), await alert.innerText());
-    await page.getByRole("button", { name: /Line 3, column 10/ }).click();
-    const picked = await editor.evaluate((it) => it.value.slice(it.selectionStart, it.selectionEnd));
-    assert(picked === "polcy", `'${picked}' is selected`);
-    await page.keyboard.type("policy");
-    await page.keyboard.press("Control+Enter");
-    await page.locator("table tbody tr").first().waitFor();
-    const count = (await sql("SELECT DISTINCT policy FROM episodes")).length;
-    await until(async () => (await page.locator("table tbody tr").count()) === count, `${count} rows`);
-    await page.getByRole("button", { name: "bar" }).click();
-    await page.locator("[role=img] canvas").waitFor();
-    await editor.fill("DROP TABLE episodes");
-    await page.keyboard.press("Control+Enter");
-    await until(async () => /only questions are allowed/.test((await alert.allInnerTexts()).join()), "that tables are only read");
-  }, { expected: ["422"] });
-}
-
-/** A question becomes a panel on a page of the dashboards, which a reload still shows. */
-export async function a_question_becomes_a_panel(browser) {
-  await onPage(browser, async (page) => {
-    await visit(page, "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family&as=bar");
-    await page.getByRole("button", { name: "Save as a panel…" }).click();
-    await page.getByLabel("Title").fill("Episodes by family");
-    await page.getByLabel("on page").selectOption("tasks");
-    await page.getByRole("button", { name: /Save episodes-by-family/ }).click();
-    await page.getByRole("link", { name: "look at it" }).click();
-    await page.getByRole("region", { name: "Episodes by family" }).waitFor();
-    await visit(page, "/panels?panel=episodes-by-family");
-    await page.getByRole("region", { name: "Episodes by family" }).locator("canvas").waitFor();
-    await page.getByRole("button", { name: "Delete this panel" }).click();
-    await until(async () => !(await (await fetch(`${url}/api/definitions`)).text()).includes("episodes-by-family\",\"builtin\""), "that it is gone");
-    // The page says what it misses, and its copy goes, too.
-    await visit(page, "/panels?page=tasks");
-    await page.getByText("there is none").waitFor();
-    await page.getByRole("button", { name: "Delete this page" }).click();
-    await page.getByText("there is none").waitFor({ state: "detached" });
   });
 }
 

@@ -1,6 +1,7 @@
 /** Panels (a question and how its answer is drawn) and pages of them, as the service keeps them in JSON files. */
 import { get, remove, send, type Row } from "./api";
-import type { Definition } from "./generated";
+import { separating } from "./bars";
+import type { Definition, Listed } from "./generated";
 import { link } from "./route.svelte";
 import { isNumeric } from "./rows";
 
@@ -21,10 +22,11 @@ export function plottedOf(said: Partial<Record<keyof Plotted, string | null>>, r
   const named = (key: "x" | "y" | "group", from: string[]) => from.find((column) => column === said[key]);
   const y = named("y", numbers) ?? (kind === "scatter" ? (numbers[1] ?? numbers[0]) : numbers[0]) ?? "";
   const usualX = kind === "scatter" ? numbers[0] : columns.find((column) => !numbers.includes(column));
-  return { kind, x: named("x", columns) ?? usualX ?? columns[0] ?? "", y, group: named("group", columns) ?? "" };
+  const x = named("x", columns) ?? usualX ?? columns[0] ?? "";
+  return { kind, x, y, group: named("group", columns) ?? (kind === "bar" ? separating(rows, columns, x, y) : "") };
 }
 
-export type { Definition };
+export type { Definition, Listed };
 
 const path = (name: string) => `/api/definitions/${encodeURIComponent(name)}`;
 export const definitions = (signal?: AbortSignal) => get("/api/definitions", signal);
