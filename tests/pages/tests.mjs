@@ -244,6 +244,97 @@ export async function training_sets(browser) {
   });
 }
 
+/** The drawer of jobs: from any page by mouse and key, with what runs and what ran, why it failed, and the same work again. */
+export async function jobs_have_a_drawer(browser) {
+  for (const dark of [false, true]) {
+    await onPage(browser, async (page) => {
+      const drawer = page.getByRole("dialog");
+      const jobs = page.getByRole("button", { name: /^Jobs/ });
+      await visit(page, "/episodes");
+      await page.getByRole("checkbox", { name: /^Select/ }).nth(1).check();
+      await page.getByRole("button", { name: "Verify" }).click();
+      await page.getByRole("region", { name: /^Job \d+/ }).getByText("done", { exact: true }).waitFor();
+      await visit(page, "/sql");
+      await jobs.click();
+      const first = drawer.getByRole("region").first();
+      await first.getByText(/^\d+\. Replay of /).waitFor();
+      await first.getByRole("button", { name: "Run again" }).click();
+      await until(async () => (await drawer.getByText(/^\d+\. Replay of /).count()) >= 2, "the replay that runs again");
+      await first.getByText("done", { exact: true }).waitFor();
+      await first.getByText(/^Log: 1 report line/).click();
+      await first.locator("pre", { hasText: "exact" }).waitFor();
+      const found = await findings(page);
+      assert(!found.length, found.join("; "));
+      const wider = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      assert(wider <= 0, `the page is ${wider} pixels wider than the window`);
+      await page.keyboard.press("Escape");
+      await drawer.waitFor({ state: "hidden" });
+      assert(await jobs.evaluate((button) => button === document.activeElement), "the focus is not back on the button");
+      await page.goto(`${url}/live`);
+      await page.getByRole("heading", { name: "Live" }).waitFor();
+      await page.keyboard.press("g");
+      await page.keyboard.press("j");
+      await drawer.waitFor();
+    }, { dark, width: dark ? 390 : 1440 });
+  }
+}
+
+/** While jobs wait, the header counts them on every page and the drawer stops them. */
+export async function jobs_are_stopped(browser) {
+  const started = [];
+  for (let at = 0; at < 3; at += 1) {
+    const answer = await fetch(`${url}/api/jobs`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ kind: "replay" }),
+    });
+    started.push((await answer.json()).id);
+  }
+  await onPage(browser, async (page) => {
+    await page.goto(`${url}/failures`);
+    await page.getByRole("button", { name: /^Jobs [123] running/ }).click();
+    const last = page.getByRole("dialog").getByRole("region", { name: `Job ${started[2]}` });
+    await last.getByRole("button", { name: "Stop" }).click();
+    await last.getByText("cancelled", { exact: true }).waitFor();
+    await page.getByRole("button", { name: "Jobs", exact: true, includeHidden: true }).waitFor({ state: "attached" });
+  });
+}
+
+/** An export that fails says why in one sentence and keeps its form, also for whoever comes by the drawer. */
+export async function a_failed_export_keeps_its_form(browser) {
+  await onPage(browser, async (page) => {
+    await visit(page, "/datasets?new=1");
+    const where = page.getByLabel(/^Only episodes where/);
+    await page.getByLabel("Name").fill("kitchen_1");
+    await where.fill("nosuch = 1");
+    await page.getByRole("button", { name: "Start the export" }).click();
+    const job = page.locator("main").getByRole("region", { name: /^Job \d+/ });
+    await job.getByText("No field named nosuch.").waitFor();
+    const said = await job.innerText();
+    assert(!said.includes("Valid fields are") && !said.includes("exited with"), `a dump: ${said}`);
+    assert((await where.inputValue()) === "nosuch = 1", "the form has lost the condition");
+    await visit(page, "/");
+    await page.getByRole("button", { name: /^Jobs/ }).click();
+    await page.getByRole("dialog").getByRole("link", { name: "Change …" }).first().click();
+    await page.getByRole("dialog").waitFor({ state: "hidden" });
+    await page.waitForURL(/\/datasets\?new=1&from=\d+&job=\d+/);
+    assert((await where.inputValue()) === "nosuch = 1", "the form does not begin from the job that failed");
+    assert((await page.getByLabel("Name").inputValue()) === "kitchen_1", "the form has lost the name");
+  });
+}
+
+/** A job that left something out is done, with a note; only the service's answer is made here. */
+export async function a_job_tells_what_it_left_out(browser) {
+  await onPage(browser, async (page) => {
+    const errors = ["reel: t1 is not in the archive; it was left out", "reel: t2 is not in the archive; it was left out"];
+    await page.route("**/api/jobs", (route) => route.fulfill({ json: [{
+      id: 1, work: { kind: "replay", traces: ["t1", "t2", "t3"] }, state: "done", done: 1, total: 1, message: "replay",
+      report: [{ verdict: "exact", trace: "traces/t3.mcap" }], errors, created: 1_700_000_000,
+    }] }));
+    await visit(page, "/datasets");
+    await page.getByRole("button", { name: /^Jobs/ }).click();
+    await page.getByRole("dialog").getByText("Done, with 2 notes: t1 is not in the archive; it was left out").waitFor();
+  });
+}
+
 /** An agent plays; its image is seen, and its question answered by the person who watches. */
 export async function a_person_answers_an_agent(browser) {
   const session = await agent();
