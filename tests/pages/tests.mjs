@@ -347,7 +347,7 @@ export async function a_person_answers_an_agent(browser) {
       const asking = call(session, "ask", { question: "Which one do you mean?" });
       await page.getByText("Which one do you mean?").waitFor();
       await page.getByText("The robot does not know.").waitFor();
-      await page.getByText("nav_to(nowhere)").waitFor();
+      await page.getByText("nav_to(nowhere)").first().waitFor();
       await page.getByAltText(/What the robot of/).waitFor();
       await page.getByPlaceholder("In plain words").fill("The red one.");
       await page.getByRole("button", { name: "Answer" }).click();
@@ -355,6 +355,69 @@ export async function a_person_answers_an_agent(browser) {
       assert(said.includes("The red one."), said.slice(0, 300));
       await page.getByText("Which one do you mean?").waitFor({ state: "detached" });
     });
+  } finally {
+    await session.close();
+  }
+}
+
+/** A question is counted on every page and in the title, sounds where that was turned on, and shows what led to it. */
+export async function a_waiting_question_is_seen_everywhere(browser) {
+  const session = await agent();
+  const thought = { "reel/policy": { reasoning: "Two cups fit the words." } };
+  try {
+    await call(session, "finish", {});
+    await onPage(browser, async (page) => {
+      await page.addInitScript(() => {
+        window.tones = 0;
+        const start = OscillatorNode.prototype.start;
+        OscillatorNode.prototype.start = function (...given) {
+          window.tones += 1;
+          start.apply(this, given);
+        };
+      });
+      await page.goto(`${url}/live`);
+      const sound = page.getByLabel("Sound when a question waits");
+      assert(!(await sound.isChecked()), "the sound is on before anybody wanted it");
+      await sound.check();
+      await page.goto(`${url}/sql`);
+      await page.getByRole("heading", { name: "SQL" }).waitFor();
+      assert(!(await page.title()).startsWith("("), "a question is counted before there is one");
+      await session.send("tools/call", { name: "nav_to", arguments: { receptacle_name: "nowhere" }, _meta: thought });
+      const asking = call(session, "ask", { question: "The left cup or the right cup?" });
+      asking.catch(() => {});
+      const nav = page.getByRole("link", { name: /^Live 1 question waits/ });
+      await nav.waitFor();
+      await until(async () => /^\(1\) SQL/.test(await page.title()), "the number in the title");
+      assert((await page.evaluate(() => window.tones)) === 1, "no tone, or more than one");
+      await nav.click();
+      await page.getByText("Its latest reasoning: Two cups fit the words.").waitFor();
+      const wider = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      assert(wider <= 0, `the page is ${wider} pixels wider than the window`);
+      const card = page.locator("article.card").filter({ hasText: "waits for an answer" });
+      await card.getByText("nav_to(nowhere)").waitFor();
+      const task = await page.locator("dd").first().innerText();
+      await card.getByText(task).waitFor();
+      await card.getByRole("link").first().click();
+      await page.waitForURL(/\/live\/./);
+      const followed = page.url();
+      await page.getByPlaceholder("In plain words").fill("The left one.");
+      await page.getByRole("button", { name: "Answer" }).click();
+      await asking;
+      await until(async () => !(await page.title()).startsWith("("), "a title without a number");
+      await page.goto(followed);
+      await page.getByAltText(/What the agent of .* after 2 steps/).waitFor();
+      const found = await findings(page);
+      assert(!found.length, found.join("; "));
+      await call(session, "finish", {});
+      await page.getByText(/in episode 2/).waitFor();
+      await page.getByRole("region", { name: "Finished episodes" }).getByRole("link").first().click();
+      await page.waitForURL(/\/episodes\/./);
+      await page.getByText("nav_to(receptacle_name=nowhere)").first().waitFor();
+      await page.goBack();
+      await page.getByAltText(/What the agent of/).waitFor();
+      await session.close();
+      await page.getByText("The session is closed.").waitFor();
+    }, { dark: true, width: 390 });
   } finally {
     await session.close();
   }
