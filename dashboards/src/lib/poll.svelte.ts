@@ -1,4 +1,5 @@
 /** What changes by itself: asked again and again while somebody looks, one request at a time. */
+import { ApiError } from "./api";
 
 export class Poll<T> {
   value = $state.raw<T | undefined>();
@@ -6,15 +7,15 @@ export class Poll<T> {
   error = $state.raw<unknown>();
   #look: () => void = () => {};
 
-  /** To be made while a component begins. */
-  constructor(ask: (signal: AbortSignal) => Promise<T>, every: number) {
+  /** To be made while a component begins. `hidden` asks also while another tab is in front. */
+  constructor(ask: (signal: AbortSignal) => Promise<T>, every: number, { hidden = false } = {}) {
     $effect(() => {
       const stop = new AbortController();
       let timer: ReturnType<typeof setTimeout> | undefined;
       let busy = false;
       const look = async () => {
         clearTimeout(timer);
-        if (busy || document.hidden) return;
+        if (busy || (document.hidden && !hidden)) return;
         busy = true;
         try {
           const value = await ask(stop.signal);
@@ -24,6 +25,8 @@ export class Poll<T> {
         } catch (error) {
           if (stop.signal.aborted) return;
           this.error = error;
+          // A page without a token is loaded again once it has one.
+          if (error instanceof ApiError && error.status === 401) return;
         }
         busy = false;
         timer = setTimeout(() => void look(), every);
