@@ -30,7 +30,8 @@ export async function course(entry: Entry, waits: boolean, signal: AbortSignal):
     const [{ task }, steps] = await Promise.all([get(`${trace}/episode`, signal), get(`${trace}/steps`, signal)]);
     instructions.set(task.task_id, task.instruction);
     courses.set(key, {
-      instruction: task.instruction, decisions: steps.map(decision), inView: steps.at(-1)?.visible.map(({ object }) => shortName(object)) ?? [],
+      instruction: task.instruction, decisions: steps.map(decision),
+      inView: steps.at(-1)?.visible.map(({ object }) => shortName(object)) ?? [],
     });
   }
   const known = courses.get(key) ?? { decisions: [], inView: [] };
