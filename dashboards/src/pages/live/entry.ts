@@ -7,7 +7,6 @@ export type { Question, Session as Entry } from "../../lib/generated";
 export type Decision = OpenQuestion["decisions"][number];
 
 export interface Course {
-  instruction?: string;
   decisions: Decision[];
   /** What the robot sees, as far as a call or the trace names it. */
   inView: string[];
@@ -15,27 +14,22 @@ export interface Course {
 
 /** What was told last, by session and episode: a session tells its calls only while a question waits and after the end. */
 const courses = new Map<string, Course>();
-/** By task; a server has one task of each id. */
-const instructions = new Map<string, string>();
 
 export async function course(entry: Entry, waits: boolean, signal: AbortSignal): Promise<Course> {
   const path = `/api/sessions/${encodeURIComponent(entry.session)}` as const;
   const key = `${entry.session} ${entry.episodes}`;
   if (waits) {
-    const { instruction, task_id, decisions } = await get(`${path}/question`, signal);
-    instructions.set(task_id, instruction);
-    courses.set(key, { instruction, decisions, inView: listed(decisions) });
+    const { decisions } = await get(`${path}/question`, signal);
+    courses.set(key, { decisions, inView: listed(decisions) });
   } else if (entry.state === "ended" && entry.trace) {
     const trace = `/api/traces/${encodeURIComponent(entry.trace)}` as const;
-    const [{ task }, steps] = await Promise.all([get(`${trace}/episode`, signal), get(`${trace}/steps`, signal)]);
-    instructions.set(task.task_id, task.instruction);
+    const steps = await get(`${trace}/steps`, signal);
     courses.set(key, {
-      instruction: task.instruction, decisions: steps.map(decision),
+      decisions: steps.map(decision),
       inView: steps.at(-1)?.visible.map(({ object }) => shortName(object)) ?? [],
     });
   }
-  const known = courses.get(key) ?? { decisions: [], inView: [] };
-  return { ...known, instruction: known.instruction ?? instructions.get(entry.task_id ?? "") };
+  return courses.get(key) ?? { decisions: [], inView: [] };
 }
 
 function decision({ step, input, reply, outcome }: Step): Decision {

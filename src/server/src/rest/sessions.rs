@@ -249,5 +249,8 @@ fn shown(app: &App, entry: &SessionEntry) -> Value {
             .as_ref()
             .and_then(|path| app.archive.name_of(path))
     );
+    let task = entry.state.task_id.as_deref();
+    let task = task.and_then(|id| app.pool.setup().task(id));
+    value["instruction"] = json!(task.map(|task| &task.instruction));
     value
 }
