@@ -7,6 +7,8 @@ export interface Asked<T> {
   readonly busy: boolean;
   /** Asks once more. */
   again(): void;
+  /** Stops waiting: neither an answer nor an error is left. */
+  stop(): void;
 }
 
 /** To be called while a component is made. What `ask` reads before it first waits is what it depends on; null asks nothing. */
@@ -15,6 +17,7 @@ export function asked<T>(ask: (signal: AbortSignal) => Promise<T> | null): Asked
   let error = $state.raw<unknown>();
   let busy = $state(true);
   let turn = $state(0);
+  let cancel = () => {};
   $effect(() => {
     void turn;
     const stop = new AbortController();
@@ -37,6 +40,12 @@ export function asked<T>(ask: (signal: AbortSignal) => Promise<T> | null): Asked
         busy = false;
       },
     );
+    cancel = () => {
+      stop.abort();
+      value = undefined;
+      error = undefined;
+      busy = false;
+    };
     return () => stop.abort();
   });
   return {
@@ -44,5 +53,6 @@ export function asked<T>(ask: (signal: AbortSignal) => Promise<T> | null): Asked
     get error() { return error; },
     get busy() { return busy; },
     again: () => void (turn += 1),
+    stop: () => cancel(),
   };
 }

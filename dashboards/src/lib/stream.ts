@@ -1,4 +1,5 @@
 /** The first rows of an answer in SQL: what comes after them is not read, so that no question is too large for a page. */
+import { BROKE_OFF } from "./advice";
 import { type Row, send } from "./api";
 
 /** Most text that is read, whatever the number of rows. */
@@ -22,10 +23,12 @@ export async function firstRows(text: string, parameters: Record<string, string>
   let quoted = false;
   let read = 0;
   for (;;) {
-    const { done, value } = await reader.read();
+    const { done, value } = await reader.read().catch((error) => {
+      throw signal.aborted ? error : new Error(BROKE_OFF);
+    });
     if (done) {
       // The service ends the array, unless the question broke off half-way.
-      if (!rest.trimEnd().endsWith("]")) throw new Error("The answer broke off; the question took too long or too much memory.");
+      if (!rest.trimEnd().endsWith("]")) throw new Error(BROKE_OFF);
       return { rows, more: false };
     }
     rest += value;
