@@ -105,3 +105,9 @@ export async function agent() {
 }
 
 export const call = (agent, name, given) => agent.send("tools/call", { name, arguments: given });
+
+/** What the address chooses. */
+export const parameter = (page, name) => new URL(page.url()).searchParams.get(name);
+
+/** The moment that the clock of an episode's page shows. */
+export const moment = (page) => page.locator("output").first().innerText();

@@ -1,8 +1,10 @@
 /** The web pages in Chromium: `main.mjs [NAME...]`, or `main.mjs --screenshots DIR`. See run.sh. */
 import { mkdirSync } from "node:fs";
 import { findings, launch, opened, sql, traceName, url, visit } from "./kit.mjs";
+import * as episodes from "./episodes.mjs";
+import * as failures from "./failures.mjs";
+import * as live from "./live.mjs";
 import * as sqlTests from "./sql.mjs";
-import * as tests from "./tests.mjs";
 
 const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
 if (!index.includes('id="app"')) {
@@ -36,7 +38,7 @@ if (process.argv[2] === "--screenshots") {
   }
 } else {
   const wanted = process.argv.slice(2);
-  const all = { ...tests, ...sqlTests };
+  const all = { ...episodes, ...failures, ...live, ...sqlTests };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of [false, true]) {

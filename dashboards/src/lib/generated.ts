@@ -432,6 +432,7 @@ export type Session = {
   episodes: number;
   group_id: string | null;
   idle_s: number;
+  instruction: string | null;
   owner: string | null;
   policy: string;
   session: string;
@@ -578,7 +579,7 @@ export type VisibleObject = {
 };
 
 /** Traces of the archive that the tables do not have. */
-export type Waiting = { automatic: boolean; count: number; traces: string[] };
+export type Waiting = { automatic: boolean; count: number; known: number; traces: string[] };
 
 /** A wall. */
 export type Wall = { from: [number, number]; height: number; to: [number, number] };

@@ -49,7 +49,7 @@ fn verdicts_of_every_door_are_in_one_table() {
     // An export needs no replay for episodes that others proved.
     let told = reel!(
         folder,
-        "export rl --store store --out rl --no-replay --json"
+        "export sft --store store --out set --no-replay --json"
     );
     let told: Value = serde_json::from_str(told.lines().last().unwrap()).unwrap();
     assert_eq!(told["episodes"], 3, "{told}");

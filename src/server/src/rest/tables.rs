@@ -145,6 +145,8 @@ pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<
 pub(super) struct Waiting {
     /// How many there are.
     count: usize,
+    /// How many the tables have: where that grows, they have new episodes.
+    known: usize,
     /// Their names in order, the first 1,000.
     traces: Vec<String>,
     /// Whether the server reads them in by itself (`ingest_new`); else a job of kind `ingest` does.
@@ -152,11 +154,12 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    fn of(app: &App, mut traces: Vec<String>) -> Self {
+    fn of(app: &App, known: usize, mut traces: Vec<String>) -> Self {
         let count = traces.len();
         traces.truncate(WAITING_LISTED);
         Self {
             count,
+            known,
             traces,
             automatic: app.config.ingest_new,
         }
@@ -176,7 +179,7 @@ pub(super) async fn waiting(State(app): State<Arc<App>>) -> Result<Response, Api
         let recorded = app.archive.finished().map_err(ApiError::disk)?;
         let Ok(newest) = app.tables.newest() else {
             // Before the first ingest everything waits.
-            return Ok(Waiting::of(app, recorded).to_json());
+            return Ok(Waiting::of(app, 0, recorded).to_json());
         };
         // Pages ask again and again, and seldom is anything new.
         let names = Digest::of(recorded.join("\n").as_bytes());
@@ -186,7 +189,7 @@ pub(super) async fn waiting(State(app): State<Arc<App>>) -> Result<Response, Api
         }
         let known = known_traces(app, newest.store)?;
         let new = recorded.into_iter().filter(|name| !known.contains(name));
-        let answer = Waiting::of(app, new.collect()).to_json();
+        let answer = Waiting::of(app, known.len(), new.collect()).to_json();
         app.tables
             .cache_answer(stamp.as_ref(), question, answer.clone());
         Ok(answer)

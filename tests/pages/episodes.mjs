@@ -1,0 +1,295 @@
+/** What people do with episodes: each a way from a question to its answer, in a real browser. */
+import {
+  assert, call, emptyUrl, findings, moment, onPage, parameter, PATIENCE_MS, sql, traceName, until, url, visit,
+} from "./kit.mjs";
+
+/** The keyboard moves one clock, and everything with it. */
+export async function stepping(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    const asked = [];
+    page.on("request", (request) => asked.push(request.url().slice(url.length)));
+    await visit(page, `/episodes/${trace}`);
+    const image = page.locator(".view img").first();
+    await image.waitFor();
+    // What was asked while the page came is not asked again.
+    const ofTrace = asked.filter((path) => path.startsWith(`/api/traces/${trace}/`));
+    assert(ofTrace.length >= 5 && new Set(ofTrace).size === ofTrace.length, ofTrace.join(" "));
+    const shown = () => image.getAttribute("src");
+    const first = await shown();
+    assert((await moment(page)).startsWith("start"), await moment(page));
+    await page.keyboard.press("ArrowRight");
+    await page.keyboard.press("j");
+    await until(async () => (await moment(page)).startsWith("step 1"), "two steps on is step 1");
+    await until(async () => (await shown()) !== first, "another image");
+    assert(parameter(page, "step") === "1", page.url());
+    await page.keyboard.press("k");
+    await until(async () => (await moment(page)).startsWith("step 0"), "one step back");
+    await page.keyboard.press("d");
+    await until(async () => (await moment(page)).startsWith(`step ${step} `) || (await moment(page)).startsWith(`step ${step}\u00a0`), "the decisive step");
+    await page.keyboard.press("End");
+    const steps = (await (await fetch(`${url}/api/traces/${trace}/episode`)).json()).steps;
+    await until(async () => (await moment(page)).startsWith(`step ${steps - 1}`), "the last step");
+    await page.keyboard.press("Home");
+    await until(async () => (await moment(page)).startsWith("start"), "the start again");
+    // Another camera draws another image of the same moment.
+    const head = await shown();
+    await page.keyboard.press("4");
+    await until(async () => (await shown()) !== head, "the free camera's image");
+    assert(parameter(page, "camera") === "free" && parameter(page, "eye"), page.url());
+    const before = await shown();
+    const box = await page.locator(".view").first().boundingBox();
+    await page.mouse.move(box.x + 100, box.y + 100);
+    await page.mouse.down();
+    await page.mouse.move(box.x + 220, box.y + 120, { steps: 5 });
+    await page.mouse.up();
+    await until(async () => (await shown()) !== before, "an image from elsewhere");
+  });
+}
+
+/** The decisive moment shows what the robot saw when it chose, not what came of it. */
+export async function a_step_shows_what_was_seen(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    const asked = [];
+    page.on("request", (request) => asked.push(request.url().slice(url.length)));
+    const frame = (at) => `/api/traces/${trace}/frames/${at < 0 ? "start" : at}`;
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    const image = page.locator(".view img").first();
+    await image.waitFor();
+    assert(asked.includes(frame(step - 1)) && !asked.includes(frame(step)), `asked for ${asked.filter((path) => path.includes("/frames/"))}`);
+    assert((await image.getAttribute("alt")).endsWith(`before step ${step}`), await image.getAttribute("alt"));
+    const before = await image.getAttribute("src");
+    await page.keyboard.press("b");
+    await until(async () => (await image.getAttribute("src")) !== before, "the image after the call");
+    assert(asked.includes(frame(step)) && parameter(page, "show") === "after", page.url());
+    await page.getByRole("button", { name: "Before the call" }).click();
+    await until(async () => (await image.getAttribute("src")) === before, "the image before the call again");
+    // So do the small images of lists.
+    asked.length = 0;
+    await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
+    await page.locator("a.open img").first().waitFor();
+    assert(asked.includes(frame(step - 1)) && !asked.includes(frame(step)), `asked for ${asked.filter((path) => path.includes("/frames/"))}`);
+  });
+}
+
+/** A replay on the page is a verdict in the tables, and the overview counts it. */
+export async function a_replay_leaves_its_verdict(browser, { trace }) {
+  await onPage(browser, async (page) => {
+    const of = `SELECT v.verdict FROM episodes e JOIN verdicts v ON v.trace_digest = e.trace_digest WHERE e.trace LIKE '%/${trace}.mcap'`;
+    const job = await (await fetch(`${url}/api/jobs`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ kind: "replay", traces: [trace, "gone"] }),
+    })).json();
+    let ended;
+    await until(async () => {
+      ended = await (await fetch(`${url}/api/jobs/${job.id}`)).json();
+      return !["waiting", "running"].includes(ended.state);
+    }, "the replay");
+    assert(ended.state === "done" && ended.errors.some((text) => text.includes("gone")), JSON.stringify(ended));
+    const rows = await sql(of);
+    assert(rows.length >= 1 && rows.every(({ verdict }) => verdict === "exact"), JSON.stringify(rows));
+    // Once more by the trace's own route: nothing is counted twice.
+    assert((await (await fetch(`${url}/api/traces/${trace}/replay`, { method: "POST" })).json()).exact, "it does not replay");
+    assert((await sql(of)).length === rows.length, "a verdict is there twice");
+    const [{ n }] = await sql(`SELECT count(DISTINCT e.episode_id) AS n FROM episodes e JOIN verdicts v ON v.trace_digest = e.trace_digest
+      WHERE v.verdict = 'exact' AND e.parent_trace IS NULL`);
+    await visit(page, "/");
+    const shown = await page.locator("li", { hasText: "Verified exact" }).first().innerText();
+    assert(shown.includes(String(n)), `${n} exact: ${shown}`);
+  });
+}
+
+/** A branch is read in by itself, hangs below its parent, and is no policy of the benchmark. */
+export async function branches_come_and_hang_below_their_parent(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
+    await page.locator("a.open").first().waitFor();
+    const name = `hanging-${Date.now()}`;
+    const made = await fetch(`${url}/api/traces/${trace}/branches`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "planner", name }),
+    });
+    assert(made.status === 201, await made.text());
+    await page.getByText("The tables have new episodes.").waitFor();
+    await page.getByRole("button", { name: "Show them" }).click();
+    await page.getByText(`↳ branch at step ${step}`).first().waitFor();
+    const [{ n }] = await sql(`SELECT count(*) AS n FROM episodes WHERE trace LIKE '%/${name}.mcap' AND parent_trace IS NOT NULL`);
+    assert(n === 1, `${n} rows of the branch`);
+    await visit(page, "/");
+    await page.getByRole("heading", { name: /Success/ }).first().waitFor();
+    const policies = await sql("SELECT DISTINCT policy FROM main_results");
+    assert(!policies.some(({ policy }) => policy === "branch"), JSON.stringify(policies));
+    assert((await page.getByRole("row", { name: /^branch/ }).count()) === 0, "a branch is a policy of the overview");
+  });
+}
+
+/** The same moment in Rerun's web viewer. */
+export async function rerun_opens_at_the_moment(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    const [viewer] = await Promise.all([page.waitForEvent("popup"), page.getByRole("link", { name: "Open in Rerun" }).click()]);
+    const shows = () => viewer.evaluate(() => Number(document.documentElement.dataset.step)).catch(() => null);
+    await until(async () => (await shows()) === step, `step ${step} in Rerun`);
+    assert((await viewer.title()).startsWith(trace), await viewer.title());
+    await viewer.getByRole("link", { name: "The episode in Reel" }).click();
+    await viewer.waitForURL(`${url}/episodes/${trace}?step=${step}`);
+    // Its tens of megabytes come compressed, and once.
+    const wasm = await fetch(`${url}/rerun/re_viewer_bg.wasm`, { method: "HEAD", headers: { "accept-encoding": "gzip" } });
+    assert(wasm.headers.get("content-encoding") === "gzip", "the viewer is not compressed");
+    const again = await fetch(`${url}/rerun/re_viewer_bg.wasm`, { headers: { "accept-encoding": "gzip", "if-none-match": wasm.headers.get("etag") } });
+    assert(again.status === 304, `${again.status} for what is known`);
+  });
+}
+
+/** The better call at the decisive step, then the planner: another future, side by side, and it succeeds. */
+export async function what_if_succeeds(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    await page.getByRole("button", { name: "What if …" }).click();
+    await page.getByRole("button", { name: /^Better:/ }).click();
+    await page.getByRole("button", { name: "Play this future" }).click();
+    await page.getByRole("heading", { name: "Branch" }).waitFor();
+    await page.locator("text=✓ success").first().waitFor();
+    const branch = parameter(page, "branch");
+    const verdict = await (await fetch(`${url}/api/traces/${branch}/replay`, { method: "POST" })).json();
+    assert(verdict.exact, `the branch does not replay: ${JSON.stringify(verdict)}`);
+    const episode = await (await fetch(`${url}/api/traces/${branch}/episode`)).json();
+    assert(episode.end.metrics.success && episode.header.parent.call === step, JSON.stringify(episode.end.metrics));
+    assert((await page.locator(".view img").count()) === 2, "two images side by side");
+  });
+}
+
+/** Filters, order and selection of columns come back with the link. */
+export async function a_shared_link_restores_the_view(browser, { trace, step }) {
+  let address;
+  let rows;
+  const shown = (page) => page.locator("table tbody tr").allInnerTexts();
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    await page.locator("table tbody tr").first().waitFor();
+    await page.getByLabel("WHERE").fill("length > 3");
+    await page.keyboard.press("Enter");
+    await page.locator("button.sort", { hasText: /steps|length/i }).first().click();
+    await page.waitForLoadState("networkidle");
+    await page.getByText("failure", { exact: true }).first().click();
+    await page.waitForLoadState("networkidle");
+    await until(async () => !(await page.locator("[aria-busy=true]").count()), "the rows");
+    address = new URL(page.url()).pathname + new URL(page.url()).search;
+    rows = await shown(page);
+    assert(rows.length && /where=/.test(address) && /sort=/.test(address), address);
+  });
+  await onPage(browser, async (page) => {
+    await visit(page, address);
+    await page.locator("table tbody tr").first().waitFor();
+    const again = await shown(page);
+    assert(JSON.stringify(again) === JSON.stringify(rows), `${again.length} rows, not the ${rows.length} of before`);
+    assert((await page.getByLabel("WHERE").inputValue()) === "length > 3", "the clause is not in its field");
+    await visit(page, `/episodes/${trace}?step=${step}&camera=top-down`);
+    assert((await moment(page)).startsWith(`step ${step}`), await moment(page));
+    await page.locator("button[aria-pressed=true]", { hasText: "Top" }).waitFor();
+  });
+}
+
+/** Two policies on the same tasks: how many flips, and an episode of each side by side. */
+export async function comparing_policies(browser) {
+  await onPage(browser, async (page) => {
+    await visit(page, "/compare?a=planner&b=oracle");
+    await page.locator("table tbody tr").first().waitFor();
+    const pairs = await page.locator("table tbody tr").count();
+    const [{ n }] = await sql(`SELECT count(DISTINCT a.task_digest) AS n FROM episodes a JOIN episodes b ON a.task_digest = b.task_digest
+      WHERE a.policy = 'planner' AND b.policy = 'oracle'`);
+    assert(pairs === Number(n), `${pairs} pairs, the tables have ${n}`);
+    await page.locator("a.episode").first().click();
+    await page.waitForURL(/\/episodes\//);
+  });
+}
+
+/** Where nothing is recorded every page says so, and what to do. */
+export async function an_empty_store_is_told(browser) {
+  for (const address of ["/", "/episodes", "/failures", "/compare", "/sql?q=SELECT+1", "/panels", "/datasets", "/live"]) {
+    await onPage(browser, async (page) => {
+      await page.goto(emptyUrl + address, { waitUntil: address === "/live" ? "load" : "networkidle" });
+      await until(async () => (await page.locator("main").innerText()).trim().split("\n").length > 1, `something on ${address}`);
+      const found = await findings(page);
+      assert(!found.length, `${address}: ${found.join("; ")}`);
+    }, { expected: ["404"] });
+  }
+}
+
+/** Traces that are not as they should be: each is shown as far as it can be, with a word on what is wrong. */
+export async function odd_traces_are_told(browser) {
+  if (!process.env.ODD) {
+    console.log("no pages of odd traces: `cargo test` makes such traces");
+    return;
+  }
+  const expected = ["404", "409", "422"];
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes/diverged?step=1");
+    await page.getByRole("button", { name: "Replay now" }).click();
+    await page.locator(".tag.bad", { hasText: "✕" }).last().waitFor();
+    await page.getByText(/robot/).first().waitFor();
+  }, { expected });
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes/robot?step=1");
+    await page.locator("button[aria-current=step]").waitFor();
+    assert(!(await page.getByRole("button", { name: "What if …" }).count()), "a robot's past cannot be played on from");
+    await page.getByText("recorded on a robot: nothing to execute again").waitFor();
+    await page.waitForLoadState("networkidle");
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+  }, { expected });
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes/torn");
+    await page.locator("[role=alert], .tag.warn").first().waitFor();
+  }, { expected });
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes/there-is-none");
+    await page.locator("[role=alert]").first().waitFor();
+  }, { expected });
+  await onPage(browser, async (page) => {
+    // It holds no images, and nothing can draw them: words stand in their place.
+    await visit(page, "/episodes/robot?step=0");
+    await until(async () => /image|drawn|execute/i.test(await page.locator(".view").first().innerText()), "a word about the image");
+    assert(!(await page.locator(".view img").count()), "there is an image of what was never seen");
+  }, { expected });
+}
+
+/** Addresses that are written wrongly, or by what the tables know, lead somewhere; nothing found is no dead end. */
+export async function every_address_leads_on(browser, { trace }) {
+  const expected = ["400", "404"];
+  for (const address of ["/episodes/%zz", "/episodes/there-is-none"]) {
+    await onPage(browser, async (page) => {
+      await visit(page, address);
+      await page.getByRole("link", { name: "All episodes" }).click();
+      await page.getByRole("heading", { name: "Episodes", exact: true }).waitFor();
+    }, { expected });
+  }
+  await onPage(browser, async (page) => {
+    const [row] = await sql(`SELECT episode_id FROM episodes WHERE trace LIKE '%/${trace}.mcap'`);
+    await visit(page, `/episodes/${row.episode_id}?step=1`);
+    await page.locator("button[aria-current=step]").waitFor();
+    const { pathname } = new URL(page.url());
+    assert(pathname === `/episodes/${trace}` && parameter(page, "step") === "1", page.url());
+  }, { expected });
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    const order = page.getByRole("button", { name: "Ordered by Recorded" });
+    assert((await order.innerText()).trim() === "↓", "the order of the list is not shown");
+    await visit(page, "/episodes?where=length+%3C+0");
+    await page.getByRole("heading", { name: "No episode is like that" }).waitFor();
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    await until(async () => (await filters.getByRole("heading").count()) > 2, "the filters stay");
+    // Long names leave room for the count.
+    const counts = await filters.locator("button").evaluateAll((buttons) => buttons.filter((button) => button.scrollWidth > button.clientWidth).length);
+    assert(!counts, `${counts} counts of filters are cut`);
+  });
+}
+
+/** Traces are named by the table as files, and by pages as names. */
+export async function every_decisive_moment_has_a_page(browser) {
+  const failed = await sql("SELECT e.trace, b.step FROM episodes e JOIN blame b USING (episode_id) WHERE NOT e.success AND b.step IS NOT NULL");
+  assert(failed.length >= 6, `only ${failed.length} failures have a decisive step`);
+  await onPage(browser, async (page) => {
+    for (const { trace, step } of failed.slice(0, 6)) {
+      await visit(page, `/episodes/${traceName(trace)}?step=${step}`);
+      await page.locator(`button[aria-current=step]:has-text("decisive step")`).waitFor({ timeout: PATIENCE_MS });
+    }
+  });
+}
