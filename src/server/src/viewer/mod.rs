@@ -87,7 +87,7 @@ struct ViewerFile {
 impl ViewerFile {
     fn prepared(&self) -> &(String, Bytes) {
         self.prepared.get_or_init(|| {
-            let mut zipped = GzEncoder::new(Vec::new(), Compression::fast());
+            let mut zipped = GzEncoder::new(Vec::new(), Compression::default());
             // Nothing can go wrong in memory.
             let _ = zipped.write_all(self.content);
             let zipped = zipped.finish().unwrap_or_default();
