@@ -21,7 +21,7 @@ pub struct FileVerdict {
     pub trace: Option<Digest>,
     /// Whether the episode was recorded with meshes, which must be there to execute it again.
     pub has_meshes: bool,
-    /// The finding itself.
+    /// What came of comparing every digest, text and image.
     pub verdict: Verdict,
 }
 

@@ -21,6 +21,7 @@ const PAUSE: u32 = 10;
 pub(crate) async fn take_in(app: Arc<App>) {
     // Where nothing was looked at yet, all that the folder holds is new.
     let mut seen: Option<BTreeSet<String>> = None;
+    let mut earlier = None;
     loop {
         let begun = Instant::now();
         let mut least = LOOK_EVERY;
@@ -30,7 +31,7 @@ pub(crate) async fn take_in(app: Arc<App>) {
                 None => Vec::new(),
             };
             let any = seen.as_ref().map_or(!names.is_empty(), |_| !new.is_empty());
-            if !any || ingest(&app, new).await {
+            if !any || ingest(&app, new, &mut earlier).await {
                 seen = Some(names);
             } else {
                 least = AFTER_FAILURE;
@@ -51,8 +52,12 @@ async fn finished(app: &Arc<App>) -> Option<BTreeSet<String>> {
 }
 
 /// Reads traces in, all where none is named; whether it was done. A file that is no sound trace is
-/// in table `quarantine` then.
-async fn ingest(app: &Arc<App>, traces: Vec<String>) -> bool {
+/// in table `quarantine` then. The `earlier` job leaves the list: there are many of them, and nobody
+/// asked for one.
+async fn ingest(app: &Arc<App>, traces: Vec<String>, earlier: &mut Option<u64>) -> bool {
+    if let Some(earlier) = earlier.take() {
+        app.jobs.forget(earlier);
+    }
     let Ok(job) = app.jobs.start(Work::Ingest { traces }) else {
         return false;
     };
@@ -61,10 +66,7 @@ async fn ingest(app: &Arc<App>, traces: Vec<String>) -> bool {
     };
     let _ = watched.wait_for(|job| job.ended()).await;
     let state = watched.borrow().state;
-    if state == JobState::Done {
-        // There are many of them, and nobody asked for one.
-        app.jobs.forget(job.id);
-    }
+    *earlier = (state == JobState::Done).then_some(job.id);
     // Whoever cancels it does not want it again at once.
     state != JobState::Failed
 }

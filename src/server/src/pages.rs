@@ -67,7 +67,7 @@ fn answer(path: &str, file: EmbeddedFile, kept: &'static str, headers: &HeaderMa
         .collect();
     StaticFile {
         kind: &kind,
-        kept,
+        cache_control: kept,
         policy: POLICY,
         tag: &tag,
         compressed,

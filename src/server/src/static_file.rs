@@ -11,7 +11,7 @@ pub(crate) struct StaticFile<'a> {
     /// Its type, e.g. `text/html`.
     pub kind: &'a str,
     /// How long it may be kept without asking.
-    pub kept: &'static str,
+    pub cache_control: &'static str,
     /// What a page may load.
     pub policy: &'static str,
     /// What changes with its content.
@@ -38,7 +38,7 @@ impl StaticFile<'_> {
             }
         };
         say(header::CONTENT_TYPE, self.kind);
-        say(header::CACHE_CONTROL, self.kept);
+        say(header::CACHE_CONTROL, self.cache_control);
         say(header::ETAG, &tag);
         say(header::VARY, "accept-encoding");
         say(header::CONTENT_SECURITY_POLICY, self.policy);

@@ -112,7 +112,7 @@ async fn served(file: Arc<ViewerFile>, headers: HeaderMap) -> Response {
     let tag = format!("{tag}{}", if compressed { "-gzip" } else { "" });
     StaticFile {
         kind: file.kind,
-        kept: "no-cache",
+        cache_control: "no-cache",
         policy: POLICY,
         tag: &tag,
         compressed,
