@@ -19,5 +19,5 @@ SELECT
   e.completion, e.length, e.end_reason, e.policy, e.family, e.task_id, e.episode_id, e.trace
 FROM episodes e
 LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
-WHERE NOT e.success
+WHERE NOT e.success AND e.parent_trace IS NULL
 ORDER BY class, c.sub_class, e.policy, e.task_id, e.episode_id

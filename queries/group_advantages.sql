@@ -19,7 +19,7 @@ WITH grouped AS (
     array_agg(episode_id ORDER BY rollout_index, episode_id) AS members,
     advantages(array_agg(discounted_return ORDER BY rollout_index, episode_id), CAST($eps AS DOUBLE)) AS relative
   FROM episodes
-  WHERE group_id IS NOT NULL AND end_reason IS NOT NULL AND parent_trace IS NULL
+  WHERE group_id IS NOT NULL AND end_reason IS NOT NULL
   GROUP BY group_id
 ),
 flat AS (

@@ -27,6 +27,6 @@ SELECT
   max(discounted_return) AS best,
   max(discounted_return) > min(discounted_return) AS signal
 FROM episodes
-WHERE group_id IS NOT NULL AND end_reason IS NOT NULL AND parent_trace IS NULL
+WHERE group_id IS NOT NULL AND end_reason IS NOT NULL
 GROUP BY group_id
 ORDER BY group_id

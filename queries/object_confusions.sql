@@ -25,6 +25,6 @@ SELECT
 FROM steps s
 JOIN episodes e ON e.episode_id = s.episode_id
 LEFT JOIN objects o ON o.task_digest = e.task_digest AND o.instance = s.object
-WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object
+WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object AND e.parent_trace IS NULL
 GROUP BY e.policy, e.target_category, e.target_caption, o.category, o.caption
 ORDER BY picks DESC, e.policy, wanted, wanted_caption, picked, picked_caption

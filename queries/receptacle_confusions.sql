@@ -27,6 +27,6 @@ SELECT
 FROM steps s
 JOIN episodes e ON e.episode_id = s.episode_id
 JOIN tasks t ON t.task_digest = e.task_digest
-WHERE s.tool = 'place' AND s.error_code IS NULL AND s.goal_object AND NOT s.goal_receptacle
+WHERE s.tool = 'place' AND s.error_code IS NULL AND s.goal_object AND NOT s.goal_receptacle AND e.parent_trace IS NULL
 GROUP BY e.policy, e.scene_id, e.dest, s.receptacle, alike, source
 ORDER BY places DESC, e.policy, e.scene_id, wanted, placed_on, alike, source

@@ -36,12 +36,13 @@ SELECT
   sum(a.led_wrong) AS led_wrong,
   sum(a.led_nowhere) AS led_nowhere,
   count(e.end_reason) AS episodes,
-  count(DISTINCT e.task_digest) FILTER (WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL) AS tasks,
+  count(DISTINCT e.task_digest) FILTER (WHERE e.end_reason IS NOT NULL) AS tasks,
   count(*) FILTER (WHERE e.success) AS successes,
   avg(CAST(e.success AS DOUBLE)) AS success,
   wilson_low(count(*) FILTER (WHERE e.success), count(e.end_reason)) AS low,
   wilson_high(count(*) FILTER (WHERE e.success), count(e.end_reason)) AS high
 FROM answers a
 JOIN episodes e ON e.episode_id = a.episode_id
+WHERE e.parent_trace IS NULL
 GROUP BY e.policy, a.source
 ORDER BY e.policy, a.source

@@ -35,7 +35,7 @@ export async function labelsOf(episode: string, signal?: AbortSignal): Promise<L
 }
 
 export function removeLabel(episode: string, author: string): Promise<void> {
-  return remove(`/api/labels?episode=${encodeURIComponent(episode)}&author=${encodeURIComponent(author)}`);
+  return remove(`/api/labels/${encodeURIComponent(episode)}?author=${encodeURIComponent(author)}`);
 }
 
 /** A label that was stored, and how it is taken back. */

@@ -176,7 +176,7 @@ impl QuerySession {
 
     /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more.
     /// It may wait: the query waits with it. Says how long the answer holds. What `replay` found
-    /// goes to the store's table `verdicts`.
+    /// goes to the store's table `verdicts`, unless a remote engine executes it.
     ///
     /// # Errors
     /// As [`QuerySession::run_with`]; some batches may have been handed on then.
@@ -209,10 +209,8 @@ impl QuerySession {
         let scope = self.0.watch(answer, take);
         // A question that was stopped has verdicts as well, and a store that cannot be written
         // answers all the same.
-        let _ = self
-            .0
-            .store
-            .append_new_verdicts(&self.0.control.take_verdicts());
+        let verdicts = self.0.control.take_verdicts();
+        let _ = self.0.store.append_new_verdicts(&verdicts);
         scope
     }
 

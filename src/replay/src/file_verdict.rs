@@ -15,7 +15,7 @@ use crate::{Detail, Verdict, on_workers, refused, seek, verify_trace, verify_wit
 /// What the replay of a trace file found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FileVerdict {
-    /// BLAKE3 of the file's bytes; none where they could not be read, or judging them panicked.
+    /// BLAKE3 of the file's bytes; none where they could not be read, or the replay panicked.
     pub file: Option<Digest>,
     /// The chain digest of the trace; none where the bytes are no sound trace.
     pub trace: Option<Digest>,
@@ -37,30 +37,35 @@ impl FileVerdict {
     fn of_file(files: &TraceFiles, path: &Path, verify: impl FnOnce(Trace) -> Verdict) -> Self {
         match files.bytes(path) {
             Ok(bytes) => Self::of_bytes(path, &bytes, |trace| verify(files.with_meshes(trace))),
-            Err(error) => Self::unread(refused(&error)),
+            Err(error) => Self::without_trace(refused(&error)),
         }
     }
 
-    /// A panic ends only this verdict.
+    /// A panic ends only this verdict, and is none that lasts.
     fn of_bytes(path: &Path, bytes: &[u8], verify: impl FnOnce(Trace) -> Verdict) -> Self {
         let file = Some(Digest::of(bytes));
-        let judge = || match Trace::from_bytes(path, bytes, &Limits::default()) {
-            Ok(trace) => Self {
-                file,
-                trace: Some(trace.chain()),
-                has_meshes: !trace.header.meshes.is_empty(),
-                verdict: verify(trace),
-            },
-            Err(error) => Self {
-                file,
-                ..Self::unread(refused(&error))
-            },
+        let read = || Trace::from_bytes(path, bytes, &Limits::default());
+        let trace = match catch_unwind(AssertUnwindSafe(read)) {
+            Ok(Ok(trace)) => trace,
+            Ok(Err(error)) => {
+                return Self {
+                    file,
+                    ..Self::without_trace(refused(&error))
+                };
+            }
+            Err(_) => return Self::without_trace(Verdict::panicked(path)),
         };
-        catch_unwind(AssertUnwindSafe(judge))
-            .unwrap_or_else(|_| Self::unread(Verdict::panicked(path)))
+        let (digest, has_meshes) = (Some(trace.chain()), !trace.header.meshes.is_empty());
+        let verified = catch_unwind(AssertUnwindSafe(|| verify(trace)));
+        Self {
+            file: file.filter(|_| verified.is_ok()),
+            trace: digest,
+            has_meshes,
+            verdict: verified.unwrap_or_else(|_| Verdict::panicked(path)),
+        }
     }
 
-    fn unread(verdict: Verdict) -> Self {
+    fn without_trace(verdict: Verdict) -> Self {
         Self {
             file: None,
             trace: None,

@@ -153,7 +153,7 @@ impl Archive {
     pub fn finished(&self) -> io::Result<Vec<String>> {
         let paths = self.host.disk.list(&self.folder)?;
         let mut names: Vec<String> = paths.iter().filter_map(|path| self.name_of(path)).collect();
-        names.retain(|name| !name.starts_with('.'));
+        names.retain(|name| self.path(name).is_ok());
         names.sort_unstable();
         Ok(names)
     }

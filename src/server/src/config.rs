@@ -33,8 +33,10 @@ pub struct Config {
     /// The store of tables: a folder or s3://bucket/folder; without it `store` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub store: Option<String>,
-    /// Whether new traces of the archive are read into the tables as they come.
-    pub ingest_new: bool,
+    /// Whether new traces of the archive are read into the tables as they come; where it is not said,
+    /// only into a store in the data folder, which no other server has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ingest_new: Option<bool>,
     /// Folder of meshes of objects, which sessions play with and recordings with meshes are executed
     /// with; without it objects are primitives.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -225,7 +227,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 8801)),
             data: "reel-data".into(),
             store: None,
-            ingest_new: true,
+            ingest_new: None,
             assets: None,
             definitions: None,
             tokens: None,
@@ -350,6 +352,11 @@ impl Config {
         self.definitions
             .clone()
             .unwrap_or_else(|| self.data.join("definitions"))
+    }
+
+    /// Whether new traces are read into the tables as they come.
+    pub fn ingests_new(&self) -> bool {
+        self.ingest_new.unwrap_or(self.store.is_none())
     }
 
     /// Where the store of tables is.

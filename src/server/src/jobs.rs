@@ -324,7 +324,9 @@ impl Paths {
             Work::Replay { traces } => {
                 say(&["replay", "--json"]);
                 // Before the first ingest there are no tables to keep verdicts in.
-                if is_remote(Path::new(&self.store)) || Path::new(&self.store).exists() {
+                if is_remote(Path::new(&self.store))
+                    || Path::new(&self.store).join("episodes").exists()
+                {
                     say(&["--store", &self.store]);
                 }
                 arguments.extend(self.traces(traces, &mut left_out)?);

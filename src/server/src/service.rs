@@ -42,6 +42,7 @@ use crate::{
 };
 #[cfg(feature = "tables")]
 use crate::{
+    intake::Intake,
     jobs::{Jobs, Paths},
     sql_process::SqlProcesses,
     store::Tables,
@@ -64,6 +65,8 @@ pub(crate) struct App {
     pub jobs: Jobs,
     #[cfg(feature = "tables")]
     pub tables: Tables,
+    #[cfg(feature = "tables")]
+    pub intake: Intake,
     #[cfg(feature = "tables")]
     pub sql: SqlProcesses,
     pub tokens: Tokens,
@@ -239,6 +242,8 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
             #[cfg(feature = "tables")]
             tables: Tables::new(config.store(), trace_files.with_assets(assets)),
             #[cfg(feature = "tables")]
+            intake: Intake::default(),
+            #[cfg(feature = "tables")]
             sql,
             archive,
             snapshots: moments,
@@ -291,8 +296,8 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         } = self;
         let tending = tokio::spawn(tend(app.clone()));
         #[cfg(feature = "tables")]
-        if app.config.ingest_new {
-            tokio::spawn(crate::intake::take_in(app.clone()));
+        if app.config.ingests_new() {
+            tokio::spawn(crate::intake::ingest_new_traces(app.clone()));
         }
         let closing = app.closing.clone();
         let serving = tokio::spawn(connections::serve(

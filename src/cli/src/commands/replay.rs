@@ -72,7 +72,7 @@ pub struct Arguments {
     outcomes: bool,
     /// Keep the verdicts in the tables of this store, where pages, SQL and exports find them
     #[cfg(feature = "analytics")]
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["explain", "state_at", "outcomes"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["explain", "state_at", "outcomes", "restored"])]
     store: Option<String>,
     /// Print one JSON object per trace
     #[arg(long)]
@@ -144,11 +144,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             }),
         };
     bar.finish_and_clear();
-    #[cfg(feature = "analytics")]
-    if let Some(store) = &store {
-        crate::commands::store::keep_verdicts(store, &judged)?;
-    }
-    let verdicts: Vec<Verdict> = judged.into_iter().map(|judged| judged.verdict).collect();
+    let verdicts: Vec<Verdict> = judged.iter().map(|one| one.verdict.clone()).collect();
     let mut totals = [0u64; 3];
     for (path, verdict) in paths.iter().zip(&verdicts) {
         if arguments.json {
@@ -186,6 +182,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         for (kind, count) in kinds(&verdicts) {
             println!("  {kind}: {count}");
         }
+    }
+    // Last, so that a store that fails takes nobody's results away.
+    #[cfg(feature = "analytics")]
+    if let Some(store) = &store {
+        crate::commands::store::keep_verdicts(store, &judged)?;
     }
     Ok(if exact == paths.len() {
         ExitStatus::Success

@@ -89,6 +89,9 @@ fn branches_are_no_trials_of_a_policy() {
         "policy_comparison",
         "success_by_budget",
         "flaky_tasks",
+        "failures",
+        "user_fidelity",
+        "object_confusions",
         "summary",
     ];
     let before = names.map(results);
@@ -125,7 +128,7 @@ fn branches_are_no_trials_of_a_policy() {
 }
 
 #[test]
-fn a_label_is_taken_back() {
+fn labels_of_an_author_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     reel!(folder, "task draw --count 1 --seed 5 --out tasks");

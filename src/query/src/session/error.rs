@@ -55,7 +55,7 @@ impl From<DataFusionError> for QueryError {
 }
 
 impl QueryError {
-    /// Whether the system refused something (a thread, a file, memory), and the same query may
+    /// Whether the system had no thread left, and the same query may
     /// succeed in a moment.
     pub fn is_of_the_system(&self) -> bool {
         match self {

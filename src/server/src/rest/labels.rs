@@ -12,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::{
     ApiError, analyse,
     error::ErrorBody,
-    extract::{Body, QueryParams},
+    extract::{Body, PathParams, QueryParams},
     tables::rows,
     told,
 };
@@ -102,25 +102,25 @@ pub(super) async fn set(
     Ok((StatusCode::CREATED, Json(kept)))
 }
 
-/// Which label is taken back.
+/// Whose labels are removed.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub(super) struct LabelKey {
-    /// The episode's id; its beginning is enough where it is unique.
-    episode: String,
-    /// Who said so; with tokens, whose token it is counts.
+pub(super) struct LabelAuthor {
+    /// Author of the labels; with tokens, whose token it is counts.
     author: Option<String>,
 }
 
-/// Takes back what an author said about an episode.
-#[utoipa::path(delete, path = "/api/labels", operation_id = "remove_label", tag = "tables", params(LabelKey),
+/// Removes the labels of an episode by one author, one that adjudicates too.
+#[utoipa::path(delete, path = "/api/labels/{episode}", operation_id = "remove_labels", tag = "tables",
+    params(("episode" = String, Path, description = "Id of the episode; its beginning is enough where it is unique"), LabelAuthor),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn remove(
     State(app): State<Arc<App>>,
-    QueryParams(key): QueryParams<LabelKey>,
+    PathParams(episode): PathParams<String>,
+    QueryParams(of): QueryParams<LabelAuthor>,
 ) -> Result<StatusCode, ApiError> {
-    let texts = [("author", Some(author(key.author.as_ref())?))];
-    keep(&app, "remove", &key.episode, &texts, None).await?;
+    let texts = [("author", Some(author(of.author.as_ref())?))];
+    keep(&app, "remove", &episode, &texts, None).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -11,7 +11,7 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use reel_query::{Format, Parameters, QueryError, QuerySession};
-use reel_tables::Store;
+use reel_tables::{Store, StoreError};
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -161,7 +161,7 @@ impl Waiting {
             count,
             known,
             traces,
-            automatic: app.config.ingest_new,
+            automatic: app.config.ingests_new(),
         }
     }
 
@@ -177,18 +177,26 @@ impl Waiting {
 pub(super) async fn waiting(State(app): State<Arc<App>>) -> Result<Response, ApiError> {
     let answer = analyse(&app, |app| {
         let recorded = app.archive.finished().map_err(ApiError::disk)?;
-        let Ok(newest) = app.tables.newest() else {
+        let newest = match app.tables.newest() {
+            Ok(newest) => newest,
             // Before the first ingest everything waits.
-            return Ok(Waiting::of(app, 0, recorded).to_json());
+            Err(StoreError::NoStore { .. }) => {
+                return Ok(Waiting::of(app, 0, recorded).to_json());
+            }
+            Err(error) => return Err(error.into()),
         };
         // Pages ask again and again, and seldom is anything new.
         let names = Digest::of(recorded.join("\n").as_bytes());
-        let (stamp, question) = (newest.stamp, format!("waiting traces of {names}"));
+        let ingested = app.intake.names();
+        let question = format!("waiting traces of {names}, {} ingested", ingested.len());
+        let stamp = newest.stamp;
         if let Some(answer) = app.tables.cached_answer(stamp.as_ref(), &question) {
             return Ok(answer);
         }
         let known = known_traces(app, newest.store)?;
-        let new = recorded.into_iter().filter(|name| !known.contains(name));
+        let new = recorded
+            .into_iter()
+            .filter(|name| !known.contains(name) && !ingested.contains(name));
         let answer = Waiting::of(app, known.len(), new.collect()).to_json();
         app.tables
             .cache_answer(stamp.as_ref(), question, answer.clone());

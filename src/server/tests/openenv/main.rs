@@ -71,7 +71,7 @@ fn serving<C: Future<Output = ()>>(
     let config = Config {
         listen: SocketAddr::from(([127, 0, 0, 1], 0)),
         data: folder.to_owned(),
-        ingest_new: false,
+        ingest_new: Some(false),
         play: Play {
             run: Some("test".to_owned()),
             images: false,

@@ -327,7 +327,7 @@ impl<'g> World<'g> {
         };
         Config {
             // The folder is on a disk that no other process sees.
-            ingest_new: false,
+            ingest_new: Some(false),
             data: self
                 .fixtures
                 .folder

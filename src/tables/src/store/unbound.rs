@@ -4,6 +4,7 @@
 
 use std::collections::HashSet;
 
+use deltalake::DeltaTable;
 use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
@@ -93,13 +94,14 @@ impl Store {
         if verdicts.is_empty() {
             return Ok(());
         }
-        let kept = self.verdicts()?;
-        let mut known: HashSet<_> = kept.iter().map(TraceVerdict::key).collect();
-        let new: Vec<&TraceVerdict> = verdicts
-            .iter()
-            .filter(|verdict| known.insert(verdict.key()))
-            .collect();
-        self.append_unbound(Table::Verdicts, &new)
+        self.append_with(Table::Verdicts, |newest| {
+            let kept: Vec<TraceVerdict> = self.rows_of(newest)?;
+            let mut known: HashSet<_> = kept.iter().map(TraceVerdict::key).collect();
+            let new = verdicts
+                .iter()
+                .filter(|verdict| known.insert(verdict.key()));
+            Ok(new.cloned().collect())
+        })
     }
 
     /// Every trace whose Histories were checked, by any version of the checker.
@@ -118,14 +120,28 @@ impl Store {
         self.append_unbound(Table::Contradictions, traces)
     }
 
-    fn append_unbound<R: Serialize>(&self, table: Table, rows: &[R]) -> Result<(), StoreError> {
-        if rows.is_empty() {
-            return Ok(());
-        }
-        let rows = Rows::of(table, rows)?;
+    fn append_unbound<R: Serialize + Clone>(
+        &self,
+        table: Table,
+        rows: &[R],
+    ) -> Result<(), StoreError> {
+        self.append_with(table, |_| Ok(rows.to_vec()))
+    }
+
+    /// Adds the rows that `rows` makes of the newest version, and makes them anew where somebody
+    /// else was faster.
+    fn append_with<R: Serialize>(
+        &self,
+        table: Table,
+        rows: impl Fn(&DeltaTable) -> Result<Vec<R>, StoreError>,
+    ) -> Result<(), StoreError> {
         for _ in 0..TRIES_MAX {
             let newest = self.newest(table)?;
-            let actions = self.write_parts(&newest, vec![rows.clone()])?;
+            let rows = rows(&newest)?;
+            if rows.is_empty() {
+                return Ok(());
+            }
+            let actions = self.write_parts(&newest, vec![Rows::of(table, &rows)?])?;
             match self.commit_side(&newest, actions) {
                 Ok(_) => return Ok(()),
                 Err(Refused::Conflict) => {}

@@ -45,7 +45,7 @@ pub struct Arguments {
 enum Command {
     /// Label one episode of the store
     Set(Set),
-    /// Take back what an author said about an episode
+    /// Remove the labels of an episode by one author
     Remove {
         /// The episode's id; its beginning is enough where it is unique
         #[arg(value_name = "EPISODE")]
@@ -278,7 +278,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
     })
 }
 
-/// Takes back an author's labels of an episode, a decision between others too.
+/// Removes an author's labels of an episode, one that adjudicates too.
 fn remove(store: &str, episode: &str, author: &str) -> anyhow::Result<ExitStatus> {
     let mut store = Store::open(store)?;
     let of_author = |label: &&LabelRow| label.author == author.trim();
