@@ -36,7 +36,7 @@ export async function launch() {
   });
 }
 
-/** A page of its own profile; whatever its console complains of is in `complaints`. */
+/** A page of its own profile; whatever its console complains of is in `complaints`, and the answers that refused something in `answers`. */
 export async function opened(browser, { dark = false, width = 1440, height = 900 } = {}) {
   const context = await browser.newContext({ viewport: { width, height }, colorScheme: dark ? "dark" : "light" });
   context.setDefaultTimeout(PATIENCE_MS);
@@ -44,7 +44,14 @@ export async function opened(browser, { dark = false, width = 1440, height = 900
   const complaints = [];
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   page.on("pageerror", (error) => complaints.push(String(error)));
-  return { page, context, complaints };
+  // The console does not say what the service answered.
+  const answers = [];
+  page.on("response", async (answer) => {
+    if (answer.status() < 400) return;
+    const text = await answer.text().catch(() => "");
+    answers.push(`${answer.status()} ${answer.url()} ${(answer.request().postData() ?? "").slice(0, 300)}: ${text.slice(0, 300)}`);
+  });
+  return { page, context, complaints, answers };
 }
 
 /** Goes there, and waits until nothing is loaded any more. */
@@ -54,11 +61,11 @@ export async function visit(page, address) {
 
 /** Runs something on a page of its own whose console stays silent but for what is expected there. */
 export async function onPage(browser, work, { expected = [], ...options } = {}) {
-  const { page, context, complaints } = await opened(browser, options);
+  const { page, context, complaints, answers } = await opened(browser, options);
   try {
     await work(page);
     const others = complaints.filter((text) => !expected.some((one) => text.includes(one)));
-    assert(!others.length, `the console complains: ${others.join(" | ")}`);
+    assert(!others.length, `the console complains: ${others.join(" | ")} ${answers.join(" | ")}`);
   } finally {
     await context.close();
   }

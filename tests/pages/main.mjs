@@ -42,10 +42,10 @@ if (process.argv[2] === "--screenshots") {
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of [false, true]) {
-        const { page, context, complaints } = await opened(browser, { dark, width: dark ? 1024 : 1440 });
+        const { page, context, complaints, answers } = await opened(browser, { dark, width: dark ? 1024 : 1440 });
         await visit(page, address);
         const heading = await page.locator("main h1").first().innerText();
-        const found = [...complaints, ...(await findings(page))];
+        const found = [...complaints, ...(complaints.length ? answers : []), ...(await findings(page))];
         const wider = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
         if (wider > 0) found.push(`the page is ${wider} pixels wider than the window`);
         await context.close();

@@ -31,6 +31,10 @@ class Server:
         self.data = pathlib.Path(data or self.folder.name)
         self.log = self.data / "serve.log"
         self.data.mkdir(parents=True, exist_ok=True)
+        if "--config" not in arguments:
+            config = self.data / "serve.toml"
+            config.write_text("ingest_new = false\n")
+            arguments = ("--config", config, *arguments)
         command = [*before, REEL, "serve", "--listen", "127.0.0.1:0", "--data", str(self.data), *map(str, arguments)]
         with open(self.log, "a") as log:
             self.process = subprocess.Popen(
