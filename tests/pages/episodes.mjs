@@ -50,7 +50,7 @@ export async function stepping(browser, { trace, step }) {
 export async function a_step_shows_what_was_seen(browser, { trace, step }) {
   await onPage(browser, async (page) => {
     const asked = [];
-    page.on("request", (request) => asked.push(request.url().slice(url.length)));
+    page.on("request", (request) => asked.push(new URL(request.url()).pathname));
     const frame = (at) => `/api/traces/${trace}/frames/${at < 0 ? "start" : at}`;
     await visit(page, `/episodes/${trace}?step=${step}`);
     const image = page.locator(".view img").first();

@@ -90,6 +90,12 @@ export async function image(path: string, signal?: AbortSignal): Promise<string>
   return URL.createObjectURL(await (await fetched(path, signal)).blob());
 }
 
+/** An image as [`image`] gives it, or null where the episode has none: nothing was recorded and nothing can be drawn. */
+export async function imageIfAny(path: string, signal?: AbortSignal): Promise<string | null> {
+  const answer = await fetched(`${path}${path.includes("?") ? "&" : "?"}if_any=true`, signal);
+  return answer.status === 204 ? null : URL.createObjectURL(await answer.blob());
+}
+
 /** Asks the tables. Values go as `$parameters`, never into the text. */
 export async function sql<T = Row>(text: string, parameters: Record<string, string> = {}, signal?: AbortSignal): Promise<T[]> {
   return (await send("POST", "/api/sql", { sql: text, parameters }, signal)).json();

@@ -11,6 +11,7 @@ use axum::{
 use reel_live::LiveError;
 #[cfg(feature = "tables")]
 use reel_query::{QueryError, SetLimit};
+use reel_replay::Verdict;
 #[cfg(feature = "tables")]
 use reel_tables::StoreError;
 use serde::Serialize;
@@ -77,6 +78,9 @@ pub(crate) struct ErrorDetail {
 #[cfg(feature = "tables")]
 pub(crate) const OVER_LIMIT: &str = "over_limit";
 
+/// Code of an error of an episode that cannot be executed again.
+const NOT_EXECUTED: &str = "not_executed";
+
 impl ApiError {
     fn new(status: StatusCode, code: &'static str, message: impl Into<String>) -> Self {
         Self {
@@ -90,6 +94,16 @@ impl ApiError {
     #[cfg(feature = "tables")]
     pub fn is_over_limit(&self) -> bool {
         self.code == OVER_LIMIT
+    }
+
+    /// The answer for an episode that cannot be executed again, with the verdict that says why.
+    pub fn not_executed(verdict: &Verdict) -> Self {
+        let message = format!("the episode cannot be executed again: {verdict}");
+        Self::unprocessable(NOT_EXECUTED, message)
+    }
+
+    pub fn is_not_executed(&self) -> bool {
+        self.code == NOT_EXECUTED
     }
 
     pub fn status(&self) -> StatusCode {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::{
     Json,
     extract::State,
-    http::header,
+    http::{StatusCode, header},
     response::{IntoResponse, Response},
 };
 use reel_replay::{Viewpoint, view_at};
@@ -19,7 +19,6 @@ use super::{
     ApiError, analyse,
     error::ErrorBody,
     extract::{PathParams, QueryParams},
-    traces::not_executed,
 };
 use crate::service::App;
 
@@ -40,6 +39,17 @@ pub(crate) struct Camera {
     #[serde(default)]
     #[param(inline)]
     layer: Layer,
+}
+
+/// What is answered where there is no image.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Absence {
+    /// Whether an episode whose images were not recorded and cannot be drawn (a robot's, say) is
+    /// answered with 204 and no body instead of 422: for lists, which show an image if there is one.
+    #[serde(default)]
+    #[param(default = false)]
+    if_any: bool,
 }
 
 /// What of a frame is shown.
@@ -111,7 +121,7 @@ impl<'a> FrameRequest<'a> {
     fn drawn(&self) -> Result<Frame, ApiError> {
         let cache = Some(self.app.snapshots.cache());
         view_at(&self.trace, self.step, &self.viewpoint, cache)
-            .map_err(|verdict| not_executed(&verdict))
+            .map_err(|verdict| ApiError::not_executed(&verdict))
     }
 
     /// The layer that was asked for, as PNG. What was recorded is not drawn again.
@@ -174,20 +184,26 @@ impl<'a> FrameRequest<'a> {
 
 /// An image of the episode as PNG, drawn by going there: `start`, or the number of a step.
 #[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}", tag = "traces",
-    params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step"), Camera),
-    responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+    params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step"), Camera, Absence),
+    responses((status = 200, content_type = "image/png"), (status = 204, description = "No image, where if_any asks so"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn frame(
     State(app): State<Arc<App>>,
     PathParams((name, moment)): PathParams<(String, String)>,
     QueryParams(camera): QueryParams<Camera>,
+    QueryParams(absence): QueryParams<Absence>,
 ) -> Result<Response, ApiError> {
-    let png = analyse(&app, move |app| {
+    let drawn = analyse(&app, move |app| {
         let step = moment.strip_suffix(".png").unwrap_or(&moment);
         FrameRequest::new(app, &name, step, &camera)?.png()
-    })
-    .await?;
-    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+    });
+    match drawn.await {
+        Ok(png) => Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response()),
+        Err(error) if absence.if_any && error.is_not_executed() => {
+            Ok(StatusCode::NO_CONTENT.into_response())
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// What the instance ids in masks of an episode stand for.

@@ -331,13 +331,6 @@ pub(super) async fn steps(
     answer.await.map(Json)
 }
 
-pub(super) fn not_executed(verdict: &Verdict) -> ApiError {
-    ApiError::unprocessable(
-        "not_executed",
-        format!("the episode cannot be executed again: {verdict}"),
-    )
-}
-
 /// Executes an episode again and compares every digest. The verdict goes to the table `verdicts`.
 #[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces",
     params(("trace" = String, Path)),
