@@ -18,6 +18,27 @@ export async function training_sets(browser) {
   });
 }
 
+/** Once the last job has ended, nothing is asked any more. */
+export async function ended_jobs_are_not_asked_for(browser) {
+  await onPage(browser, async (page) => {
+    const job = (state) => ({ id: 1, state, created: 0, done: 0, total: 1, message: "", errors: [], report: [], work: { kind: "ingest", traces: [] } });
+    let state = "running";
+    let asked = 0;
+    await page.route("**/api/jobs", (route) => {
+      asked += 1;
+      return route.fulfill({ json: [job(state)] });
+    });
+    await page.route("**/api/jobs/1", (route) => {
+      state = "done";
+      return route.fulfill({ json: job(state) });
+    });
+    await page.goto(`${url}/episodes`);
+    await until(() => state === "done" && asked >= 2, "the end of the job");
+    await page.waitForTimeout(2000);
+    assert(asked === 2, `the list was asked for ${asked} times`);
+  });
+}
+
 /** The drawer of jobs: from any page by mouse and key, with what runs and what ran, why it failed, and the same work again. */
 export async function jobs_have_a_drawer(browser) {
   for (const dark of [false, true]) {

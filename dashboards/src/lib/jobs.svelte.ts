@@ -71,12 +71,18 @@ $effect.root(() => {
   const every = $derived(jobs.active.length ? RUNNING_MS : jobs.open ? OPEN_MS : 0);
   $effect(() => {
     if (!every) return;
+    const pause = every;
+    let over = false;
     let timer: ReturnType<typeof setTimeout>;
     const turn = async () => {
       if (!document.hidden) await jobs.look();
-      timer = setTimeout(() => void turn(), every);
+      // An answer that ends the work ends these turns too.
+      if (!over) timer = setTimeout(() => void turn(), pause);
     };
-    timer = setTimeout(() => void turn(), Math.min(every, RUNNING_MS / 2));
-    return () => clearTimeout(timer);
+    timer = setTimeout(() => void turn(), Math.min(pause, RUNNING_MS / 2));
+    return () => {
+      over = true;
+      clearTimeout(timer);
+    };
   });
 });
