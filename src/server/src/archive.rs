@@ -150,6 +150,7 @@ impl Archive {
     }
 
     /// Names of all finished traces, in order.
+    #[cfg(feature = "tables")]
     pub fn finished(&self) -> io::Result<Vec<String>> {
         let paths = self.host.disk.list(&self.folder)?;
         let mut names: Vec<String> = paths.iter().filter_map(|path| self.name_of(path)).collect();
