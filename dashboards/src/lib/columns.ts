@@ -62,7 +62,7 @@ export function columnsOf(chosen: string | null): Column[] {
 }
 
 /** What a list needs of every row, whatever it shows. */
-const ALWAYS = ["episode_id", "trace", "outcome", "policy", "family", "task_id", "class", "sub_class", "decisive_step", "trace_digest", "parent_trace", "parent_call"];
+const ALWAYS = ["episode_id", "trace", "outcome", "policy", "family", "task_id", "class", "sub_class", "decisive_step", "instruction", "trace_digest", "parent_trace", "parent_call"];
 
 export function selected(columns: Column[]): string {
   return [...new Set([...ALWAYS, ...columns.map((column) => column.key)])].join(", ");

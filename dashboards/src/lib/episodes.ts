@@ -3,6 +3,7 @@ import { sql, traceName } from "./api";
 import { words } from "./format";
 import { PEOPLE } from "./labels";
 import { link } from "./route.svelte";
+import type { Found } from "./search";
 
 /** A row that every list of episodes has. */
 export interface Episode {
@@ -15,12 +16,15 @@ export interface Episode {
   class: string | null;
   sub_class: string | null;
   decisive_step: number | null;
+  instruction: string | null;
   trace_digest: string;
   /** Digest of the trace that this one branches from, and the first call that differs. */
   parent_trace: string | null;
   parent_call: number | null;
   /** How many branchings lie between it and a row of the list. */
   depth?: number;
+  /** Where the text that was searched stands in it. */
+  found?: Found;
   [column: string]: unknown;
 }
 
@@ -102,9 +106,9 @@ export function where(choice: Choice, clause = ""): string {
   return conditions.length ? conditions.join(" AND ") : "true";
 }
 
-/** The page of an episode, at a step where one is known. */
-export function episodeLink(trace: string, step?: number | null): string {
-  return link(`/episodes/${encodeURIComponent(traceName(trace))}`, { step });
+/** The page of an episode, at a step where one is known, and in a list where it was found in one. */
+export function episodeLink(trace: string, step?: number | null, list?: string): string {
+  return link(`/episodes/${encodeURIComponent(traceName(trace))}`, { step, list });
 }
 
 /** The trace of an episode that is named by its id; null where the tables have none, or there are no tables. */

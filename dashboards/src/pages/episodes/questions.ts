@@ -1,7 +1,10 @@
 /** What the list of episodes asks: one question for the rows, one for all counts. */
 import { sql } from "../../lib/api";
 import { type Column, order, selected } from "../../lib/columns";
-import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, condition, facetValue, where } from "../../lib/episodes";
+import { type Way, curlSql, markdownText, pythonSql } from "../../lib/copy";
+import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, condition, facetValue } from "../../lib/episodes";
+import { type Chosen, type List, conditionOf, listWords, parametersOf } from "../../lib/list";
+import { excerpt, foundIn } from "../../lib/search";
 
 export const SIZE = 50;
 
@@ -16,20 +19,40 @@ export interface Counts {
   counts: Count[];
 }
 
-export interface List {
-  choice: Choice;
-  clause: string;
+export interface Part extends List {
   columns: Column[];
-  sort: string;
-  descending: boolean;
+  /** From 1. */
   page: number;
 }
 
-export async function rows(list: List, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
+export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
   const text = `${LISTED}
-SELECT ${selected(list.columns)} FROM listed WHERE ${where(list.choice, list.clause)}
+SELECT ${selected(list.columns)} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
-  return withBranches(await sql<Episode>(text, { ...list.choice }, signal), list.columns, signal);
+  const found = await sql<Episode>(text, parametersOf(list), signal);
+  return withBranches(list.text ? await withPlaces(found, list.text, signal) : found, list.columns, signal);
+}
+
+/** Ways to take a list along: as a link, or as the question behind it. */
+export function waysToList(list: List, columns: Column[]): Way[] {
+  const question = () => `${LISTED}
+SELECT ${selected(columns)} FROM listed WHERE ${conditionOf(list)}
+ORDER BY ${order(list.sort, list.descending)}`;
+  return [
+    { name: "Link", text: () => location.href },
+    { name: "curl", text: () => curlSql(question(), parametersOf(list)) },
+    { name: "Python", text: () => pythonSql(question(), parametersOf(list)) },
+    { name: "Markdown", text: () => `[${markdownText(listWords(list))}](${location.href})` },
+  ];
+}
+
+/** Every row with the place where the text that was searched stands. */
+async function withPlaces(rows: Episode[], text: string, signal: AbortSignal): Promise<Episode[]> {
+  const found = await foundIn(rows.map((row) => row.episode_id), text, signal);
+  return rows.map((row) => {
+    const instruction = excerpt(row.instruction ?? "", text);
+    return { ...row, found: instruction ? { step: null, part: "instruction", ...instruction } : found.get(row.episode_id) };
+  });
 }
 
 /** Every row with its branches below it, and theirs below them. */
@@ -47,7 +70,8 @@ async function withBranches(rows: Episode[], columns: Column[], signal: AbortSig
 }
 
 /** Counts of every facet, each under the choices of all others, in one pass over the table. */
-export async function counts(choice: Choice, clause: string, signal: AbortSignal): Promise<Counts> {
+export async function counts(chosen: Chosen, signal: AbortSignal): Promise<Counts> {
+  const { choice } = chosen;
   const own = Object.keys(choice).filter((filter): filter is Facet => FACETS.some((facet) => facet === filter));
   const others = Object.fromEntries(Object.entries(choice).filter(([filter]) => !own.some((facet) => facet === filter))) as Choice;
   const holds = (but?: Facet) => own.filter((facet) => facet !== but).map(condition).join(" AND ") || "true";
@@ -55,12 +79,12 @@ export async function counts(choice: Choice, clause: string, signal: AbortSignal
 valued AS (
   SELECT ${FACETS.map((facet) => `${facetValue(facet)} AS f_${facet}`).join(", ")},
     ${holds()} AS holds, ${FACETS.map((facet) => `${holds(facet)} AS h_${facet}`).join(", ")}
-  FROM listed WHERE ${where(others, clause)}
+  FROM listed WHERE ${conditionOf({ ...chosen, choice: others })}
 )
 SELECT ${FACETS.map((facet) => `f_${facet}, grouping(f_${facet}) AS g_${facet}, count(*) FILTER (WHERE h_${facet}) AS n_${facet}`).join(", ")},
   count(*) FILTER (WHERE holds) AS total
 FROM valued GROUP BY GROUPING SETS (${FACETS.map((facet) => `(f_${facet})`).join(", ")}, ())`;
-  const got = await sql<Record<string, string | number | null>>(text, { ...choice }, signal);
+  const got = await sql<Record<string, string | number | null>>(text, parametersOf(chosen), signal);
   const found: Counts = { total: 0, counts: [] };
   for (const row of got) {
     const facet = FACETS.find((facet) => row[`g_${facet}`] === 0);
@@ -72,7 +96,7 @@ FROM valued GROUP BY GROUPING SETS (${FACETS.map((facet) => `(f_${facet})`).join
 }
 
 /** Everything that was chosen, for a selection; at most so many. */
-export function matching(choice: Choice, clause: string, most: number): Promise<{ episode_id: string; trace: string }[]> {
-  const text = `${LISTED} SELECT episode_id, trace FROM listed WHERE ${where(choice, clause)} ORDER BY episode_id LIMIT ${most}`;
-  return sql<{ episode_id: string; trace: string }>(text, { ...choice });
+export function matching(chosen: Chosen, most: number): Promise<{ episode_id: string; trace: string }[]> {
+  const text = `${LISTED} SELECT episode_id, trace FROM listed WHERE ${conditionOf(chosen)} ORDER BY episode_id LIMIT ${most}`;
+  return sql<{ episode_id: string; trace: string }>(text, parametersOf(chosen));
 }
