@@ -4,6 +4,7 @@ import { findings, launch, opened, sql, traceName, url, visit } from "./kit.mjs"
 import * as episodes from "./episodes.mjs";
 import * as failures from "./failures.mjs";
 import * as live from "./live.mjs";
+import * as review from "./review.mjs";
 import * as sqlTests from "./sql.mjs";
 
 const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
@@ -38,7 +39,7 @@ if (process.argv[2] === "--screenshots") {
   }
 } else {
   const wanted = process.argv.slice(2);
-  const all = { ...episodes, ...failures, ...live, ...sqlTests };
+  const all = { ...episodes, ...failures, ...live, ...review, ...sqlTests };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of [false, true]) {

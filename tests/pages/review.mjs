@@ -1,0 +1,174 @@
+/** Working through a list: search in what was said, the next episode of the list, and ways to take along what a page shows. */
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { assert, findings, onPage, parameter, sql, traceName, until, visit } from "./kit.mjs";
+
+const open = (page) => page.locator("a.open");
+const total = (page) => page.getByRole("navigation", { name: "Pages of the list" }).innerText();
+
+async function search(page, text) {
+  await page.getByLabel("Search episodes").fill(text);
+  await page.keyboard.press("Enter");
+  await until(async () => !(await page.locator("[aria-busy=true]").count()) && parameter(page, "search") === text, "the rows");
+  await page.waitForLoadState("networkidle");
+}
+
+/** A text is found wherever it was said, as it is and in any case, and leads to the step that says it. */
+export async function search_finds_what_was_said(browser) {
+  // Counted here, over all that is said.
+  const episodes = await sql("SELECT episode_id, instruction, task_id FROM episodes WHERE parent_trace IS NULL");
+  const steps = await sql("SELECT episode_id, step, concat(call_name, ' ', arguments) AS call, text, question, reply, reasoning, plan, history FROM steps");
+  const having = (text) => {
+    const says = (words) => words.some((word) => word?.toLowerCase().includes(text.toLowerCase()));
+    const saying = new Set(steps.filter(({ episode_id, step, ...words }) => says(Object.values(words))).map((step) => step.episode_id));
+    return episodes.filter((episode) => saying.has(episode.episode_id) || says(Object.values(episode)));
+  };
+  const step = steps.find(({ step, text }) => step > 0 && text.length > 30);
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    for (const text of [step.text.slice(5, 30).trim(), step.text.slice(5, 30).trim().toUpperCase(), "NAV_TO"]) {
+      await search(page, text);
+      const expected = having(text).length;
+      assert(expected > 0 && (await total(page)).includes(`of ${expected}`), `'${text}': ${await total(page)}, not ${expected}`);
+      const [mark] = await page.locator("mark").allInnerTexts();
+      assert(mark.toLowerCase() === text.toLowerCase(), `'${mark}' is marked, not '${text}'`);
+    }
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    // A row leads to the step that says it.
+    const told = await page.locator("tr.found").first().innerText();
+    await open(page).first().click();
+    await page.locator(".view img").first().waitFor();
+    assert(parameter(page, "step") === told.match(/^step (\d+), call/)[1], `${page.url()}: ${told}`);
+    // Signs of SQL and of patterns are letters like others.
+    for (const text of ["%", "' OR '1'='1", "_av_to"]) {
+      await visit(page, `/episodes?search=${encodeURIComponent(text)}`);
+      if (having(text).length) assert((await total(page)).includes(`of ${having(text).length}`), `'${text}': ${await total(page)}`);
+      else await page.getByText("No episode is like that").waitFor();
+    }
+    await page.getByRole("button", { name: "Clear filters" }).first().click();
+    await open(page).first().waitFor();
+    assert(parameter(page, "search") === null && (await page.getByLabel("Search episodes").inputValue()) === "", page.url());
+  });
+}
+
+/** From an episode of a list to the next one and back, by link and key, in the order of the list. */
+export async function a_list_is_worked_through(browser) {
+  await onPage(browser, async (page) => {
+    const address = "/episodes?outcome=failure&sort=length&order=up";
+    await visit(page, address);
+    const traces = async () => (await open(page).evaluateAll((links) => links.map((link) => link.pathname))).map((path) => decodeURIComponent(path));
+    const listed = await traces();
+    assert(listed.length > 2, `${listed.length} episodes`);
+    await open(page).nth(1).click();
+    const nav = page.getByRole("navigation", { name: "Episodes of the list" });
+    const shows = async (at) => {
+      await nav.getByText(`${at + 1} of ${listed.length} in`).waitFor();
+      const path = decodeURIComponent(new URL(page.url()).pathname);
+      assert(path === listed[at], `${path} is not number ${at + 1}, ${listed[at]}`);
+    };
+    await shows(1);
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    await nav.getByRole("link", { name: "Next" }).click();
+    await shows(2);
+    await page.keyboard.press("p");
+    await shows(1);
+    await page.keyboard.press("p");
+    await shows(0);
+    assert(!(await nav.getByRole("link", { name: "Previous" }).count()), "something stands before the first");
+    await page.keyboard.press("n");
+    await shows(1);
+    // A panel that is open stays open.
+    await page.getByRole("button", { name: "Label …" }).click();
+    await nav.getByRole("link", { name: "Next" }).click();
+    await shows(2);
+    assert(parameter(page, "label") === "1", page.url());
+    await nav.getByRole("link", { name: "outcome: failure" }).click();
+    await open(page).first().waitFor();
+    assert(JSON.stringify(await traces()) === JSON.stringify(listed), "the list is another one");
+    // So do the lists of failures.
+    await visit(page, "/failures");
+    await open(page).first().click();
+    await nav.getByText(/^1 of \d+ in outcome: failure/).waitFor();
+  });
+}
+
+/** What a menu copies runs as it is. */
+export async function what_a_page_shows_is_taken_along(browser, { trace, step }) {
+  const folder = mkdtempSync(`${tmpdir()}/reel-copied-`);
+  const run = (program, ...given) => execFileSync(program, given, { cwd: folder, encoding: "utf8" });
+  try {
+    await onPage(browser, async (page) => {
+      await page.context().grantPermissions(["clipboard-read", "clipboard-write"]);
+      const copied = async (name) => {
+        await page.getByText("Copy …").click();
+        await page.getByRole("button", { name, exact: true }).click();
+        await page.getByText(`Copied: ${name}`).waitFor();
+        return page.evaluate(() => navigator.clipboard.readText());
+      };
+      await visit(page, `/episodes/${trace}?step=${step}`);
+      assert((await copied("Link")) === page.url(), "another link");
+      run("sh", "-c", await copied("curl"));
+      assert(readFileSync(`${folder}/${trace}.mcap`).subarray(1, 5).toString() === "MCAP", "no trace");
+      const python = await copied("Python");
+      run("python3", "-c", `import ast, sys; ast.parse(sys.argv[1])`, python);
+      assert(python.includes(`episode.steps[${step}]`), python);
+      const markdown = await copied("Markdown");
+      assert(markdown.includes(`](${page.url()})`) && markdown.includes(`Step ${step}: `), markdown);
+
+      await visit(page, "/episodes?outcome=failure&search=nav_to&where=length+%3E+0");
+      const count = Number((await total(page)).match(/of (\d+)/)[1]);
+      const rows = JSON.parse(run("sh", "-c", await copied("curl")));
+      assert(rows.length === count && rows.some((row) => traceName(row.trace) === trace), `${rows.length} rows, not ${count}`);
+      const printed = run("python3", "-c", `${await copied("Python")}\nprint(len(rows))`);
+      assert(Number(printed) === count, `${printed}, not ${count}`);
+      assert((await copied("Markdown")).startsWith("[outcome: failure, “nav\\_to”, length \\> 0]("), "other words");
+    });
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
+}
+
+/** A few letters lead to a page, to the episodes of a task, to an episode, or to a search, by keyboard alone. */
+export async function find_leads_anywhere(browser, { trace }) {
+  const [{ task_id: task }] = await sql(`SELECT task_id FROM episodes WHERE trace LIKE '%/${trace}.mcap'`);
+  await onPage(browser, async (page) => {
+    const dialog = page.getByRole("dialog", { name: "Find" });
+    const find = async (text, hit) => {
+      await page.keyboard.press("Control+k");
+      await dialog.getByRole("combobox").fill(text);
+      const at = dialog.getByRole("option", { name: hit });
+      await at.first().waitFor();
+      for (let left = 40; (await at.first().getAttribute("aria-selected")) !== "true"; left -= 1) {
+        assert(left, `the arrow does not reach ${hit}`);
+        await page.keyboard.press("ArrowDown");
+      }
+      await page.keyboard.press("Enter");
+      await dialog.waitFor({ state: "hidden" });
+    };
+    await visit(page, "/");
+    await find("comp", /^page Compare/);
+    await page.waitForURL(/\/compare/);
+    await find(task.slice(-6).toUpperCase(), new RegExp(`^task ${task}`));
+    await page.waitForURL((address) => address.searchParams.get("task_id") === task);
+    await find(trace, new RegExp(`^episode ${trace}`));
+    await page.waitForURL((address) => decodeURIComponent(address.pathname) === `/episodes/${trace}`);
+    await find("nav_to", /^search “nav_to”/);
+    await page.waitForURL(/\/episodes\?search=nav_to/);
+    // Signs of SQL are letters, and nothing is found by them but a search.
+    await page.keyboard.press("Control+k");
+    await dialog.getByRole("combobox").fill("' OR 1=1 --");
+    await page.waitForLoadState("networkidle");
+    assert((await dialog.getByRole("option").count()) === 1, "an apostrophe finds something");
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    await page.keyboard.press("Escape");
+    await dialog.waitFor({ state: "hidden" });
+    // Keys of the page that lies below are at rest while letters are typed.
+    await page.getByRole("button", { name: "Find" }).click();
+    await dialog.getByRole("combobox").fill("g e");
+    assert(await dialog.isVisible(), "letters lead away");
+  });
+}
