@@ -15,6 +15,7 @@ mod partition;
 pub mod pattern;
 mod planning;
 mod session;
+mod sort_keys;
 pub mod statistics;
 mod tables;
 mod watched;

@@ -34,6 +34,7 @@ use crate::{
     estimate, functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
+    sort_keys,
     tables::{StepFields, step_fields},
 };
 use answer::{AHEAD, Part};
@@ -303,7 +304,7 @@ impl Inner {
             .map_err(|error| QueryError::ReadOnly {
                 reason: message(&error),
             })?;
-        let plan = bind(plan, parameters)?;
+        let plan = sort_keys::computed_once(bind(plan, parameters)?)?;
         if opens_traces(&plan)? {
             self.allow_traces(&context).await?;
         }

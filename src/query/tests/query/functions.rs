@@ -434,3 +434,48 @@ fn log_probabilities_of_two_policies() {
         assert!(error.contains(words), "{sql}: {error}");
     }
 }
+
+/// The engine would compute a key when it sorts a batch, and again for each merge.
+#[test]
+fn a_key_of_a_sort_is_computed_once() {
+    let dir = TempDir::new().unwrap();
+    let session = QuerySession::new(store(dir.path(), &plays())).unwrap();
+    let plans = ask(
+        &session,
+        "EXPLAIN SELECT trace FROM episodes ORDER BY md5(trace)",
+    )
+    .join("\n");
+    let physical = plans.split("physical_plan").nth(1).unwrap();
+    assert_eq!(physical.matches("md5(").count(), 1, "{physical}");
+    for (computed, named) in [
+        (
+            "SELECT trace FROM episodes ORDER BY md5(trace) DESC, trace",
+            "SELECT trace FROM (SELECT trace, md5(trace) AS key FROM episodes) ORDER BY key DESC",
+        ),
+        (
+            "SELECT tool FROM steps GROUP BY tool ORDER BY -count(*), tool LIMIT 3",
+            "SELECT tool FROM (SELECT tool, -count(*) AS key FROM steps GROUP BY tool) ORDER BY key, tool LIMIT 3",
+        ),
+        (
+            "SELECT DISTINCT tool FROM steps ORDER BY tool || 'a' NULLS FIRST",
+            "SELECT DISTINCT tool FROM steps ORDER BY tool NULLS FIRST",
+        ),
+        (
+            "SELECT a.step, b.step FROM steps a JOIN steps b USING (episode_id) ORDER BY a.step - b.step, a.episode_id, a.step LIMIT 9",
+            "SELECT one, two FROM (SELECT a.episode_id, a.step AS one, b.step AS two, a.step - b.step AS key FROM steps a JOIN steps b USING (episode_id)) ORDER BY key, episode_id, one LIMIT 9",
+        ),
+        (
+            "SELECT (SELECT tool FROM steps ORDER BY step * -1, episode_id LIMIT 1)",
+            "SELECT tool FROM steps ORDER BY step DESC, episode_id LIMIT 1",
+        ),
+    ] {
+        assert_eq!(ask(&session, computed), ask(&session, named), "{computed}");
+    }
+    assert_eq!(
+        session
+            .run("SELECT * FROM episodes ORDER BY md5(trace)")
+            .unwrap()[0]
+            .schema(),
+        session.run("SELECT * FROM episodes").unwrap()[0].schema()
+    );
+}

@@ -498,6 +498,11 @@ impl std::fmt::Debug for Store {
 /// Name under which writers of a side table conflict.
 const WRITER: &str = "reel";
 
+/// Tasks that a thread runs before it looks at clocks and at what came from other threads. Where a
+/// sort leaves a task for each of a thousand batches, milliseconds each, the default of 61 would
+/// hear of the end of a query's time seconds later.
+const LOOK_AROUND_AFTER: u32 = 4;
+
 fn runtime() -> Result<Arc<Runtime>, StoreError> {
     let io_error = |source| StoreError::Io {
         action: "start threads",
@@ -508,6 +513,8 @@ fn runtime() -> Result<Arc<Runtime>, StoreError> {
         Builder::new_multi_thread()
             .enable_all()
             .thread_stack_size(STACK_BYTES)
+            .event_interval(LOOK_AROUND_AFTER)
+            .global_queue_interval(LOOK_AROUND_AFTER)
             .build()
             .map_err(io_error)?,
     ))

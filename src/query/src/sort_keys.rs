@@ -1,0 +1,48 @@
+//! Keys of a sort that are computed are computed once, before it. The engine would do so when it
+//! sorts a batch, again for each merge, and where no query can be stopped.
+
+use datafusion::{
+    common::tree_node::Transformed,
+    error::DataFusionError,
+    logical_expr::{Expr, LogicalPlan, LogicalPlanBuilder, SortExpr},
+    prelude::col,
+};
+
+/// The same plan, whose sorts compare columns only. Keys that look out of their subquery stay.
+pub(crate) fn computed_once(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
+    let rewritten = plan.transform_up_with_subqueries(|node| {
+        let LogicalPlan::Sort(sort) = &node else {
+            return Ok(Transformed::no(node));
+        };
+        let computes = |key: &SortExpr| !matches!(key.expr, Expr::Column(_));
+        if !sort.expr.iter().any(computes) || sort.expr.iter().any(|key| key.expr.contains_outer())
+        {
+            return Ok(Transformed::no(node));
+        }
+        let columns: Vec<Expr> = sort
+            .input
+            .schema()
+            .columns()
+            .into_iter()
+            .map(Expr::Column)
+            .collect();
+        let (mut with_keys, mut order) = (columns.clone(), Vec::new());
+        for (number, key) in sort.expr.iter().enumerate() {
+            let column = if computes(key) {
+                let name = format!("__sort_key_{number}");
+                with_keys.push(key.expr.clone().alias(&name));
+                col(name)
+            } else {
+                key.expr.clone()
+            };
+            order.push(column.sort(key.asc, key.nulls_first));
+        }
+        let sorted = LogicalPlanBuilder::from(sort.input.clone())
+            .project(with_keys)?
+            .sort_with_limit(order, sort.fetch)?
+            .project(columns)?
+            .build()?;
+        Ok(Transformed::yes(sorted))
+    })?;
+    Ok(rewritten.data)
+}
