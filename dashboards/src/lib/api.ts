@@ -87,13 +87,17 @@ function fetched(path: string, signal?: AbortSignal): Promise<Response> {
 
 /** An image, as an address for <img>; to be given back to URL.revokeObjectURL. */
 export async function image(path: string, signal?: AbortSignal): Promise<string> {
-  return URL.createObjectURL(await (await fetched(path, signal)).blob());
+  return addressOf(await fetched(path, signal));
 }
 
 /** An image as [`image`] gives it, or null where the episode has none: nothing was recorded and nothing can be drawn. */
 export async function imageIfAny(path: string, signal?: AbortSignal): Promise<string | null> {
   const answer = await fetched(`${path}${path.includes("?") ? "&" : "?"}if_any=true`, signal);
-  return answer.status === 204 ? null : URL.createObjectURL(await answer.blob());
+  return answer.status === 204 ? null : addressOf(answer);
+}
+
+async function addressOf(image: Response): Promise<string> {
+  return URL.createObjectURL(await image.blob());
 }
 
 /** Asks the tables. Values go as `$parameters`, never into the text. */
