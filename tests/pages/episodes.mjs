@@ -294,3 +294,56 @@ export async function every_decisive_moment_has_a_page(browser) {
     }
   });
 }
+
+/** Values of a facet are added to each other and left out; counts, address, copied question and the failures page say the same. */
+export async function values_are_added_and_left_out(browser) {
+  const count = async (condition) => (await sql(`SELECT count(*) AS n FROM episodes WHERE parent_trace IS NULL AND ${condition}`))[0].n;
+  const [one, other] = (await sql("SELECT policy FROM episodes WHERE parent_trace IS NULL GROUP BY policy HAVING count(*) > 1 ORDER BY policy LIMIT 2")).map(({ policy }) => policy);
+  const family = (await sql("SELECT family FROM episodes GROUP BY family ORDER BY count(*) DESC LIMIT 1"))[0].family;
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    const shows = async (condition) => {
+      const expected = await count(condition);
+      assert(expected > 0, `no episode with ${condition}`);
+      await until(
+        async () => (await page.getByRole("navigation", { name: "Pages of the list" }).innerText()).endsWith(` of ${expected}`), `${expected} with ${condition}`,
+      );
+    };
+    const way = async (name) => {
+      const button = filters.getByRole("button", { name, exact: true });
+      await button.focus();
+      await button.press("Enter");
+    };
+    const value = (name) => filters.locator(".value").filter({ hasText: new RegExp(`^${name}\\s*\\d`) });
+    assert(!(await filters.getByRole("button", { name: `Also ${other}`, exact: true }).count()), "nothing is chosen that something could be added to");
+    await value(one).click();
+    await shows(`policy = '${one}'`);
+    await way(`Also ${other}`);
+    await shows(`policy IN ('${one}', '${other}')`);
+    await way(`Not ${family}`);
+    const both = `policy IN ('${one}', '${other}') AND family <> '${family}'`;
+    await shows(both);
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    // The address says it all.
+    const address = new URL(page.url());
+    assert(address.searchParams.getAll("policy").join() === `${one},${other}` && address.searchParams.get("not_family") === family, page.url());
+    await page.reload();
+    await shows(both);
+    // What was left out can be seen and taken back; one value alone replaces two.
+    await page.getByRole("button", { name: `Remove not family ${family}` }).click();
+    await shows(`policy IN ('${one}', '${other}')`);
+    await value(one).click();
+    await shows(`policy = '${other}'`);
+    await way(`Not ${one}`);
+    await shows(`policy = '${other}'`);
+    await value(other).click();
+    await shows(`policy <> '${one}'`);
+    // Failures ask the same.
+    await visit(page, `/failures${address.search}`);
+    const failed = await count(`${both} AND NOT success AND end_reason IS NOT NULL`);
+    await page.getByRole("button", { name: `Remove policy ${one} or ${other}` }).waitFor();
+    if (failed) await until(async () => (await page.getByRole("navigation", { name: "Pages of the list" }).innerText()).endsWith(` of ${failed}`), `${failed} failures`);
+  });
+}

@@ -69,6 +69,15 @@ for (const address of ["/episodes?outcome=failure", "/episodes?outcome=failure&f
 }
 figure("Episodes, filtered and sorted: the slower of its two questions", filters, 300);
 
+figure("Episodes, searched by a word that every second one says", await opening("/episodes?search=drawer", async (page) => {
+  await page.locator("tr.found mark").first().waitFor();
+}), 2000);
+figure("Find, from the last letter to what the tables know", await opening("/", async (page) => {
+  await page.keyboard.press("Control+k");
+  await page.getByRole("combobox", { name: "Find a page" }).fill("FDO");
+  await page.getByRole("option", { name: /^family FDO/ }).waitFor();
+}), 1000);
+
 const { traces } = await (await fetch(`${url}/api/traces?limit=1000`)).json();
 let long = null;
 for (const { trace } of traces) {
@@ -80,6 +89,11 @@ figure("an episode of 30 steps, with its image and transcript", await opening(`/
   await page.locator("button[aria-current=step]").waitFor();
   await page.locator(".view img").first().waitFor();
 }), 500);
+
+const inList = `/episodes/${long}?list=${encodeURIComponent("outcome=failure&sort=length")}`;
+figure("its position in a list of all failures", await opening(inList, async (page) => {
+  await page.getByRole("navigation", { name: "Episodes of the list" }).getByText(/ in$|^Not in/m).first().waitFor();
+}), 1500);
 
 // The same page goes round and round; what the collector cannot take back is kept.
 const { page, context } = await opened(browser);

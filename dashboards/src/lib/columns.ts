@@ -62,10 +62,11 @@ export function columnsOf(chosen: string | null): Column[] {
 }
 
 /** What a list needs of every row, whatever it shows. */
-const ALWAYS = ["episode_id", "trace", "outcome", "policy", "family", "task_id", "class", "sub_class", "decisive_step", "instruction", "trace_digest", "parent_trace", "parent_call"];
+const ALWAYS = ["episode_id", "trace", "outcome", "policy", "family", "task_id", "class", "sub_class", "decisive_step", "trace_digest", "parent_trace", "parent_call"];
 
-export function selected(columns: Column[]): string {
-  return [...new Set([...ALWAYS, ...columns.map((column) => column.key)])].join(", ");
+/** What is read of every row, `more` besides. */
+export function selected(columns: Column[], more: string[] = []): string {
+  return [...new Set([...ALWAYS, ...columns.map((column) => column.key), ...more])].join(", ");
 }
 
 /** An order by a column of ours; what is not there comes last, and equal rows keep their place. */

@@ -1,7 +1,13 @@
-/** Text for the clipboard, and the ways in which programs ask for what a page shows. */
+/** Text for the clipboard, and how programs ask for what a page shows. A token is named by `REEL_TOKEN`, never copied. */
+import { token } from "./api";
+
+/** Copies a text, and says what became of it. */
+export async function copyNotice(text: string, done: string): Promise<string> {
+  return (await copyText(text)) ? done : "The browser does not let this page copy.";
+}
 
 /** Copies a text; false where the browser does not let this page do so. */
-export async function copyText(text: string): Promise<boolean> {
+async function copyText(text: string): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);
     return true;
@@ -24,27 +30,47 @@ function copiedBySelecting(text: string): boolean {
 }
 
 /** Something that can be copied: its name in the menu, and the text. */
-export interface Way {
+export interface CopyFormat {
   name: string;
   text: () => string;
 }
 
 /** A word of a shell. */
-const quoted = (text: string) => `'${text.replaceAll("'", "'\\''")}'`;
+export const quoted = (text: string) => `'${text.replaceAll("'", "'\\''")}'`;
 
 export function curlGet(path: string, more = ""): string {
-  return `curl -fsS ${quoted(location.origin + path)}${more && ` ${more}`}`;
+  return `curl -fsS${curlToken()} ${quoted(location.origin + path)}${more && ` ${more}`}`;
 }
 
 export function curlSql(sql: string, parameters: Record<string, string>): string {
-  return `curl -fsS ${quoted(`${location.origin}/api/sql`)} -H 'content-type: application/json' \\
+  return `curl -fsS${curlToken()} ${quoted(`${location.origin}/api/sql`)} -H 'content-type: application/json' \\
   -d ${quoted(JSON.stringify({ sql, parameters }))}`;
 }
 
+const curlToken = () => (token.get() ? ' -H "authorization: Bearer $REEL_TOKEN"' : "");
+
+/** A dictionary of headers in Python, and the modules that it needs. */
+function pythonHeaders(headers: Record<string, string>): { modules: string; dictionary: string } {
+  const parts = Object.entries(headers).map(([name, value]) => `${pythonText(name)}: ${pythonText(value)}`);
+  const demanded = Boolean(token.get());
+  if (demanded) parts.push(`"authorization": "Bearer " + os.environ["REEL_TOKEN"]`);
+  return { modules: demanded ? "os, " : "", dictionary: `{${parts.join(", ")}}` };
+}
+
+/** Fetches a file of the service and writes it. */
+export function pythonGet(path: string, file: string): string {
+  const { modules, dictionary } = pythonHeaders({});
+  return `import ${modules}urllib.request
+request = urllib.request.Request(${pythonText(location.origin + path)}, headers=${dictionary})
+with urllib.request.urlopen(request) as answer, open(${pythonText(file)}, "wb") as file:
+    file.write(answer.read())`;
+}
+
 export function pythonSql(sql: string, parameters: Record<string, string>): string {
-  return `import json, urllib.request
+  const { modules, dictionary } = pythonHeaders({ "content-type": "application/json" });
+  return `import json, ${modules}urllib.request
 question = {"sql": ${pythonText(sql)}, "parameters": ${JSON.stringify(parameters)}}
-request = urllib.request.Request(${pythonText(`${location.origin}/api/sql`)}, json.dumps(question).encode(), {"content-type": "application/json"})
+request = urllib.request.Request(${pythonText(`${location.origin}/api/sql`)}, json.dumps(question).encode(), ${dictionary})
 rows = json.load(urllib.request.urlopen(request))`;
 }
 

@@ -16,7 +16,6 @@ export interface Episode {
   class: string | null;
   sub_class: string | null;
   decisive_step: number | null;
-  instruction: string | null;
   trace_digest: string;
   /** Digest of the trace that this one branches from, and the first call that differs. */
   parent_trace: string | null;
@@ -28,12 +27,15 @@ export interface Episode {
   [column: string]: unknown;
 }
 
+/** The class of a failure, from `episodes e` and `classes c`. */
+export const CLASS = "CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END";
+
 /** Episodes with their class, decisive step and verdict, as `listed`. Rows of an older file of the same trace do not count. */
 const listed = (condition: string) => `WITH listed AS (
   SELECT
     e.*,
     CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
-    CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END AS class,
+    ${CLASS} AS class,
     c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
     coalesce(b.step, c.step) AS decisive_step,
     b.cause, b.explanation, b.advised_call, b.wasted_steps, b.point_of_no_return,
@@ -56,12 +58,26 @@ export const BRANCHES = listed("e.parent_trace IS NOT NULL");
 export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason", "label", "labelled_by"] as const;
 export type Facet = (typeof FACETS)[number];
 /** What links may choose besides. */
-export const FILTERS = [...FACETS, "task_id", "target_category", "dest", "picked", "placed_on"] as const;
-export type Filter = (typeof FILTERS)[number];
-export type Choice = Partial<Record<Filter, string>>;
+const OTHERS = ["task_id", "target_category", "dest", "picked", "placed_on"] as const;
+/** The filter that leaves values of a facet out. */
+export type Not = `not_${Facet}`;
+export const not = (facet: Facet): Not => `not_${facet}`;
+export type Filter = Facet | (typeof OTHERS)[number] | Not;
+export const FILTERS: readonly Filter[] = [...FACETS, ...FACETS.map(not), ...OTHERS];
+/** Values of filters. An episode is chosen if every filter has its value, or, for one that leaves out, none has. */
+export type Choice = Partial<Record<Filter, string[]>>;
+
+/** The facet whose values a filter chooses or leaves out, and which of both. */
+export function facetOf(filter: Filter): { facet: Facet; leavesOut: boolean } | null {
+  const leavesOut = filter.startsWith("not_");
+  const facet = FACETS.find((facet) => facet === (leavesOut ? filter.slice("not_".length) : filter));
+  return facet ? { facet, leavesOut } : null;
+}
 
 /** How a filter is called on a page. */
 export function filterName(filter: Filter): string {
+  const facet = facetOf(filter);
+  if (facet?.leavesOut) return `not ${filterName(facet.facet)}`;
   const names: Partial<Record<Filter, string>> = {
     sub_class: "sub-class", run_id: "run", verdict: "replay", end_reason: "end", task_id: "task", target_category: "wanted", dest: "destination",
     placed_on: "placed on", labelled_by: "labelled by",
@@ -71,12 +87,17 @@ export function filterName(filter: Filter): string {
 
 /** The value of a filter as people read it; names that people gave stay as they are. */
 export function filterValue(filter: Filter, value: string): string {
-  return ["run_id", "policy", "task_id", "labelled_by"].includes(filter) ? value : words(value);
+  return ["run_id", "policy", "task_id", "labelled_by"].includes(facetOf(filter)?.facet ?? filter) ? value : words(value);
+}
+
+/** The values of a filter in a sentence. */
+export function filterValues(filter: Filter, values: string[]): string {
+  return values.map((value) => filterValue(filter, value)).join(" or ");
 }
 
 /** What was chosen in the address. */
 export function choiceOf(query: URLSearchParams): Choice {
-  return Object.fromEntries(FILTERS.flatMap((filter) => (query.get(filter) ? [[filter, query.get(filter)]] : [])));
+  return Object.fromEntries(FILTERS.map((filter) => [filter, query.getAll(filter).filter(Boolean)] as const).filter(([, values]) => values.length));
 }
 
 /** The value of a facet as text; what is not there is `none`, so that it can be chosen as well. */
@@ -85,23 +106,38 @@ export function facetValue(facet: Facet): string {
 }
 
 /** Another object was picked than the goal's, or the goal's was placed elsewhere. */
-const CONFUSED: Partial<Record<Filter, string>> = {
-  picked: `episode_id IN (SELECT s.episode_id FROM steps s JOIN episodes x ON x.episode_id = s.episode_id
+const CONFUSED: Partial<Record<Filter, (values: string) => string>> = {
+  picked: (values) => `episode_id IN (SELECT s.episode_id FROM steps s JOIN episodes x ON x.episode_id = s.episode_id
     JOIN objects o ON o.task_digest = x.task_digest AND o.instance = s.object
-    WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object AND o.category = $picked)`,
-  placed_on: `episode_id IN (SELECT episode_id FROM steps
-    WHERE tool = 'place' AND error_code IS NULL AND goal_object AND NOT goal_receptacle AND receptacle = $placed_on)`,
+    WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object AND o.category IN (${values}))`,
+  placed_on: (values) => `episode_id IN (SELECT episode_id FROM steps
+    WHERE tool = 'place' AND error_code IS NULL AND goal_object AND NOT goal_receptacle AND receptacle IN (${values}))`,
 };
 
-/** The condition of one filter, on `listed`; its value is the parameter of the same name. */
-export function condition(filter: Filter): string {
-  const facet = FACETS.find((facet) => facet === filter);
-  return facet ? `${facetValue(facet)} = $${facet}` : (CONFUSED[filter] ?? `${filter} = $${filter}`);
+/** The name of the parameter that is a value of a filter. */
+const parameter = (filter: Filter, at: number) => `${filter}_${at}`;
+
+/** The condition of one filter, on `listed`; its values are [`valuesOf`] the choice. */
+export function condition(filter: Filter, values: string[]): string {
+  const any = values.map((_, at) => `$${parameter(filter, at)}`).join(", ");
+  const facet = facetOf(filter);
+  if (facet) return `${facetValue(facet.facet)} ${facet.leavesOut ? "NOT IN" : "IN"} (${any})`;
+  return CONFUSED[filter]?.(any) ?? `${filter} IN (${any})`;
+}
+
+/** The filters of a choice with their values. */
+export function chosenFilters(choice: Choice): [Filter, string[]][] {
+  return Object.entries(choice) as [Filter, string[]][];
+}
+
+/** The values of a choice as parameters. */
+export function valuesOf(choice: Choice): Record<string, string> {
+  return Object.fromEntries(chosenFilters(choice).flatMap(([filter, values]) => values.map((value, at) => [parameter(filter, at), value])));
 }
 
 /** Conditions of a choice and of a clause that somebody wrote; a line break ends a comment in it. */
 export function where(choice: Choice, clause = ""): string {
-  const conditions = (Object.keys(choice) as Filter[]).map(condition);
+  const conditions = chosenFilters(choice).map(([filter, values]) => condition(filter, values));
   if (clause.trim()) conditions.push(`(${clause}\n)`);
   return conditions.length ? conditions.join(" AND ") : "true";
 }

@@ -1,8 +1,9 @@
 /** What the search box of all pages finds: pages, values of filters, episodes, and questions. */
 import { sql, traceName } from "./api";
-import { FILTERS, type Filter, LISTED, episodeLink, filterName } from "./episodes";
+import { CLASS, FILTERS, type Filter, episodeLink, filterName } from "./episodes";
 import { number } from "./format";
 import { link } from "./route.svelte";
+import { contains } from "./search";
 
 export interface Hit {
   kind: string;
@@ -18,14 +19,24 @@ const FEW = 4;
 
 /** Values of filters with the number of their episodes, and episodes by name; `text` is not empty. */
 export async function hits(text: string, signal: AbortSignal): Promise<Hit[]> {
-  const has = (column: string) => `strpos(lower(${column}), lower($text)) > 0`;
-  const parts = NAMED.map((filter) => `(SELECT '${filter}' AS kind, ${filter} AS value, count(*) AS episodes FROM listed
-  WHERE ${has(filter)} GROUP BY ${filter} ORDER BY count(*) DESC, ${filter} LIMIT ${FEW})`);
-  parts.push(`(SELECT 'episode' AS kind, trace AS value, CAST(NULL AS BIGINT) AS episodes FROM episodes
-  WHERE ${has("episode_id")} OR ${has("regexp_replace(trace, '^.*[/]', '')")} ORDER BY length(trace), trace LIMIT ${FEW})`);
-  const rows = await sql<{ kind: string; value: string; episodes: number | null }>(`${LISTED} ${parts.join(" UNION ALL ")}`, { text }, signal);
+  const kinds = NAMED.map((filter) => `WHEN grouping(${filter}) = 0 THEN '${filter}'`);
+  const question = `WITH named AS (
+  SELECT e.task_id, e.policy, e.run_id, e.family, ${CLASS} AS class, c.sub_class
+  FROM episodes e LEFT JOIN classes c ON c.trace_digest = e.trace_digest WHERE e.parent_trace IS NULL
+),
+counted AS (
+  SELECT CASE ${kinds.join(" ")} END AS kind, coalesce(${NAMED.join(", ")}) AS value, count(*) AS episodes
+  FROM named GROUP BY GROUPING SETS (${NAMED.map((filter) => `(${filter})`).join(", ")})
+)
+(SELECT kind, value, episodes FROM counted WHERE ${contains("value", "text")}
+QUALIFY row_number() OVER (PARTITION BY kind ORDER BY episodes DESC, value) <= ${FEW} ORDER BY episodes DESC, value)
+UNION ALL
+(SELECT 'episode', trace, CAST(NULL AS BIGINT) FROM episodes
+WHERE ${contains("episode_id", "text")} OR ${contains("regexp_replace(trace, '^.*[/]|[.]mcap$', '', 'g')", "text")}
+ORDER BY length(trace), trace LIMIT ${FEW})`;
+  const rows = await sql<{ kind: string; value: string; episodes: number | null }>(question, { text }, signal);
   const place = (kind: string) => (kind === "episode" ? FILTERS.length : FILTERS.indexOf(kind as Filter));
-  rows.sort((a, b) => place(a.kind) - place(b.kind));
+  rows.sort((a, b) => place(a.kind) - place(b.kind) || (b.episodes ?? 0) - (a.episodes ?? 0));
   return rows.map(({ kind, value, episodes }) =>
     kind === "episode"
       ? { kind, name: traceName(value), detail: "", address: episodeLink(value) }

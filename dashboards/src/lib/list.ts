@@ -1,9 +1,9 @@
 /** A list of episodes as an address describes it: what is chosen, what is searched, in which order; and what stands beside an episode in it. */
-import { sql } from "./api";
+import { type Row, sql } from "./api";
 import { order } from "./columns";
-import { type Choice, type Episode, LISTED, choiceOf, filterName, filterValue, where } from "./episodes";
+import { type Choice, LISTED, choiceOf, chosenFilters, filterName, filterValues, valuesOf, where } from "./episodes";
 import { link } from "./route.svelte";
-import { SAID } from "./search";
+import { CONTAINS_TEXT, foundIn } from "./search";
 
 export interface Chosen {
   choice: Choice;
@@ -16,6 +16,8 @@ export interface Chosen {
 export interface List extends Chosen {
   sort: string;
   descending: boolean;
+  /** The columns that are shown, as the address names them. */
+  columns?: string | null;
 }
 
 const USUAL = "trace_modified_ns";
@@ -23,18 +25,18 @@ const USUAL = "trace_modified_ns";
 export function listOf(query: URLSearchParams): List {
   return {
     choice: choiceOf(query), clause: query.get("where") ?? "", text: query.get("search") ?? "", sort: query.get("sort") ?? USUAL,
-    descending: query.get("order") !== "up",
+    descending: query.get("order") !== "up", columns: query.get("columns"),
   };
 }
 
 /** The part of an address that describes a list. */
-export function listAddress({ choice, clause, text, sort, descending }: List): string {
-  return link("", { ...choice, where: clause, search: text, sort, order: descending ? null : "up" }).slice(1);
+export function listAddress({ choice, clause, text, sort, descending, columns }: List): string {
+  return link("", { ...choice, where: clause, search: text, sort, order: descending ? null : "up", columns }).slice(1);
 }
 
 /** What a list holds, in words. */
 export function listWords({ choice, clause, text }: Chosen): string {
-  const parts = (Object.entries(choice) as [keyof Choice, string][]).map(([filter, value]) => `${filterName(filter)}: ${filterValue(filter, value)}`);
+  const parts = chosenFilters(choice).map(([filter, values]) => `${filterName(filter)}: ${filterValues(filter, values)}`);
   if (text) parts.push(`“${text}”`);
   if (clause) parts.push(clause);
   return parts.join(", ") || "all episodes";
@@ -42,33 +44,45 @@ export function listWords({ choice, clause, text }: Chosen): string {
 
 /** The conditions of a list on `listed`, and the parameters that they name. */
 export function conditionOf({ choice, clause, text }: Chosen): string {
-  return text ? `${where(choice, clause)} AND ${SAID}` : where(choice, clause);
+  return text ? `${where(choice, clause)} AND ${CONTAINS_TEXT}` : where(choice, clause);
 }
 export function parametersOf({ choice, text }: Chosen): Record<string, string> {
-  return { ...choice, ...(text ? { search: text } : {}) };
+  return { ...valuesOf(choice), ...(text ? { search: text } : {}) };
 }
 
-export interface Place {
+export interface ListPosition {
   /** From 1. */
   at: number;
   total: number;
-  before: string | null;
-  before_step: number | null;
-  next: string | null;
-  next_step: number | null;
+  before: Neighbour | null;
+  next: Neighbour | null;
+}
+
+export interface Neighbour {
+  trace: string;
+  /** The step that its row leads to. */
+  step: number | null;
 }
 
 /** Where an episode stands in a list; null if it does not. */
-export async function placeIn(list: List, digest: string, signal: AbortSignal): Promise<Place | null> {
+export async function positionIn(list: List, digest: string, signal: AbortSignal): Promise<ListPosition | null> {
+  const beside = ["before", "next"] as const;
+  const columns = beside.flatMap((side) =>
+    ["trace", "episode_id", "decisive_step"].map((column) => `${side === "next" ? "lead" : "lag"}(${column}) OVER ordered AS ${side}_${column}`));
   const text = `${LISTED},
 placed AS (
-  SELECT trace_digest, row_number() OVER ordered AS at, count(*) OVER () AS total,
-    lag(trace) OVER ordered AS before, lag(decisive_step) OVER ordered AS before_step,
-    lead(trace) OVER ordered AS next, lead(decisive_step) OVER ordered AS next_step
+  SELECT trace_digest, row_number() OVER ordered AS at, count(*) OVER () AS total, ${columns.join(", ")}
   FROM listed WHERE ${conditionOf(list)}
   WINDOW ordered AS (ORDER BY ${order(list.sort, list.descending)})
 )
-SELECT at, total, before, before_step, next, next_step FROM placed WHERE trace_digest = $digest`;
-  const [place] = await sql<Place & Episode>(text, { ...parametersOf(list), digest }, signal);
-  return place ?? null;
+SELECT * FROM placed WHERE trace_digest = $digest`;
+  const [row] = await sql<Row>(text, { ...parametersOf(list), digest }, signal);
+  if (!row) return null;
+  const ids = beside.map((side) => row[`${side}_episode_id`]).filter((id) => id !== null).map(String);
+  const found = list.text ? await foundIn(ids, list.text, signal) : null;
+  const neighbour = (side: (typeof beside)[number]): Neighbour | null => {
+    const [trace, id, step] = [row[`${side}_trace`], row[`${side}_episode_id`], row[`${side}_decisive_step`]];
+    return trace === null ? null : { trace: String(trace), step: found?.get(String(id))?.step ?? (step === null ? null : Number(step)) };
+  };
+  return { at: Number(row["at"]), total: Number(row["total"]), before: neighbour("before"), next: neighbour("next") };
 }

@@ -1,6 +1,13 @@
 /** The address is the state: which page, which thing, and everything that was chosen on it. */
 
-type Values = Record<string, string | number | boolean | null | undefined>;
+type Value = string | number | boolean | null | undefined;
+type Values = Record<string, Value | string[]>;
+
+/** What a value is in an address: as often as it has values; empty ones are left out. */
+function written(value: Value | string[]): string[] {
+  if (Array.isArray(value)) return value;
+  return value === null || value === undefined || value === "" || value === false ? [] : [String(value)];
+}
 
 class Route {
   path = $state(location.pathname);
@@ -27,8 +34,8 @@ class Route {
   choose(values: Values, keep = false): void {
     const query = this.query;
     for (const [key, value] of Object.entries(values)) {
-      if (value === null || value === undefined || value === "" || value === false) query.delete(key);
-      else query.set(key, String(value));
+      query.delete(key);
+      for (const one of written(value)) query.append(key, one);
     }
     const text = query.toString();
     const address = this.path + (text ? `?${text}` : "");
@@ -84,7 +91,7 @@ export function follow(): () => void {
 export function link(path: string, values: Values = {}): string {
   const query = new URLSearchParams();
   for (const [key, value] of Object.entries(values)) {
-    if (value !== null && value !== undefined && value !== "" && value !== false) query.set(key, String(value));
+    for (const one of written(value)) query.append(key, one);
   }
   const text = query.toString();
   return path + (text ? `?${text}` : "");

@@ -7,11 +7,15 @@ const PARTS = {
 } as const;
 type Part = keyof typeof PARTS | "instruction";
 
-const has = (text: string) => `strpos(lower(${text}), lower($search)) > 0`;
-const STEP_SAYS = has(`concat_ws(' | ', ${Object.values(PARTS).join(", ")})`);
+/** The condition that a text occurs in a column, in upper or lower case. A parameter like `42` is a number unless it stands beside a text. */
+export function contains(column: string, parameter: string): string {
+  return `strpos(lower(${column}), lower($${parameter} || '')) > 0`;
+}
+
+const STEP_CONTAINS = `(${Object.values(PARTS).map((column) => contains(column, "search")).join(" OR ")})`;
 
 /** The condition on `listed`: the text of `$search` occurs somewhere in the episode. */
-export const SAID = `(${has("concat_ws(' | ', instruction, task_id, episode_id)")} OR episode_id IN (SELECT episode_id FROM steps WHERE ${STEP_SAYS}))`;
+export const CONTAINS_TEXT = `(${contains("instruction", "search")} OR episode_id IN (SELECT episode_id FROM steps WHERE ${STEP_CONTAINS}))`;
 
 /** Where a text was found first: in a step, or in the instruction. */
 export interface Found {
@@ -44,11 +48,11 @@ export async function foundIn(episodes: string[], text: string, signal: AbortSig
   const names = episodes.map((_, index) => `$e${index}`);
   const parts = Object.entries(PARTS).map(([part, column]) => `${column} AS "${part}"`);
   const question = `SELECT episode_id, step, ${parts.join(", ")} FROM steps
-WHERE episode_id IN (${names.join(", ")}) AND ${STEP_SAYS} ORDER BY step`;
+WHERE episode_id IN (${names.join(", ")}) AND ${STEP_CONTAINS}
+QUALIFY row_number() OVER (PARTITION BY episode_id ORDER BY step) = 1`;
   const values = Object.fromEntries(episodes.map((id, index) => [`e${index}`, id]));
   for (const row of await sql<Row>(question, { ...values, search: text }, signal)) {
     const id = String(row["episode_id"]);
-    if (found.has(id)) continue;
     for (const part of Object.keys(PARTS) as Part[]) {
       const words = typeof row[part] === "string" ? excerpt(row[part], text) : null;
       if (!words) continue;

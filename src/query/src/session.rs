@@ -34,7 +34,7 @@ use crate::{
     estimate, functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
-    sort_keys,
+    sort_keys::precompute_sort_keys,
     tables::{StepFields, step_fields},
 };
 use answer::{AHEAD, Part};
@@ -304,7 +304,7 @@ impl Inner {
             .map_err(|error| QueryError::ReadOnly {
                 reason: message(&error),
             })?;
-        let plan = sort_keys::computed_once(bind(plan, parameters)?)?;
+        let plan = precompute_sort_keys(bind(plan, parameters)?)?;
         if opens_traces(&plan)? {
             self.allow_traces(&context).await?;
         }

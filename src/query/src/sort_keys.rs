@@ -2,14 +2,14 @@
 //! sorts a batch, again for each merge, and where no query can be stopped.
 
 use datafusion::{
-    common::tree_node::Transformed,
+    common::{DFSchema, tree_node::Transformed},
     error::DataFusionError,
     logical_expr::{Expr, LogicalPlan, LogicalPlanBuilder, SortExpr},
     prelude::col,
 };
 
 /// The same plan, whose sorts compare columns only. Keys that look out of their subquery stay.
-pub(crate) fn computed_once(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
+pub(crate) fn precompute_sort_keys(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
     let rewritten = plan.transform_up_with_subqueries(|node| {
         let LogicalPlan::Sort(sort) = &node else {
             return Ok(Transformed::no(node));
@@ -29,7 +29,7 @@ pub(crate) fn computed_once(plan: LogicalPlan) -> Result<LogicalPlan, DataFusion
         let (mut with_keys, mut order) = (columns.clone(), Vec::new());
         for (number, key) in sort.expr.iter().enumerate() {
             let column = if computes(key) {
-                let name = format!("__sort_key_{number}");
+                let name = unused_name(sort.input.schema(), number);
                 with_keys.push(key.expr.clone().alias(&name));
                 col(name)
             } else {
@@ -45,4 +45,13 @@ pub(crate) fn computed_once(plan: LogicalPlan) -> Result<LogicalPlan, DataFusion
         Ok(Transformed::yes(sorted))
     })?;
     Ok(rewritten.data)
+}
+
+/// A name that no column of the input has.
+fn unused_name(schema: &DFSchema, number: usize) -> String {
+    let mut name = format!("__sort_key_{number}");
+    while schema.has_column_with_unqualified_name(&name) {
+        name.push('_');
+    }
+    name
 }

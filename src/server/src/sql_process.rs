@@ -23,7 +23,7 @@ use axum::body::Bytes;
 use reel_query::{
     CacheScope, Format, Limits, Parameters, QueryError, QuerySession, StopReason, format,
 };
-use reel_tables::STACK_BYTES;
+use reel_tables::{BLOCKING_THREADS, STACK_BYTES};
 use reel_trace::TraceFiles;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -427,8 +427,8 @@ fn send(output: &mut impl Write, kind: u8, body: &[u8]) -> io::Result<()> {
 /// Lets the system refuse this process more data than a question may take, four times over as the
 /// session allows it, beside what it has: no question can take the memory of the machine.
 fn limit_data(limits: &SentLimits) {
-    let threads = thread::available_parallelism().map_or(1, usize::from) as u64;
-    let stacks = 2 * threads * STACK_BYTES as u64;
+    let threads = 2 * thread::available_parallelism().map_or(1, usize::from) + BLOCKING_THREADS;
+    let stacks = (threads * STACK_BYTES) as u64;
     let question = 4 * limits.memory_bytes as u64;
     let most = status_bytes("VmData:") + question + stacks + BESIDES_BYTES;
     if let Ok((_, hard)) = rlimit::Resource::DATA.get() {

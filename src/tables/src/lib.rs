@@ -18,9 +18,10 @@ pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
-    AnswerLabelRow, AttributionRow, BlameRow, CheckedTrace, ClassRow, Commit, CompactReport,
-    DocumentSet, Finding, IngestReport, LabelRow, Location, Progress, RefutedClaim, RescoreReport,
-    RescoredEpisodes, STACK_BYTES, Stamp, Store, StoreError, TraceRows, TraceVerdict, VacuumReport,
+    AnswerLabelRow, AttributionRow, BLOCKING_THREADS, BlameRow, CheckedTrace, ClassRow, Commit,
+    CompactReport, DocumentSet, Finding, IngestReport, LabelRow, Location, Progress, RefutedClaim,
+    RescoreReport, RescoredEpisodes, STACK_BYTES, Stamp, Store, StoreError, TraceRows,
+    TraceVerdict, VacuumReport,
 };
 pub use synthetic::synthesize;
 

@@ -1,8 +1,8 @@
 /** What the list of episodes asks: one question for the rows, one for all counts. */
 import { sql } from "../../lib/api";
 import { type Column, order, selected } from "../../lib/columns";
-import { type Way, curlSql, markdownText, pythonSql } from "../../lib/copy";
-import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, condition, facetValue } from "../../lib/episodes";
+import { type CopyFormat, curlSql, markdownText, pythonSql } from "../../lib/copy";
+import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, chosenFilters, condition, facetOf, facetValue } from "../../lib/episodes";
 import { type Chosen, type List, conditionOf, listWords, parametersOf } from "../../lib/list";
 import { excerpt, foundIn } from "../../lib/search";
 
@@ -19,7 +19,7 @@ export interface Counts {
   counts: Count[];
 }
 
-export interface Part extends List {
+export interface Part extends Omit<List, "columns"> {
   columns: Column[];
   /** From 1. */
   page: number;
@@ -27,14 +27,14 @@ export interface Part extends List {
 
 export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
   const text = `${LISTED}
-SELECT ${selected(list.columns)} FROM listed WHERE ${conditionOf(list)}
+SELECT ${selected(list.columns, list.text ? ["instruction"] : [])} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
   const found = await sql<Episode>(text, parametersOf(list), signal);
   return withBranches(list.text ? await withPlaces(found, list.text, signal) : found, list.columns, signal);
 }
 
-/** Ways to take a list along: as a link, or as the question behind it. */
-export function waysToList(list: List, columns: Column[]): Way[] {
+/** What can be copied of a list: its link, and the question behind it. */
+export function listFormats(list: List, columns: Column[]): CopyFormat[] {
   const question = () => `${LISTED}
 SELECT ${selected(columns)} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)}`;
@@ -46,12 +46,12 @@ ORDER BY ${order(list.sort, list.descending)}`;
   ];
 }
 
-/** Every row with the place where the text that was searched stands. */
+/** Every row with the first step that says the text that was searched; where none does, it is the instruction. */
 async function withPlaces(rows: Episode[], text: string, signal: AbortSignal): Promise<Episode[]> {
   const found = await foundIn(rows.map((row) => row.episode_id), text, signal);
   return rows.map((row) => {
-    const instruction = excerpt(row.instruction ?? "", text);
-    return { ...row, found: instruction ? { step: null, part: "instruction", ...instruction } : found.get(row.episode_id) };
+    const instruction = excerpt(String(row["instruction"] ?? ""), text);
+    return { ...row, found: found.get(row.episode_id) ?? (instruction ? { step: null, part: "instruction", ...instruction } : undefined) };
   });
 }
 
@@ -72,9 +72,12 @@ async function withBranches(rows: Episode[], columns: Column[], signal: AbortSig
 /** Counts of every facet, each under the choices of all others, in one pass over the table. */
 export async function counts(chosen: Chosen, signal: AbortSignal): Promise<Counts> {
   const { choice } = chosen;
-  const own = Object.keys(choice).filter((filter): filter is Facet => FACETS.some((facet) => facet === filter));
-  const others = Object.fromEntries(Object.entries(choice).filter(([filter]) => !own.some((facet) => facet === filter))) as Choice;
-  const holds = (but?: Facet) => own.filter((facet) => facet !== but).map(condition).join(" AND ") || "true";
+  const own = chosenFilters(choice).flatMap(([filter, values]) => {
+    const facet = facetOf(filter)?.facet;
+    return facet ? [{ facet, holds: condition(filter, values) }] : [];
+  });
+  const others = Object.fromEntries(chosenFilters(choice).filter(([filter]) => !facetOf(filter))) as Choice;
+  const holds = (but?: Facet) => own.filter(({ facet }) => facet !== but).map(({ holds }) => holds).join(" AND ") || "true";
   const text = `${LISTED},
 valued AS (
   SELECT ${FACETS.map((facet) => `${facetValue(facet)} AS f_${facet}`).join(", ")},

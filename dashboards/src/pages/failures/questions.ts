@@ -1,6 +1,6 @@
 /** What the page of failures asks the tables. */
 import { sql } from "../../lib/api";
-import { type Choice, LISTED, where } from "../../lib/episodes";
+import { type Choice, LISTED, valuesOf, where } from "../../lib/episodes";
 
 export interface Flow {
   family: string;
@@ -14,7 +14,7 @@ export function flows(choice: Choice, signal: AbortSignal): Promise<Flow[]> {
 SELECT coalesce(family, 'none') AS family, class, coalesce(sub_class, 'none') AS sub_class, count(*) AS episodes
 FROM listed WHERE outcome = 'failure' AND ${where(choice)}
 GROUP BY family, class, sub_class ORDER BY episodes DESC, class, sub_class`;
-  return sql<Flow>(text, { ...choice }, signal);
+  return sql<Flow>(text, valuesOf(choice), signal);
 }
 
 export function policies(signal: AbortSignal): Promise<{ policy: string; failed: number }[]> {
@@ -41,7 +41,7 @@ JOIN (SELECT * FROM listed WHERE ${where(choice)}) l ON l.episode_id = s.episode
 LEFT JOIN objects o ON o.task_digest = l.task_digest AND o.instance = s.object
 WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object
 GROUP BY 1, 2 ORDER BY episodes DESC, 1, 2 LIMIT 400`;
-  return sql<Confusion>(text, { ...choice }, signal);
+  return sql<Confusion>(text, valuesOf(choice), signal);
 }
 
 /** Furniture that the goal's object was placed on instead of the destination, as the named query `receptacle_confusions` counts it. */
@@ -54,7 +54,7 @@ JOIN (SELECT * FROM listed WHERE ${where(choice)}) l ON l.episode_id = s.episode
 JOIN tasks t ON t.task_digest = l.task_digest
 WHERE s.tool = 'place' AND s.error_code IS NULL AND s.goal_object AND NOT s.goal_receptacle
 GROUP BY 1, 2 ORDER BY episodes DESC, 1, 2 LIMIT 400`;
-  return sql<Confusion>(text, { ...choice }, signal);
+  return sql<Confusion>(text, valuesOf(choice), signal);
 }
 
 /** A failed episode to be labelled. */
@@ -94,7 +94,7 @@ SELECT l.episode_id, l.trace, l.task_id, l.policy, l.instruction, l.length, l.cl
 FROM (SELECT * FROM listed WHERE ${where(choice)}) l
 LEFT JOIN (SELECT * FROM labels WHERE author = $author AND kind = 'human') own ON own.episode_id = l.episode_id
 ORDER BY l.task_id, l.episode_id LIMIT ${QUEUE}`;
-  return sql<Failed>(text, { ...choice, author }, signal);
+  return sql<Failed>(text, { ...valuesOf(choice), author }, signal);
 }
 
 export interface Call {

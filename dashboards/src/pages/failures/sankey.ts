@@ -5,23 +5,25 @@ import { palette } from "../../lib/palette";
 import type { Flow } from "./questions";
 
 export type Part = "family" | "class" | "sub_class";
-type Chosen = Partial<Record<Part, string>>;
+/** One value of each part, as a piece of the chart has. */
+type Parts = Partial<Record<Part, string>>;
+type Chosen = Partial<Record<Part, string[]>>;
 const PARTS: Part[] = ["family", "class", "sub_class"];
 const CLASSES = ["Object Confusion", "Key Action Missing", "Lost Memory", "Other"];
 
 /** Whether a flow has the chosen parts, one of them left out. */
 export function fits(flow: Flow, chosen: Chosen, but?: Part): boolean {
-  return PARTS.every((part) => part === but || !chosen[part] || flow[part] === chosen[part]);
+  return PARTS.every((part) => part === but || chosen[part]?.includes(flow[part]) !== false);
 }
 
 /** What a click on something of the chart chooses. */
-export function chosenBy(data: unknown): Chosen | null {
-  return typeof data === "object" && data !== null && "parts" in data ? (data.parts as Chosen) : null;
+export function chosenBy(data: unknown): Parts | null {
+  return typeof data === "object" && data !== null && "parts" in data ? (data.parts as Parts) : null;
 }
 
 /** A node or a flow between two, with its chosen episodes and all of them. */
 interface Piece {
-  parts: Chosen;
+  parts: Parts;
   shown: string;
   color: string;
   chosen: number;

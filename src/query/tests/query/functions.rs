@@ -465,6 +465,14 @@ fn a_key_of_a_sort_is_computed_once() {
             "SELECT one, two FROM (SELECT a.episode_id, a.step AS one, b.step AS two, a.step - b.step AS key FROM steps a JOIN steps b USING (episode_id)) ORDER BY key, episode_id, one LIMIT 9",
         ),
         (
+            "SELECT trace AS __sort_key_0 FROM episodes ORDER BY md5(__sort_key_0)",
+            "SELECT trace FROM (SELECT trace, md5(trace) AS key FROM episodes) ORDER BY key",
+        ),
+        (
+            "SELECT episode_id, step FROM steps ORDER BY row_number() OVER (ORDER BY -step, episode_id) + 1 LIMIT 5",
+            "SELECT episode_id, step FROM steps ORDER BY step DESC, episode_id LIMIT 5",
+        ),
+        (
             "SELECT (SELECT tool FROM steps ORDER BY step * -1, episode_id LIMIT 1)",
             "SELECT tool FROM steps ORDER BY step DESC, episode_id LIMIT 1",
         ),

@@ -67,6 +67,8 @@ const UNBOUND: [Table; 2] = [Table::Verdicts, Table::Contradictions];
 /// Stack of the threads that plan and run queries, in bytes: deep expressions
 /// are walked by recursion.
 pub const STACK_BYTES: usize = 64 << 20;
+/// Most threads of a store that wait for files at a time, each with such a stack.
+pub const BLOCKING_THREADS: usize = 16;
 
 /// How often a writer looks again after others were quicker.
 const TRIES_MAX: u32 = 100;
@@ -501,7 +503,7 @@ const WRITER: &str = "reel";
 /// Tasks that a thread runs before it looks at clocks and at what came from other threads. Where a
 /// sort leaves a task for each of a thousand batches, milliseconds each, the default of 61 would
 /// hear of the end of a query's time seconds later.
-const LOOK_AROUND_AFTER: u32 = 4;
+const EVENT_INTERVAL: u32 = 4;
 
 fn runtime() -> Result<Arc<Runtime>, StoreError> {
     let io_error = |source| StoreError::Io {
@@ -513,8 +515,9 @@ fn runtime() -> Result<Arc<Runtime>, StoreError> {
         Builder::new_multi_thread()
             .enable_all()
             .thread_stack_size(STACK_BYTES)
-            .event_interval(LOOK_AROUND_AFTER)
-            .global_queue_interval(LOOK_AROUND_AFTER)
+            .max_blocking_threads(BLOCKING_THREADS)
+            .event_interval(EVENT_INTERVAL)
+            .global_queue_interval(EVENT_INTERVAL)
             .build()
             .map_err(io_error)?,
     ))
