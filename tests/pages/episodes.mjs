@@ -347,3 +347,24 @@ export async function values_are_added_and_left_out(browser) {
     if (failed) await until(async () => (await page.getByRole("navigation", { name: "Pages of the list" }).innerText()).endsWith(` of ${failed}`), `${failed} failures`);
   });
 }
+
+/** On a phone the list stands first; filters open above it, and what opens stays on the screen. */
+export async function a_phone_shows_the_list_first(browser) {
+  await onPage(browser, async (page) => {
+    await visit(page, "/episodes");
+    const first = page.locator("a.open").first();
+    await first.waitFor();
+    assert((await first.boundingBox()).y < 844, "the list begins below the screen");
+    for (const title of ["Views", "Copy …", "Columns"]) {
+      await page.locator("summary", { hasText: title }).click();
+      const box = await page.locator("details[open] > .card").boundingBox();
+      assert(box.x >= 0 && box.x + box.width <= 390, `${title} leaves the screen: ${box.x} to ${box.x + box.width}`);
+      await page.keyboard.press("Escape");
+    }
+    await page.locator("summary", { hasText: "Filters" }).click();
+    await page.getByRole("complementary", { name: "Filters" }).locator(".value").first().click();
+    await page.getByRole("button", { name: "Clear filters" }).first().waitFor();
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+  }, { width: 390, height: 844 });
+}

@@ -2,7 +2,7 @@
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { assert, findings, onPage, parameter, sql, traceName, until, visit } from "./kit.mjs";
+import { assert, findings, onPage, parameter, sql, traceName, until, url, visit } from "./kit.mjs";
 
 const open = (page) => page.locator("a.open");
 const total = (page) => page.getByRole("navigation", { name: "Pages of the list" }).innerText();
@@ -204,5 +204,51 @@ export async function find_leads_anywhere(browser, { trace }) {
     await dialog.getByRole("combobox").fill(task);
     await page.keyboard.press("Enter");
     await page.waitForURL((address) => address.searchParams.get("search") === task);
+  });
+}
+
+/** What is chosen is saved under a title, comes back from the menu and from Find, and can be replaced and deleted. */
+export async function a_view_is_saved(browser) {
+  const title = "Failures of two policies";
+  const stored = async () => (await (await fetch(`${url}/api/definitions`)).json()).find(({ name }) => name === "failures-of-two-policies")?.definition;
+  await onPage(browser, async (page) => {
+    const views = page.locator("details", { hasText: "Views" });
+    const save = async (button) => {
+      await views.locator("summary").click();
+      await views.getByLabel("Title of the view").fill(title);
+      await views.getByRole("button", { name: button, exact: true }).click();
+      await views.getByText(`Saved: ${title}`).waitFor();
+    };
+    await visit(page, "/episodes?policy=oracle&policy=injected&not_family=FDP&sort=length");
+    await save("Save");
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    const kept = await stored();
+    assert(kept.title === title && kept.view === "/episodes?policy=oracle&policy=injected&not_family=FDP&sort=length", JSON.stringify(kept));
+    await views.getByRole("link", { name: title }).waitFor();
+    // A panel of that name is not replaced.
+    const panel = (await (await fetch(`${url}/api/definitions`)).json()).find(({ definition }) => definition?.sql);
+    await views.getByLabel("Title of the view").fill(panel.name);
+    await views.getByText(`saved as ${panel.name}.json`).waitFor();
+    assert(await views.getByRole("button", { name: "Save", exact: true }).isDisabled(), "a view would replace a panel");
+    // Another list under the same title replaces it.
+    await visit(page, "/episodes?outcome=failure");
+    await save("Replace");
+    assert((await stored()).view.startsWith("/episodes?outcome=failure"), JSON.stringify(await stored()));
+    // It is a view of Episodes, found from everywhere.
+    await visit(page, "/failures");
+    await views.locator("summary").click();
+    await views.getByText("No view of this page is saved.").waitFor();
+    await page.keyboard.press("Escape");
+    await page.keyboard.press("Control+k");
+    const dialog = page.getByRole("dialog", { name: "Find" });
+    await dialog.getByRole("combobox").fill("two POL");
+    await dialog.getByRole("option", { name: `view ${title}` }).click();
+    await open(page).first().waitFor();
+    assert(parameter(page, "outcome") === "failure" && new URL(page.url()).pathname === "/episodes", page.url());
+    await views.locator("summary").click();
+    await views.getByRole("button", { name: `Delete the view ${title}` }).click();
+    await views.getByText("No view of this page is saved.").waitFor();
+    assert(!(await stored()), "the view is there");
   });
 }

@@ -80,7 +80,7 @@ export type Decisive = {
   tool: string;
 };
 
-/** A panel (a question and how its answer is drawn) or a page (panels under one title). */
+/** A panel (a question and how its answer is drawn), a page (panels under one title) or a view (an address of the dashboards, with what is chosen there). */
 export type Definition = {
   chart?: null | Drawn;
   panels?: string[] | null;
@@ -88,6 +88,7 @@ export type Definition = {
   sql?: string | null;
   text?: string | null;
   title: string;
+  view?: string | null;
 };
 
 /** Digests of the state after a step. */

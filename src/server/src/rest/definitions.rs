@@ -1,4 +1,4 @@
-//! Panels and pages that are JSON files: those that come with Reel (`dashboards/definitions`), and
+//! Panels, pages and views that are JSON files: those that come with Reel (`dashboards/definitions`), and
 //! those in the folder `definitions`, which people add without building anything.
 
 use std::{
@@ -30,7 +30,8 @@ const PANELS: usize = 24;
 #[folder = "../../dashboards/definitions"]
 struct BuiltIn;
 
-/// A panel (a question and how its answer is drawn) or a page (panels under one title).
+/// A panel (a question and how its answer is drawn), a page (panels under one title) or a view (an
+/// address of the dashboards, with what is chosen there).
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Definition {
@@ -51,6 +52,9 @@ pub(super) struct Definition {
     /// Of a page: the names of its panels, in order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     panels: Option<Vec<String>>,
+    /// Of a view: its address, e.g. `/episodes?outcome=failure&policy=planner`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    view: Option<String>,
 }
 
 /// How an answer is drawn.
@@ -99,7 +103,7 @@ pub(super) struct Listed {
     problem: Option<String>,
 }
 
-/// Panels and pages of the dashboards, by name. A file that is none is told with what
+/// Panels, pages and views of the dashboards, by name. A file that is none is told with what
 /// is wrong with it.
 #[utoipa::path(get, path = "/api/definitions", operation_id = "list_definitions", tag = "tables",
     responses((status = 200, body = Vec<Listed>), (status = 503, body = ErrorBody)))]
@@ -136,7 +140,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>
     found.await.map(Json)
 }
 
-/// Keeps a panel or a page under a name.
+/// Keeps a panel, a page or a view under a name.
 #[utoipa::path(put, path = "/api/definitions/{file}", operation_id = "keep_definition", tag = "tables",
     params(("file" = String, Path)), request_body = Definition,
     responses((status = 201, body = Definition), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody),
@@ -169,7 +173,7 @@ pub(super) async fn keep(
         .map(|definition| (StatusCode::CREATED, Json(definition)))
 }
 
-/// Takes away a panel or a page of yours; one of Reel's that it hid comes back.
+/// Takes away a panel, a page or a view of yours; one of Reel's that it hid comes back.
 #[utoipa::path(delete, path = "/api/definitions/{file}", operation_id = "drop_definition", tag = "tables",
     params(("file" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 503, body = ErrorBody),
@@ -181,7 +185,7 @@ pub(super) async fn drop(
     let gone = analyse(&app, move |app| match fs::remove_file(file(app, &name)?) {
         Ok(()) => Ok(StatusCode::NO_CONTENT),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Err(ApiError::not_found(format!(
-            "unknown panel or page '{name}'; see GET /api/definitions"
+            "unknown panel, page or view '{name}'; see GET /api/definitions"
         ))),
         Err(error) => Err(ApiError::disk(error)),
     });
@@ -231,20 +235,29 @@ impl Definition {
         if self.title.trim().is_empty() {
             return Err("it has no title".to_owned());
         }
-        match (&self.sql, &self.panels) {
-            (Some(sql), None) if sql.trim().is_empty() => Err("its sql is empty".to_owned()),
-            (Some(_), None) => Ok(()),
-            (None, Some(_)) if self.chart.is_some() || !self.parameters.is_empty() => {
-                Err("a page has no chart and no parameters of its own; its panels have".to_owned())
-            }
-            (None, Some(panels)) if !(1..=PANELS).contains(&panels.len()) => {
+        if self.sql.is_none() && (self.chart.is_some() || !self.parameters.is_empty()) {
+            return Err("only a panel has a chart and parameters".to_owned());
+        }
+        match (&self.sql, &self.panels, &self.view) {
+            (Some(sql), None, None) if sql.trim().is_empty() => Err("its sql is empty".to_owned()),
+            (Some(_), None, None) => Ok(()),
+            (None, Some(panels), None) if !(1..=PANELS).contains(&panels.len()) => {
                 Err(format!("a page has 1 to {PANELS} panels"))
             }
-            (None, Some(panels)) => match panels.iter().find(|name| check_name(name).is_err()) {
-                Some(name) => Err(format!("'{name}' cannot be the name of a panel")),
-                None => Ok(()),
-            },
-            _ => Err("it has either `sql`, and is a panel, or `panels`, and is a page".to_owned()),
+            (None, Some(panels), None) => {
+                match panels.iter().find(|name| check_name(name).is_err()) {
+                    Some(name) => Err(format!("'{name}' cannot be the name of a panel")),
+                    None => Ok(()),
+                }
+            }
+            (None, None, Some(view)) if view.starts_with('/') && !view.starts_with("//") => Ok(()),
+            (None, None, Some(view)) => Err(format!(
+                "'{view}' is no address of a page, such as /episodes?outcome=failure"
+            )),
+            _ => Err(
+                "it has one of `sql`, and is a panel, `panels`, and is a page, and `view`, and is a view"
+                    .to_owned(),
+            ),
         }
     }
 }
@@ -287,9 +300,22 @@ mod tests {
         };
         assert!(problem("{").contains("EOF"));
         assert!(problem(r#"{"title": " ", "sql": "SELECT 1"}"#).contains("title"));
-        assert!(problem(r#"{"title": "a"}"#).contains("either"));
+        assert!(problem(r#"{"title": "a"}"#).contains("one of"));
         assert!(
-            problem(r#"{"title": "a", "sql": "SELECT 1", "panels": ["b"]}"#).contains("either")
+            problem(r#"{"title": "a", "sql": "SELECT 1", "panels": ["b"]}"#).contains("one of")
+        );
+        assert!(
+            problem(r#"{"title": "a", "panels": ["b"], "view": "/episodes"}"#).contains("one of")
+        );
+        assert!(problem(r#"{"title": "a", "view": "//elsewhere"}"#).contains("'//elsewhere'"));
+        assert!(problem(r#"{"title": "a", "view": "javascript:x"}"#).contains("'javascript:x'"));
+        assert!(
+            problem(r#"{"title": "a", "view": "/episodes", "parameters": {"b": "c"}}"#)
+                .contains("panel")
+        );
+        assert_eq!(
+            problem(r#"{"title": "a", "view": "/episodes?policy=b"}"#),
+            ""
         );
         assert!(problem(r#"{"title": "a", "panels": []}"#).contains("panels"));
         assert!(problem(r#"{"title": "a", "panels": ["../b"]}"#).contains("'../b'"));
