@@ -324,6 +324,7 @@ export async function values_are_added_and_left_out(browser) {
     await way(`Not ${family}`);
     const both = `policy IN ('${one}', '${other}') AND family <> '${family}'`;
     await shows(both);
+    await until(async () => !(await page.locator("[aria-busy=true]").count()), "the list is there");
     const found = await findings(page);
     assert(!found.length, found.join("; "));
     // The address says it all.
@@ -364,6 +365,7 @@ export async function a_phone_shows_the_list_first(browser) {
     await page.locator("summary", { hasText: "Filters" }).click();
     await page.getByRole("complementary", { name: "Filters" }).locator(".value").first().click();
     await page.getByRole("button", { name: "Clear filters" }).first().waitFor();
+    await until(async () => !(await page.locator("[aria-busy=true]").count()), "the list is there");
     const found = await findings(page);
     assert(!found.length, found.join("; "));
   }, { width: 390, height: 844 });
