@@ -47,7 +47,7 @@ console.log(`${n} episodes; the median of ${TURNS} openings after the first`);
 
 async function overview(page) {
   await page.getByRole("heading", { name: "Data health" }).waitFor();
-  await page.getByText("Verified exact").waitFor();
+  await page.getByText("Verified exact", { exact: true }).waitFor();
 }
 figure("Overview, with its table, reasons and health", await opening("/", overview), 1000);
 figure("Failures, with the Sankey and the first episodes", await opening("/failures", async (page) => {
@@ -74,7 +74,7 @@ figure("Episodes, searched by a word that all of them say", await opening("/epis
 }), 2000);
 figure("Find, from the last letter to what the tables know", await opening("/", async (page) => {
   await page.keyboard.press("Control+k");
-  await page.getByRole("combobox", { name: "Find a page, view" }).fill("FDO");
+  await page.getByRole("combobox", { name: /^Find a page/ }).fill("FDO");
   await page.getByRole("option", { name: /^family FDO/ }).waitFor();
 }), 1000);
 
