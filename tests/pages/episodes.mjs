@@ -370,3 +370,56 @@ export async function a_phone_shows_the_list_first(browser) {
     assert(!found.length, found.join("; "));
   }, { width: 390, height: 844 });
 }
+
+/** Playing has a speed, which the address keeps, and the image fills the screen while the keys go on. */
+export async function playing_has_a_speed_and_fills_the_screen(browser, { trace }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes/${trace}?speed=0.5`);
+    const speed = page.getByLabel("Speed");
+    await page.locator(".view img").first().waitFor();
+    assert((await speed.inputValue()) === "0.5", "the speed of the address");
+    const at = () => parameter(page, "step");
+    /** Milliseconds between two steps while it plays. */
+    const gap = async () => {
+      await page.getByRole("button", { name: "Play", exact: true }).click();
+      const first = at();
+      await until(() => at() !== first, "it plays");
+      const [second, begun] = [at(), performance.now()];
+      await until(() => at() !== second, "it plays on");
+      const took = performance.now() - begun;
+      await page.getByRole("button", { name: "Pause" }).click();
+      return took;
+    };
+    const slow = await gap();
+    assert(slow > 1300, `at half the speed a step takes ${slow} ms`);
+    await speed.selectOption("4×");
+    assert(parameter(page, "speed") === "4", page.url());
+    // Back to the start: its images are there already.
+    await page.keyboard.press("Home");
+    const quick = await gap();
+    assert(quick < slow / 2, `${quick} ms a step at four times the speed, ${slow} at half of it`);
+
+    const full = () => page.evaluate(() => Boolean(document.fullscreenElement));
+    await page.locator("h1").click();
+    await page.keyboard.press("Home");
+    await page.keyboard.press("f");
+    await until(full, "the image fills the screen");
+    const [box, screen] = [await page.locator(".view .image").boundingBox(), page.viewportSize()];
+    assert(box.width === screen.width && box.height === screen.height, `${box.width} x ${box.height}`);
+    await page.keyboard.press("j");
+    await page.getByText("What the head camera shows before step 0").waitFor();
+    await page.keyboard.press("f");
+    await until(async () => !(await full()), "the page comes back");
+    await page.getByRole("button", { name: "Fill the screen" }).click();
+    await until(full, "the button does the same");
+    await page.keyboard.press("f");
+    // Where the image can be dragged, too.
+    await page.keyboard.press("4");
+    await page.getByText("Drag to go around").waitFor();
+    await page.getByRole("button", { name: "Fill the screen" }).click();
+    await until(full, "the button works beside the free camera");
+    await page.keyboard.press("f");
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+  });
+}

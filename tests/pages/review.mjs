@@ -229,17 +229,24 @@ export async function a_view_is_saved(browser) {
     // A panel of that name is not replaced.
     const panel = (await (await fetch(`${url}/api/definitions`)).json()).find(({ definition }) => definition?.sql);
     await views.getByLabel("Title of the view").fill(panel.name);
-    await views.getByText(`saved as ${panel.name}.json`).waitFor();
-    assert(await views.getByRole("button", { name: "Save", exact: true }).isDisabled(), "a view would replace a panel");
+    await views.getByRole("button", { name: "Save", exact: true }).click();
+    await views.getByText(`${panel.name}.json is a panel or a page already`).waitFor();
+    assert((await views.getByLabel("Title of the view").inputValue()) === panel.name, "the title is lost");
     // Another list under the same title replaces it.
     await visit(page, "/episodes?outcome=failure");
     await save("Replace");
     assert((await stored()).view.startsWith("/episodes?outcome=failure"), JSON.stringify(await stored()));
-    // It is a view of Episodes, found from everywhere.
-    await visit(page, "/failures");
+    // It is a view of Episodes, found from everywhere, and replaced from there alone.
+    await visit(page, "/failures?policy=injected&policy=watched&tab=confusions&by=look");
     await views.locator("summary").click();
     await views.getByText("No view of this page is saved.").waitFor();
+    await views.getByLabel("Title of the view").fill(title);
+    await views.getByRole("button", { name: "Save", exact: true }).click();
+    await views.getByText(`is the view “${title}” of /episodes already`).waitFor();
     await page.keyboard.press("Escape");
+    // Tabs keep what is chosen.
+    await page.getByRole("link", { name: "Reasons" }).click();
+    assert(new URL(page.url()).searchParams.getAll("policy").join() === "injected,watched", page.url());
     await page.keyboard.press("Control+k");
     const dialog = page.getByRole("dialog", { name: "Find" });
     await dialog.getByRole("combobox").fill("two POL");

@@ -97,7 +97,7 @@ export function filterValues(filter: Filter, values: string[]): string {
 
 /** What was chosen in the address. */
 export function choiceOf(query: URLSearchParams): Choice {
-  return Object.fromEntries(FILTERS.map((filter) => [filter, query.getAll(filter).filter(Boolean)] as const).filter(([, values]) => values.length));
+  return Object.fromEntries(FILTERS.map((filter) => [filter, [...new Set(query.getAll(filter))].filter(Boolean)] as const).filter(([, values]) => values.length));
 }
 
 /** The value of a facet as text; what is not there is `none`, so that it can be chosen as well. */

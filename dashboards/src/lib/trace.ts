@@ -9,6 +9,8 @@ export type Point = Body["position"];
 
 /** The moment before the first call. */
 export const START = -1;
+/** How fast an episode plays. */
+export const SPEEDS = [0.5, 1, 2, 4];
 
 export type Recording = { episode: TraceEpisode; steps: Step[] };
 

@@ -250,7 +250,14 @@ impl Definition {
                     None => Ok(()),
                 }
             }
-            (None, None, Some(view)) if view.starts_with('/') && !view.starts_with("//") => Ok(()),
+            // browsers read `\` as `/`, and leave control characters out
+            (None, None, Some(view))
+                if view.starts_with('/')
+                    && !view.starts_with("//")
+                    && !view.contains(|letter: char| letter == '\\' || letter.is_control()) =>
+            {
+                Ok(())
+            }
             (None, None, Some(view)) => Err(format!(
                 "'{view}' is no address of a page, such as /episodes?outcome=failure"
             )),
@@ -309,6 +316,8 @@ mod tests {
         );
         assert!(problem(r#"{"title": "a", "view": "//elsewhere"}"#).contains("'//elsewhere'"));
         assert!(problem(r#"{"title": "a", "view": "javascript:x"}"#).contains("'javascript:x'"));
+        assert!(problem(r#"{"title": "a", "view": "/\\elsewhere"}"#).contains("address"));
+        assert!(problem(r#"{"title": "a", "view": "/\t/elsewhere"}"#).contains("address"));
         assert!(
             problem(r#"{"title": "a", "view": "/episodes", "parameters": {"b": "c"}}"#)
                 .contains("panel")
