@@ -89,13 +89,7 @@ impl RunningEpisode {
     ) -> Result<Self, AgentError> {
         let (mut sink, path) = open(&episode, record)?;
         let fail = |source| unwritten(episode.header(), &path, source);
-        let mut frame = |step| {
-            rgb(step).map(|rgb| Frame {
-                rgb,
-                ids: Vec::new(),
-                depth_mm: Vec::new(),
-            })
-        };
+        let mut frame = |step| rgb(step).map(Frame::of_rgb);
         let start = episode.start_record();
         sink.start(start, frame(None).as_ref()).map_err(fail)?;
         // Images are not among what is known again: built-in policies have what they would see

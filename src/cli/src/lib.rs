@@ -102,6 +102,11 @@ enum Command {
     )]
     #[cfg(feature = "analytics")]
     Taxonomy(commands::taxonomy::Arguments),
+    #[command(
+        about = "Claims about episodes, counted anew over a store: check, also as a gate in CI"
+    )]
+    #[cfg(feature = "analytics")]
+    Claims(commands::claims::Arguments),
     #[command(about = "Write a store as one HTML file: rates, reasons, examples with frames")]
     #[cfg(feature = "analytics")]
     Report(commands::report::Arguments),
@@ -225,6 +230,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Repair(arguments) => commands::repair::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Claims(arguments) => commands::claims::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Report(arguments) => commands::report::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),

@@ -9,10 +9,5 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 /// # Errors
 /// What is wrong with it.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Frame, String> {
-    let rgb = decode_png(bytes, (FRAME_WIDTH, FRAME_HEIGHT))?;
-    Ok(Frame {
-        rgb,
-        ids: Vec::new(),
-        depth_mm: Vec::new(),
-    })
+    decode_png(bytes, (FRAME_WIDTH, FRAME_HEIGHT)).map(Frame::of_rgb)
 }

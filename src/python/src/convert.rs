@@ -73,6 +73,7 @@ pub fn frame(py: Python<'_>, frame: Frame) -> PyResult<Bound<'_, PyAny>> {
         rgb: pixels,
         ids,
         depth_mm,
+        marker_boxes: _,
     } = frame;
     let arrays = (rgb(py, pixels)?, layer(py, depth_mm)?, layer(py, ids)?);
     Ok(arrays.into_pyobject(py)?.into_any())

@@ -4,6 +4,7 @@
 //! DataFusion stays in here: batches of Arrow go out. Never writes, never reads a file that is not
 //! the store's or, by the functions that take one, a trace that the store names.
 
+pub mod claim;
 mod control;
 mod estimate;
 pub mod format;

@@ -56,6 +56,8 @@ pub(crate) enum Work {
     Blame {},
     /// Says of every failed episode of the tables why it failed.
     Taxonomy {},
+    /// Measures what each capability cost, and records each branch that rescues a failed episode.
+    Attribute {},
     /// Scores the episodes of the tables under a built-in reward preset.
     Reward {
         /// Name of the built-in reward preset to score with.
@@ -333,6 +335,11 @@ impl Paths {
             }
             Work::Blame {} => say(&["blame", "--json", "--store", &self.store]),
             Work::Taxonomy {} => say(&["taxonomy", "--json", "--store", &self.store]),
+            Work::Attribute {} => {
+                let branches = self.archive.folder().display().to_string();
+                say(&["attribute", "--json", "--store", &self.store]);
+                say(&["--branches", &branches]);
+            }
             Work::Reward { preset } => {
                 if reel_reward::Preset::parse(preset).is_none() {
                     let known = reel_reward::Preset::built_in()

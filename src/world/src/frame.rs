@@ -18,6 +18,20 @@ pub struct Frame {
     pub ids: Vec<u16>,
     /// Depth along the optical axis in millimetres; 0 is nothing.
     pub depth_mm: Vec<u16>,
+    /// Where the numbers of the overlay are, in the order in which they were drawn; empty also for
+    /// images that were not drawn here.
+    pub marker_boxes: Vec<MarkerBox>,
+}
+
+/// Where a number of the Set-of-Mark overlay is in an image: x, y of the first and of the last pixel.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct MarkerBox {
+    /// Number of the marker.
+    pub id: u32,
+    /// Bounding box of what is marked.
+    pub bbox: [u16; 4],
+    /// Bounding box of the label with the number.
+    pub label: [u16; 4],
 }
 
 /// Digests of a frame's raw buffers, never of encoded bytes.
@@ -39,6 +53,17 @@ impl Frame {
             rgb: vec![0; pixels * 3],
             ids: vec![0; pixels],
             depth_mm: vec![0; pixels],
+            marker_boxes: Vec::new(),
+        }
+    }
+
+    /// An image of which only the RGB is known.
+    pub fn of_rgb(rgb: Vec<u8>) -> Self {
+        Self {
+            rgb,
+            ids: Vec::new(),
+            depth_mm: Vec::new(),
+            marker_boxes: Vec::new(),
         }
     }
 

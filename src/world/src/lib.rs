@@ -54,7 +54,7 @@ pub use digest::Digest;
 pub use failure::FailureClass;
 pub use frame::{
     FIRST_RECEPTACLE_INSTANCE, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, FrameInstance,
-    InstanceKind, ROBOT_INSTANCE, SHELL_INSTANCE, instances, little_endian,
+    InstanceKind, MarkerBox, ROBOT_INSTANCE, SHELL_INSTANCE, instances, little_endian,
 };
 pub use furniture::{FurnitureGeometry, FurnitureJoint, Solid, SolidShape};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};

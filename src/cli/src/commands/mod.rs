@@ -6,6 +6,8 @@ pub mod attribute;
 pub mod bench;
 pub mod blame;
 pub mod branch;
+#[cfg(feature = "analytics")]
+pub mod claims;
 #[cfg(feature = "cluster")]
 pub mod cluster;
 pub mod config;

@@ -34,6 +34,34 @@ fn a_wrong_object_is_perceptions_and_its_branch_replays() {
     assert!(complaint(folder, 2, "attribute").contains("required"));
 }
 
+#[cfg(feature = "analytics")]
+#[test]
+fn branches_that_were_rescued_are_no_trials_of_the_policy() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    reel!(folder, "ingest traces --store store");
+    let counts = |told: String| {
+        let first = &json(&told)["estimates"][0];
+        (first["episodes"].clone(), first["observed"].clone())
+    };
+    let before = counts(reel!(
+        folder,
+        "attribute --store store --branches traces --json"
+    ));
+    reel!(folder, "ingest traces --store store");
+    let branches = reel!(
+        folder,
+        "query --format csv | SELECT count(*) FROM episodes WHERE parent_trace IS NOT NULL"
+    );
+    assert!(branches.trim_end().ends_with('1'), "{branches}");
+    assert_eq!(before, (1.into(), 0.0.into()));
+    assert_eq!(
+        before,
+        counts(reel!(folder, "attribute --store store --json"))
+    );
+}
+
 #[test]
 fn two_runs_are_paired_and_their_flips_explained() {
     let folder = tempfile::tempdir().unwrap();

@@ -17,6 +17,8 @@ mod annotation;
 mod attribution;
 mod blame;
 mod branches;
+#[cfg(feature = "analytics")]
+mod claims;
 #[cfg(feature = "cluster")]
 mod cluster;
 #[cfg(feature = "service")]

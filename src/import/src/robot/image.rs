@@ -125,14 +125,7 @@ pub(crate) fn frame(image: &CameraImage) -> Result<(Frame, bool), String> {
     } else {
         fitted(rgb, width, height)?
     };
-    Ok((
-        Frame {
-            rgb,
-            ids: Vec::new(),
-            depth_mm: Vec::new(),
-        },
-        fits && image.format == "png",
-    ))
+    Ok((Frame::of_rgb(rgb), fits && image.format == "png"))
 }
 
 fn format(data: &[u8]) -> Option<&'static str> {

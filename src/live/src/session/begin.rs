@@ -149,11 +149,13 @@ impl Session {
             ..self.setup.options
         };
         let mut recorder = self.recorder(&episode, &path, options)?;
-        let first = frames.get(&None).map(|rgb| stored(rgb));
+        let first = frames.get(&None).map(|rgb| Frame::of_rgb(rgb.clone()));
         recorder.start(episode.start_record(), first.as_ref())?;
         for step in episode.steps() {
             recorder.input(step.step, &step.input)?;
-            let frame = frames.get(&Some(step.step)).map(|rgb| stored(rgb));
+            let frame = frames
+                .get(&Some(step.step))
+                .map(|rgb| Frame::of_rgb(rgb.clone()));
             recorder.step(step, frame.as_ref())?;
         }
         let taken_over = episode.steps().last().cloned().map(Box::new);
@@ -245,14 +247,5 @@ impl Session {
         self.episode_id = Some(episode.header().episode_id.clone());
         self.now = Phase::Playing(Box::new(playing));
         begun
-    }
-}
-
-/// An image of which only RGB is known.
-fn stored(rgb: &[u8]) -> Frame {
-    Frame {
-        rgb: rgb.to_vec(),
-        ids: Vec::new(),
-        depth_mm: Vec::new(),
     }
 }

@@ -258,11 +258,7 @@ mod tests {
             let text = step
                 .checked_sub(1)
                 .map_or(String::new(), |before| calls[before].2.to_owned());
-            let frame = (step != 2).then(|| Frame {
-                rgb: pixels.clone(),
-                ids: Vec::new(),
-                depth_mm: Vec::new(),
-            });
+            let frame = (step != 2).then(|| Frame::of_rgb(pixels.clone()));
             let observation = Observation {
                 text,
                 error: None,

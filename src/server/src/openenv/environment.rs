@@ -105,16 +105,22 @@ impl Environment {
             trace,
             call: body.call.unwrap_or(0),
         });
-        if origin.is_some() && !reads(&self.app, &self.caller) {
-            return Err(Refusal::Trace(ApiError::forbidden(
-                "role",
-                "to start from a recorded episode a token needs role 'read' besides 'act'",
-            )));
+        // An agent under evaluation neither continues other episodes nor chooses under which name it is
+        // counted.
+        for (wanted, what) in [
+            (origin.is_some(), "to start from a recorded episode"),
+            (body.policy.is_some(), "to name the policy"),
+        ] {
+            if wanted && !reads(&self.app, &self.caller) {
+                let why = format!("{what} a token needs role 'read' besides 'act'");
+                return Err(Refusal::Trace(ApiError::forbidden("role", why)));
+            }
         }
         self.set(body.episode_id.clone(), body.image.unwrap_or(false));
         let label = body.episode_id.clone();
         let (app, name) = (self.app.clone(), self.name.clone());
-        let policy = self.options.policy.clone().unwrap_or_default();
+        let policy = body.policy.clone().or_else(|| self.options.policy.clone());
+        let policy = policy.unwrap_or_default();
         let work = move |session: &mut Session| {
             app.questions.withdraw(&name);
             session.set_policy(&policy);
@@ -130,7 +136,10 @@ impl Environment {
             let facts = facts(&app, session, origin);
             Ok::<_, Refusal>((begun, scene, facts))
         };
-        let (begun, scene, facts) = self.with_session(work).await??;
+        let (begun, scene, mut facts) = self.with_session(work).await??;
+        if self.image && reads(&self.app, &self.caller) {
+            facts.marker_boxes = Some(begun.frame.marker_boxes.clone());
+        }
         Ok(self.first_observation(begun, scene, &facts))
     }
 
@@ -254,10 +263,15 @@ impl Environment {
         let input = outside.ask_person(tool.as_ref(), step).await?;
         let input: AnsweredInput = outside.complete(tool.as_ref(), input).await?;
         let (app, name, image) = (self.app.clone(), self.name.clone(), self.image);
+        let told = reads(&self.app, &self.caller);
         let work = move |session: &mut Session| {
             app.questions.withdraw(&name);
-            let facts = session.is_running().then(|| facts(&app, session, None));
+            let mut facts = session.is_running().then(|| facts(&app, session, None));
             let mut made = input.call(session)?;
+            if let (Some(facts), true) = (&mut facts, image && told) {
+                let shown = made.frame.as_ref().or(made.head_frame.as_ref());
+                facts.marker_boxes = shown.map(|frame| frame.marker_boxes.clone());
+            }
             if !image {
                 // It is persisted; nobody here wants it encoded.
                 (made.frame, made.head_frame) = (None, None);
@@ -310,6 +324,7 @@ fn facts(app: &App, session: &Session, origin: Option<Origin>) -> EpisodeFacts {
         episode_id: session.episode_id().map(str::to_owned),
         instruction: session.briefing().ok().map(|it| it.instruction),
         parent: origin.map(|it| (it.trace, it.call)),
+        marker_boxes: None,
     }
 }
 

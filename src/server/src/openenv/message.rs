@@ -39,6 +39,9 @@ pub(crate) struct ResetBody {
     pub call: Option<u32>,
     /// Whether observations hold the image as base64 of a PNG.
     pub image: Option<bool>,
+    /// Name of who decides, for the trace; without it that of the configuration, or `openenv`.
+    #[schema(pattern = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,47}$")]
+    pub policy: Option<String>,
     /// The parameters besides seed and episode_id once more, for clients that send them as
     /// Gymnasium does.
     pub options: Option<ResetOptions>,
@@ -57,6 +60,9 @@ pub(crate) struct ResetOptions {
     pub call: Option<u32>,
     /// Whether observations hold the image.
     pub image: Option<bool>,
+    /// Name of who decides, for the trace.
+    #[schema(pattern = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,47}$")]
+    pub policy: Option<String>,
 }
 
 /// A decision of the agent, or a question that is none.
@@ -81,8 +87,8 @@ pub(super) enum Form {
     Tool,
 }
 
-/// Longest id that a client gives an episode, in characters.
-const EPISODE_ID_MAX: usize = 48;
+/// Longest name that a client gives an episode or a policy, in characters.
+const NAME_MAX: usize = 48;
 
 impl ResetBody {
     /// Puts the nested options beside the others and checks what belongs together.
@@ -95,6 +101,7 @@ impl ResetBody {
         self.trace = one(self.trace, nested.trace).ok_or_else(|| twice("trace"))?;
         self.call = one(self.call, nested.call).ok_or_else(|| twice("call"))?;
         self.image = one(self.image, nested.image).ok_or_else(|| twice("image"))?;
+        self.policy = one(self.policy, nested.policy).ok_or_else(|| twice("policy"))?;
         let wrong =
             |field: &str, why: &str| Err(Refusal::invalid("value_error", &["data", field], why));
         if self.call.is_some() && self.trace.is_none() {
@@ -109,13 +116,15 @@ impl ResetBody {
                 "has its own task and seed; leave out `task` and `seed`",
             );
         }
-        if let Some(id) = &self.episode_id
-            && (reel_live::check_name(id).is_err() || id.len() > EPISODE_ID_MAX)
-        {
-            return wrong(
-                "episode_id",
-                "1 to 48 letters, digits, '-', '_' and '.', the first a letter or digit",
-            );
+        for (field, name) in [("episode_id", &self.episode_id), ("policy", &self.policy)] {
+            if let Some(name) = name
+                && (reel_live::check_name(name).is_err() || name.len() > NAME_MAX)
+            {
+                return wrong(
+                    field,
+                    "1 to 48 letters, digits, '-', '_' and '.', the first a letter or digit",
+                );
+            }
         }
         Ok(self)
     }

@@ -1,7 +1,7 @@
 //! What a client of OpenEnv gets of what the profile says, and the schemas of it.
 
 use reel_mcp::tools as profile_tools;
-use reel_world::Profile;
+use reel_world::{MarkerBox, Profile};
 use rmcp::model::CallToolResult;
 use serde_json::{Map, Value, json};
 
@@ -16,6 +16,8 @@ pub(super) struct EpisodeFacts {
     pub instruction: Option<String>,
     /// The trace and call that it starts from, if it starts from one.
     pub parent: Option<(String, u32)>,
+    /// Where the numbers are in the image, for those who read; `None` without an image.
+    pub marker_boxes: Option<Vec<MarkerBox>>,
 }
 
 /// Fields of structured content that are fields of an observation.
@@ -99,6 +101,9 @@ fn metadata(facts: Option<&EpisodeFacts>, label: &Option<String>) -> Value {
     });
     if let Some((trace, call)) = &facts.parent {
         metadata["parent"] = json!({"trace": trace, "call": call});
+    }
+    if let Some(boxes) = &facts.marker_boxes {
+        metadata["marker_boxes"] = json!(boxes);
     }
     metadata
 }

@@ -1,4 +1,4 @@
-//! Panels, pages and views that are JSON files: those that come with Reel (`dashboards/definitions`), and
+//! Panels, pages, views and claims that are JSON files: those that come with Reel (`dashboards/definitions`), and
 //! those in the folder `definitions`, which people add without building anything.
 
 use std::{
@@ -10,6 +10,7 @@ use std::{
 
 use axum::{Json, extract::State, http::StatusCode};
 use reel_live::check_name;
+use reel_query::claim::Claim;
 use rust_embed::RustEmbed;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -30,8 +31,9 @@ const PANELS: usize = 24;
 #[folder = "../../dashboards/definitions"]
 struct BuiltIn;
 
-/// A panel (a question and how its answer is drawn), a page (panels under one title) or a view (an
-/// address of the dashboards, with what is chosen there).
+/// A panel (a question and how its answer is drawn), a page (panels under one title), a view (an
+/// address of the dashboards, with what is chosen there) or a claim (a sentence, its title, and which
+/// episodes bear it out).
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Definition {
@@ -55,6 +57,10 @@ pub(super) struct Definition {
     /// Of a view: its address, e.g. `/episodes?outcome=failure&policy=planner`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     view: Option<String>,
+    /// Of a claim: which episodes count, and which of them bear it out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(schema_with = super::claims::schema)]
+    claim: Option<Claim>,
 }
 
 /// How an answer is drawn.
@@ -103,7 +109,7 @@ pub(super) struct Listed {
     problem: Option<String>,
 }
 
-/// Panels, pages and views of the dashboards, by name. A file that is none is told with what
+/// Panels, pages, views and claims of the dashboards, by name. A file that is none is told with what
 /// is wrong with it.
 #[utoipa::path(get, path = "/api/definitions", operation_id = "list_definitions", tag = "tables",
     responses((status = 200, body = Vec<Listed>), (status = 503, body = ErrorBody)))]
@@ -140,7 +146,7 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>
     found.await.map(Json)
 }
 
-/// Keeps a panel, a page or a view under a name.
+/// Keeps a panel, a page, a view or a claim under a name.
 #[utoipa::path(put, path = "/api/definitions/{file}", operation_id = "keep_definition", tag = "tables",
     params(("file" = String, Path)), request_body = Definition,
     responses((status = 201, body = Definition), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody),
@@ -173,7 +179,7 @@ pub(super) async fn keep(
         .map(|definition| (StatusCode::CREATED, Json(definition)))
 }
 
-/// Takes away a panel, a page or a view of yours; one of Reel's that it hid comes back.
+/// Takes away a panel, a page, a view or a claim of yours; one of Reel's that it hid comes back.
 #[utoipa::path(delete, path = "/api/definitions/{file}", operation_id = "drop_definition", tag = "tables",
     params(("file" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 503, body = ErrorBody),
@@ -185,11 +191,32 @@ pub(super) async fn drop(
     let gone = analyse(&app, move |app| match fs::remove_file(file(app, &name)?) {
         Ok(()) => Ok(StatusCode::NO_CONTENT),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Err(ApiError::not_found(format!(
-            "unknown panel, page or view '{name}'; see GET /api/definitions"
+            "unknown panel, page, view or claim '{name}'; see GET /api/definitions"
         ))),
         Err(error) => Err(ApiError::disk(error)),
     });
     gone.await
+}
+
+/// The claim of that name.
+pub(super) fn kept_claim(app: &App, name: &str) -> Result<Claim, ApiError> {
+    let unknown =
+        || ApiError::not_found(format!("unknown claim '{name}'; see GET /api/definitions"));
+    let text = match read(&file(app, name)?) {
+        Ok(text) => text,
+        Err(_) => BuiltIn::get(&format!("{name}.json"))
+            .ok_or_else(unknown)?
+            .data
+            .into_owned(),
+    };
+    let listed = listed(name.to_owned(), false, Ok(text));
+    if let Some(problem) = listed.problem {
+        return Err(ApiError::unprocessable("bad_definition", problem));
+    }
+    listed
+        .definition
+        .and_then(|definition| definition.claim)
+        .ok_or_else(unknown)
 }
 
 fn file(app: &App, name: &str) -> Result<PathBuf, ApiError> {
@@ -238,31 +265,32 @@ impl Definition {
         if self.sql.is_none() && (self.chart.is_some() || !self.parameters.is_empty()) {
             return Err("only a panel has a chart and parameters".to_owned());
         }
-        match (&self.sql, &self.panels, &self.view) {
-            (Some(sql), None, None) if sql.trim().is_empty() => Err("its sql is empty".to_owned()),
-            (Some(_), None, None) => Ok(()),
-            (None, Some(panels), None) if !(1..=PANELS).contains(&panels.len()) => {
+        match (&self.sql, &self.panels, &self.view, &self.claim) {
+            (None, None, None, Some(claim)) => claim.check(),
+            (Some(sql), None, None, None) if sql.trim().is_empty() => Err("its sql is empty".to_owned()),
+            (Some(_), None, None, None) => Ok(()),
+            (None, Some(panels), None, None) if !(1..=PANELS).contains(&panels.len()) => {
                 Err(format!("a page has 1 to {PANELS} panels"))
             }
-            (None, Some(panels), None) => {
+            (None, Some(panels), None, None) => {
                 match panels.iter().find(|name| check_name(name).is_err()) {
                     Some(name) => Err(format!("'{name}' cannot be the name of a panel")),
                     None => Ok(()),
                 }
             }
             // browsers read `\` as `/`, and leave control characters out
-            (None, None, Some(view))
+            (None, None, Some(view), None)
                 if view.starts_with('/')
                     && !view.starts_with("//")
                     && !view.contains(|letter: char| letter == '\\' || letter.is_control()) =>
             {
                 Ok(())
             }
-            (None, None, Some(view)) => Err(format!(
+            (None, None, Some(view), None) => Err(format!(
                 "'{view}' is no address of a page, such as /episodes?outcome=failure"
             )),
             _ => Err(
-                "it has one of `sql`, and is a panel, `panels`, and is a page, and `view`, and is a view"
+                "it has one of `sql`, and is a panel, `panels`, and is a page, `view`, and is a view, and `claim`, and is a claim"
                     .to_owned(),
             ),
         }
@@ -324,6 +352,15 @@ mod tests {
         );
         assert_eq!(
             problem(r#"{"title": "a", "view": "/episodes?policy=b"}"#),
+            ""
+        );
+        assert!(
+            problem(r#"{"title": "a", "claim": {"holds": "success", "at_most": 2}}"#)
+                .contains("at_most")
+        );
+        assert!(problem(r#"{"title": "a", "claim": {"of": "success"}}"#).contains("holds"));
+        assert_eq!(
+            problem(r#"{"title": "a", "claim": {"holds": "success", "at_least": 0.9}}"#),
             ""
         );
         assert!(problem(r#"{"title": "a", "panels": []}"#).contains("panels"));

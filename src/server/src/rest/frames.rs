@@ -41,6 +41,18 @@ pub(crate) struct Camera {
     layer: Layer,
 }
 
+impl Camera {
+    /// The image that the agent saw.
+    fn of_the_agent() -> Self {
+        Self {
+            camera: head(),
+            eye: None,
+            look_at: None,
+            layer: Layer::Rgb,
+        }
+    }
+}
+
 /// What is answered where there is no image.
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -204,6 +216,24 @@ pub(super) async fn frame(
         }
         Err(error) => Err(error),
     }
+}
+
+/// Where the numbers of the current markers are in the image that the agent saw: of each its
+/// bounding box and that of its label, x and y of the first and of the last pixel. Empty where none
+/// is drawn. The image is drawn again, by going there.
+#[utoipa::path(get, path = "/api/traces/{trace}/frames/{step}/markers", tag = "traces",
+    params(("trace" = String, Path), ("step" = String, Path, description = "start, or the number of a step")),
+    responses((status = 200, body = ref("#/components/schemas/MarkerBoxes")), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn markers(
+    State(app): State<Arc<App>>,
+    PathParams((name, step)): PathParams<(String, String)>,
+) -> Result<Json<Value>, ApiError> {
+    let drawn = analyse(&app, move |app| {
+        let frame = FrameRequest::new(app, &name, &step, &Camera::of_the_agent())?.drawn()?;
+        Ok(json!(frame.marker_boxes))
+    });
+    drawn.await.map(Json)
 }
 
 /// What the instance ids in masks of an episode stand for.

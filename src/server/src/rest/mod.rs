@@ -2,6 +2,11 @@
 //! written; the document is at `/api/openapi.json`.
 
 #[cfg(feature = "tables")]
+mod attribution;
+#[cfg(feature = "tables")]
+mod claims;
+mod comparison;
+#[cfg(feature = "tables")]
 mod definitions;
 mod error;
 #[cfg(feature = "tables")]
@@ -93,10 +98,11 @@ impl Modify for Security {
 struct Everywhere;
 
 /// Names in paths, where not every text is one.
-const NAMES: [(&str, &str); 5] = [
+const NAMES: [(&str, &str); 6] = [
     ("file", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("export", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
+    ("other", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
     ("step", r"^(start|[0-9]{1,9})(\.png)?$"),
     ("worker", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,61}$"),
 ];
@@ -162,11 +168,13 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(traces::steps))
         .for_role(Read, routes!(frames::frame))
         .for_role(Read, routes!(frames::instances))
+        .for_role(Read, routes!(frames::markers))
         // Computes and keeps nothing.
         .for_role(Read, routes!(traces::replay))
         .for_role(Admin, routes!(traces::branch))
         .for_role(Read, routes!(traces::blame))
         .for_role(Read, routes!(traces::reward))
+        .for_role(Read, routes!(comparison::compare))
         .for_role(Read, routes!(sessions::list))
         .for_role(Read, routes!(sessions::show))
         .for_role(Admin, routes!(sessions::close))
@@ -198,6 +206,10 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Admin, routes!(labels::answer))
         .for_role(Read, routes!(definitions::list))
         .for_role(Admin, routes!(definitions::keep, definitions::drop))
+        .for_role(Read, routes!(claims::show))
+        // Computes and keeps nothing.
+        .for_role(Read, routes!(claims::evaluate))
+        .for_role(Read, routes!(attribution::show))
         .for_role(Read, routes!(exports::list))
         .for_role(Read, routes!(exports::show))
         .for_role(Read, routes!(exports::examples))

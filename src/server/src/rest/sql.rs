@@ -255,6 +255,23 @@ fn run(
     question: &Question,
     sender: &mpsc::Sender<Result<Part, ApiError>>,
 ) -> Result<(), ApiError> {
+    let gone = {
+        let sender = sender.clone();
+        move || sender.is_closed()
+    };
+    each_part(app, question, gone, |part| {
+        sender.blocking_send(Ok(Part::Bytes(part))).is_ok()
+    })
+}
+
+/// Gives the parts of an answer to `each`, as long as it wants more: from the cache, or from a
+/// process of its own.
+fn each_part(
+    app: &App,
+    question: &Question,
+    gone: impl Fn() -> bool + Clone + Send + 'static,
+    mut each: impl FnMut(Bytes) -> bool,
+) -> Result<(), ApiError> {
     let stamp = match question.at {
         None => app.tables.stamp()?,
         Some(_) => None,
@@ -262,20 +279,16 @@ fn run(
     let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format))
         .unwrap_or_default();
     if let Some(answer) = app.tables.cached_answer(stamp.as_ref(), &asked) {
-        let _ = sender.blocking_send(Ok(Part::Bytes(answer)));
+        each(answer);
         return Ok(());
     }
     let request = app.sql_request(question.clone());
     let mut whole = Vec::new();
-    let gone = {
-        let sender = sender.clone();
-        move || sender.is_closed()
-    };
     let lasting = app.sql.ask(&request, gone, |part| {
         if whole.len() <= ANSWER_MAX {
             whole.extend_from_slice(&part);
         }
-        sender.blocking_send(Ok(Part::Bytes(part))).is_ok()
+        each(part)
     })?;
     if lasting {
         app.tables.cache_answer(stamp.as_ref(), asked, whole.into());
@@ -290,14 +303,14 @@ pub(crate) fn asked_rows(
     sql: &str,
     gone: impl Fn() -> bool + Clone + Send + 'static,
 ) -> Result<Vec<Value>, ApiError> {
-    let request = app.sql_request(Question {
+    let question = Question {
         sql: sql.to_owned(),
         parameters: Parameters::new(),
         format: AnswerFormat::Json,
         at: None,
-    });
+    };
     let mut text = Vec::new();
-    app.sql.ask(&request, gone, |part| {
+    each_part(app, &question, gone, |part| {
         text.extend_from_slice(&part);
         text.len() <= ROWS_BYTES_MAX
     })?;

@@ -1,15 +1,15 @@
 //! Owns Set-of-Mark overlays: tints, outlines and numbers drawn into the RGB of a frame. Never
 //! changes ids or depth, and never chooses what is marked.
 
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, MarkerBox};
 
 use super::text::{TextSize, blend, draw_text};
 use super::{OverlayMark, Region};
 
 /// Draws numbered Set-of-Mark overlays into the RGB of a frame; ids and depth stay.
 ///
-/// Entities without a visible pixel get nothing. Labels lie inside the image and do not overlap,
-/// as long as there is room for all of them.
+/// Entities without a visible pixel get nothing. Labels lie inside the image and do not overlap, as
+/// long as there is room for all of them. The frame tells where the numbers are.
 pub fn overlay(frame: &mut Frame, marks: &[OverlayMark]) {
     overlay_tinted(frame, marks, ENTITY_TINT);
 }
@@ -37,6 +37,14 @@ pub fn overlay_tinted(frame: &mut Frame, marks: &[OverlayMark], entity_tint: u16
     for label in &labels {
         label.draw(&mut frame.rgb);
     }
+    let marked = marks.iter().zip(&masks);
+    let marked = marked.filter_map(|(mark, mask)| Some((mark.number, mask.as_ref()?)));
+    let boxes = marked.zip(&labels).map(|((id, mask), label)| MarkerBox {
+        id,
+        bbox: mask.bbox(),
+        label: label.bbox(),
+    });
+    frame.marker_boxes.extend(boxes);
 }
 
 /// Coverage of tints and outlines, of 255.
@@ -156,6 +164,11 @@ impl Mask {
         }
     }
 
+    fn bbox(&self) -> [u16; 4] {
+        let height = self.depths.len() as i32 / self.width;
+        corners(self.left, self.top, self.width, height)
+    }
+
     /// Pixels of the mask in the image, with their distances to its border.
     fn pixels(&self) -> impl Iterator<Item = ([i32; 2], i32)> {
         (self.top..)
@@ -202,6 +215,11 @@ impl Mask {
             Anchor::Centre(place)
         }
     }
+}
+
+/// The first and the last pixel of a rectangle inside the image.
+fn corners(left: i32, top: i32, width: i32, height: i32) -> [u16; 4] {
+    [left, top, left + width - 1, top + height - 1].map(|value| value as u16)
 }
 
 /// City-block distances of the pixels of a mask to the nearest one outside; outside the
@@ -291,6 +309,10 @@ impl Label {
     fn centre_on(&mut self, [x, y]: [i32; 2]) {
         self.left = (x - self.width / 2).clamp(0, FRAME_WIDTH as i32 - self.width);
         self.top = (y - LABEL_HEIGHT / 2).clamp(0, FRAME_HEIGHT as i32 - LABEL_HEIGHT);
+    }
+
+    fn bbox(&self) -> [u16; 4] {
+        corners(self.left, self.top, self.width, LABEL_HEIGHT)
     }
 
     fn overlaps(&self, other: &Label) -> bool {
@@ -470,6 +492,19 @@ mod tests {
                     region: Region::Entity(9),
                 },
             ],
+        );
+        let [drawn] = &after.marker_boxes[..] else {
+            panic!("{:?}", after.marker_boxes);
+        };
+        assert_eq!((drawn.id, drawn.bbox), (1, [200, 200, 299, 299]));
+        let [left, top, right, bottom] = drawn.label;
+        assert!(
+            200 <= left
+                && left < right
+                && right <= 299
+                && 200 <= top
+                && top < bottom
+                && bottom <= 299
         );
         assert_eq!(
             (&after.ids, &after.depth_mm),

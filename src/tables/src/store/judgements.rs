@@ -160,6 +160,14 @@ pub struct AnswerLabelRow {
     pub at_ms: i64,
 }
 
+/// What became of an episode.
+#[derive(Deserialize)]
+struct OutcomeRow {
+    trace: String,
+    success: Option<bool>,
+    parent_trace: Option<String>,
+}
+
 /// Rows of one file.
 const ROWS_PER_BATCH: usize = 50_000;
 
@@ -192,12 +200,13 @@ impl Store {
         self.replace(Table::Attribution, |_| Ok(Some(rows)))
     }
 
-    /// The traces of the episodes that were played to an end, in the order of the store.
+    /// The traces of the episodes that were played to an end, in the order of the store; branches
+    /// are no trials of their policy and are left out.
     ///
     /// # Errors
     /// When the store cannot be read.
     pub fn ended_traces(&self) -> Result<Vec<String>, StoreError> {
-        self.traces_where(|success| success.is_some())
+        self.traces_where(|row| row.success.is_some() && row.parent_trace.is_none())
     }
 
     /// The traces of the episodes that failed, in the order of the store.
@@ -205,26 +214,19 @@ impl Store {
     /// # Errors
     /// When the store cannot be read.
     pub fn failed_traces(&self) -> Result<Vec<String>, StoreError> {
-        self.traces_where(|success| success == Some(false))
+        self.traces_where(|row| row.success == Some(false))
     }
 
     fn traces_where(
         &self,
-        wanted: impl Fn(Option<bool>) -> bool,
+        wanted: impl Fn(&OutcomeRow) -> bool,
     ) -> Result<Vec<String>, StoreError> {
-        #[derive(Deserialize)]
-        struct Row {
-            trace: String,
-            success: Option<bool>,
-        }
         let mut traces = Vec::new();
-        self.read(Table::Episodes, &["trace", "success"], |batch| {
-            let rows: Vec<Row> = crate::rows_from(&batch)?;
-            traces.extend(
-                rows.into_iter()
-                    .filter(|row| wanted(row.success))
-                    .map(|row| row.trace),
-            );
+        let columns = ["trace", "success", "parent_trace"];
+        self.read(Table::Episodes, &columns, |batch| {
+            let rows: Vec<OutcomeRow> = crate::rows_from(&batch)?;
+            let wanted = rows.into_iter().filter(|row| wanted(row));
+            traces.extend(wanted.map(|row| row.trace));
             Ok(())
         })?;
         Ok(traces)

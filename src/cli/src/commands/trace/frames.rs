@@ -190,9 +190,9 @@ fn frames(trace: &Trace, camera: &Camera, output: &mut Output<'_>) -> anyhow::Re
     }
     for step in std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step))) {
         let frame = Frame {
-            rgb: read(output.wants("rgb"), || trace.frame_rgb(step))?,
             depth_mm: read(wanted.depth, || trace.depth_mm(step))?,
             ids: read(wanted.masks, || trace.instance_ids(step))?,
+            ..Frame::of_rgb(read(output.wants("rgb"), || trace.frame_rgb(step))?)
         };
         output.frame(step, &frame)?;
     }
