@@ -27,5 +27,7 @@ function zipped(): Plugin {
 export default defineConfig({
   plugins: [svelte(), zipped()],
   build: { target: "es2023", assetsInlineLimit: 0, chunkSizeWarningLimit: 1200 },
-  server: { proxy: { "/api": proxied, "/healthz": proxied, "/metrics": proxied } },
+  server: {
+    proxy: Object.fromEntries(["/api", "/healthz", "/metrics", "/reset", "/step", "/state"].map((path) => [path, proxied])),
+  },
 });

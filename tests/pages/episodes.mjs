@@ -147,7 +147,7 @@ export async function what_if_succeeds(browser, { trace, step }) {
     await page.getByRole("button", { name: "Play this future" }).click();
     await page.getByRole("heading", { name: "Branch" }).waitFor();
     await page.locator("text=✓ success").first().waitFor();
-    const branch = parameter(page, "branch");
+    const branch = parameter(page, "beside");
     const verdict = await (await fetch(`${url}/api/traces/${branch}/replay`, { method: "POST" })).json();
     assert(verdict.exact, `the branch does not replay: ${JSON.stringify(verdict)}`);
     const episode = await (await fetch(`${url}/api/traces/${branch}/episode`)).json();

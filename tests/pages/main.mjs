@@ -1,6 +1,9 @@
 /** The web pages in Chromium: `main.mjs [NAME...]`, or `main.mjs --screenshots DIR`. See run.sh. */
 import { mkdirSync } from "node:fs";
 import { findings, launch, opened, sql, traceName, url, visit } from "./kit.mjs";
+import * as beside from "./beside.mjs";
+import * as claims from "./claims.mjs";
+import * as drive from "./drive.mjs";
 import * as episodes from "./episodes.mjs";
 import * as failures from "./failures.mjs";
 import * as live from "./live.mjs";
@@ -18,7 +21,7 @@ const trace = traceName(failed.trace);
 const addresses = {
   overview: "/", episodes: "/episodes", episode: `/episodes/${trace}?step=${failed.decisive_step}`, failures: "/failures",
   compare: "/compare?a=oracle&b=planner", confusions: "/failures?tab=confusions", panels: "/panels?page=behaviour", sql: "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family",
-  datasets: "/datasets", live: "/live",
+  claims: "/claims", attribution: "/failures?tab=attribution", datasets: "/datasets", live: "/live",
 };
 
 const browser = await launch();
@@ -39,7 +42,7 @@ if (process.argv[2] === "--screenshots") {
   }
 } else {
   const wanted = process.argv.slice(2);
-  const all = { ...episodes, ...failures, ...live, ...review, ...sqlTests };
+  const all = { ...beside, ...episodes, ...failures, ...live, ...review, ...sqlTests, ...claims, ...drive };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of [false, true]) {

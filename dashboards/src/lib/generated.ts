@@ -15,6 +15,9 @@ export type AnswerLabelBody = {
   step: number;
 };
 
+/** What each capability cost: of all episodes, and by policy. */
+export type Attribution = { estimates: Estimate[]; measured: number; missing: number };
+
 /** Why an episode failed, measured. */
 export type Blame = {
   costs: StepCost[];
@@ -56,6 +59,26 @@ export type BranchBody = {
 /** A tool call. */
 export type Call = { arguments?: Record<string, unknown>; name: string };
 
+/** A call of each episode; one is null where the other has a call more. */
+export type CallPair = {
+  a: CallSummary | null;
+  b: CallSummary | null;
+  same_call: boolean;
+  same_outcome: boolean;
+};
+
+/** A call and what came of it. */
+export type CallSummary = {
+  call: number;
+  call_text: string;
+  changes: Record<string, unknown>[];
+  error: string | null;
+  held: string | null;
+  reward: number;
+  text: string;
+  total: number;
+};
+
 /** A change of a world graph. */
 export type Change = {
   event: "add" | "remove" | "door";
@@ -67,6 +90,56 @@ export type Change = {
 
 /** Changes of both world graphs. */
 export type Changes = { physics: Change[]; registry: Change[] };
+
+/** Which episodes a sentence is about (`of`), which of them bear it out (`holds`, a condition in SQL, or `pattern`, a call pattern), and which share is promised. */
+export type Claim = {
+  at_least?: number | null;
+  at_most?: number | null;
+  holds?: string | null;
+  of?: string | null;
+  pattern?: string | null;
+};
+
+/** An episode that bears a claim out, or counts and does not. */
+export type ClaimExample = {
+  episode_id: string;
+  policy: string | null;
+  step: number | null;
+  success: boolean | null;
+  task_id: string | null;
+  trace: string | null;
+};
+
+/** What the tables say of a claim: counts with a 95 % interval (tasks as clusters), run by run, with examples. */
+export type ClaimReport = {
+  changed: { before: ClaimVerdict;
+  run_id: string | null } | null;
+  counter_examples: ClaimExample[];
+  episodes: number;
+  examples: ClaimExample[];
+  high: number | null;
+  holding: number;
+  low: number | null;
+  runs: RunTally[];
+  share: number | null;
+  tasks: number;
+  verdict: ClaimVerdict;
+};
+
+/** Whether the whole interval keeps the promise (`holds`), none of it (`fails`), or part of it (`open`); null without a promise or without episodes. */
+export type ClaimVerdict = "holds" | "open" | "fails" | null;
+
+/** Two episodes of one task side by side: `same_calls` first calls alike, then the rows. */
+export type Comparison = {
+  ends: [Record<string, unknown> | null, Record<string, unknown> | null];
+  episodes: [Record<string, unknown>, Record<string, unknown>];
+  graph: Record<string, unknown>[];
+  inputs: string[];
+  reward: [number, number];
+  rows: CallPair[];
+  same_calls: number;
+  same_start: boolean;
+};
 
 /** The decisive step. */
 export type Decisive = {
@@ -80,9 +153,10 @@ export type Decisive = {
   tool: string;
 };
 
-/** A panel (a question and how its answer is drawn), a page (panels under one title) or a view (an address of the dashboards, with what is chosen there). */
+/** A panel (a question and how its answer is drawn), a page (panels under one title), a view (an address of the dashboards, with what is chosen there) or a claim (a sentence, its title, and which episodes bear it out). */
 export type Definition = {
   chart?: null | Drawn;
+  claim?: Claim;
   panels?: string[] | null;
   parameters?: Record<string, string>;
   sql?: string | null;
@@ -129,6 +203,19 @@ export type ErrorBody = { error: ErrorDetail };
 
 /** What went wrong, as a code for programs and a message for people. */
 export type ErrorDetail = { code: string; message: string };
+
+/** Success rate of a group of episodes as observed and with one capability perfect. */
+export type Estimate = {
+  branches: number;
+  capability: string;
+  difference: Interval;
+  episodes: number;
+  group: string;
+  no_future: number;
+  observed: number;
+  perfect: Interval;
+  tasks: number;
+};
 
 /** An example as the model sees it; `error` in its place if it cannot be read. */
 export type Example = {
@@ -206,6 +293,9 @@ export type Healthy = { status: string };
 
 /** What the instance ids in masks stand for, by id. */
 export type Instances = ({ category: string; id: number; kind: "shell" | "receptacle" | "object" | "robot"; name: string })[];
+
+/** A share with its 95 % interval. */
+export type Interval = { high: number; low: number; value: number };
 
 /** A job with its state, its progress and its report. */
 export type Job = {
@@ -286,6 +376,16 @@ export type Listed = {
 
 /** A number of the marker map. */
 export type Marker = { id: number; target: MarkerTarget };
+
+/** Where a number of the overlay is in an image; x, y of the first and of the last pixel. */
+export type MarkerBox = {
+  bbox: [number, number, number, number];
+  id: number;
+  label: [number, number, number, number];
+};
+
+/** Where the numbers of an image are, in the order in which they were drawn. */
+export type MarkerBoxes = MarkerBox[];
 
 /** What a marker stands for. */
 export type MarkerTarget = { id: string; kind: "object" | "receptacle" };
@@ -389,6 +489,7 @@ export type ResetBody = {
   episode_id?: string | null;
   image?: boolean | null;
   options?: null | ResetOptions;
+  policy?: string | null;
   seed?: number | null;
   task?: string | null;
   trace?: string | null;
@@ -398,6 +499,7 @@ export type ResetBody = {
 export type ResetOptions = {
   call?: number | null;
   image?: boolean | null;
+  policy?: string | null;
   task?: string | null;
   trace?: string | null;
 };
@@ -423,6 +525,19 @@ export type Robot = {
 
 /** A room. */
 export type Room = { max: [number, number]; min: [number, number]; name: string; rects?: Rect[] };
+
+/** A claim in one run. */
+export type RunTally = {
+  began_ms: number | null;
+  episodes: number;
+  high: number | null;
+  holding: number;
+  low: number | null;
+  run_id: string | null;
+  share: number | null;
+  tasks: number;
+  verdict: ClaimVerdict;
+};
 
 /** The scene of a trace. */
 export type Scene = { receptacles: Receptacle[]; rooms: Room[]; scene_id: string; walls?: Wall[] };
@@ -586,12 +701,14 @@ export type Waiting = { automatic: boolean; count: number; known: number; traces
 export type Wall = { from: [number, number]; height: number; to: [number, number] };
 
 /** What a job does. */
-export type Work = { kind: "ingest"; traces?: string[] } | { kind: "replay"; traces?: string[] } | { kind: "blame" } | { kind: "taxonomy" } | { kind: "reward"; preset: string } | { kind: "export"; name: string; options?: Record<string, unknown>; set: Set };
+export type Work = { kind: "ingest"; traces?: string[] } | { kind: "replay"; traces?: string[] } | { kind: "blame" } | { kind: "taxonomy" } | { kind: "attribute" } | { kind: "reward"; preset: string } | { kind: "export"; name: string; options?: Record<string, unknown>; set: Set };
 
 type Query = "" | `?${string}`;
 
 /** What GET of a path answers; never: no such path answers with JSON. */
 export type GetAnswer<P extends string> =
+  P extends `/api/traces/${string}/frames/${string}/markers${Query}` ? MarkerBoxes :
+  P extends `/api/traces/${string}/compare/${string}${Query}` ? Comparison :
   P extends `/api/exports/${string}/examples${Query}` ? Examples :
   P extends `/api/exports/${string}/lint${Query}` ? Lint :
   P extends `/api/sessions/${string}/question${Query}` ? OpenQuestion :
@@ -601,11 +718,13 @@ export type GetAnswer<P extends string> =
   P extends `/api/traces/${string}/reward${Query}` ? RewardReport :
   P extends `/api/traces/${string}/scene${Query}` ? Scene :
   P extends `/api/traces/${string}/steps${Query}` ? Steps :
+  P extends `/api/claims/${string}${Query}` ? ClaimReport :
   P extends `/api/episodes/${string}${Query}` ? Record<string, unknown> :
   P extends `/api/exports/${string}${Query}` ? Export :
   P extends `/api/jobs/${string}${Query}` ? Job :
   P extends `/api/queries/${string}${Query}` ? Record<string, unknown>[] :
   P extends `/api/sessions/${string}${Query}` ? Session :
+  P extends `/api/attribution${Query}` ? Attribution :
   P extends `/api/definitions${Query}` ? Listed[] :
   P extends `/api/episodes${Query}` ? Episodes :
   P extends `/api/exports${Query}` ? Export[] :
@@ -629,6 +748,7 @@ export type PostAnswer<P extends string> =
   P extends `/api/traces/${string}/branches${Query}` ? Branch :
   P extends `/api/traces/${string}/replay${Query}` ? ReplayVerdict :
   P extends `/api/answer-labels${Query}` ? AnswerLabelBody :
+  P extends `/api/claims${Query}` ? ClaimReport :
   P extends `/api/jobs${Query}` ? Job :
   P extends `/api/labels${Query}` ? LabelBody :
   P extends `/api/leases${Query}` ? Leased :

@@ -9,6 +9,7 @@ export function jobTitle(work: Work): string {
     case "replay": return `Replay of ${traces(work.traces)}`;
     case "blame": return "Blame of all failed episodes";
     case "taxonomy": return "Taxonomy of all failed episodes";
+    case "attribute": return "Attribution of all failed episodes";
     case "reward": return `Reward preset ${work.preset}`;
     case "export": return `Export ${work.name} (${work.set})`;
   }

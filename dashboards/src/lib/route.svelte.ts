@@ -12,6 +12,8 @@ function written(value: Value | string[]): string[] {
 class Route {
   path = $state(location.pathname);
   search = $state(location.search);
+  /** Asks whether the page may be left, where it holds something that would be lost; null lets everything leave. */
+  leave: (() => boolean) | null = null;
 
   /** What was chosen on the page. */
   get query(): URLSearchParams {
@@ -23,8 +25,9 @@ class Route {
     return this.path.split("/").filter(Boolean).map(decoded);
   }
 
-  /** Goes to a page of ours. */
+  /** Goes to a page of ours, unless the page that is shown wants to be kept. */
   go(address: string): void {
+    if (this.leave && !this.leave()) return;
     history.pushState(null, "", address);
     this.read();
     window.scrollTo(0, 0);
@@ -69,7 +72,12 @@ export const route = new Route();
 
 /** Listens to the browser's own buttons and to links of ours. */
 export function follow(): () => void {
-  const back = () => route.read();
+  const back = () => {
+    const stays = location.pathname === route.path;
+    if (stays || !route.leave || route.leave()) route.read();
+    // The browser has gone already: the page that stays gets its address again.
+    else history.pushState(null, "", route.path + route.search);
+  };
   const click = (event: MouseEvent) => {
     const link = (event.target as Element | null)?.closest?.("a[href]") as HTMLAnchorElement | null;
     const plain = event.button === 0 && !event.metaKey && !event.ctrlKey && !event.shiftKey && !event.altKey;

@@ -1,8 +1,23 @@
 /** What a comparison asks: which things can be compared, and their pairs on the same tasks. */
-import { sql } from "../../lib/api";
+import { sql, traceName } from "../../lib/api";
+import { link } from "../../lib/route.svelte";
 
-/** Two policies, or two reward presets on the same episodes. */
-export type Kind = "policy" | "preset";
+/** What played the same tasks, or, for `preset`, what scored the same episodes. */
+export type Kind = "policy" | "run" | "checkpoint" | "preset";
+/** A kind whose pairs are episodes of one task. */
+export type Player = Exclude<Kind, "preset">;
+
+export const KINDS: Record<Kind, { title: string; plural: string }> = {
+  policy: { title: "Policies", plural: "policies" },
+  run: { title: "Runs", plural: "runs" },
+  checkpoint: { title: "Checkpoints", plural: "checkpoints" },
+  preset: { title: "Reward presets", plural: "reward presets" },
+};
+
+/** The column of `episodes` that tells who played. */
+const COLUMN: Record<Player, string> = { policy: "policy", run: "run_id", checkpoint: "checkpoint" };
+/** A condition on `episodes e`. Branches are no trials, and broken recordings have no outcome. */
+const played = (kind: Player) => `e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND e.${COLUMN[kind]} IS NOT NULL`;
 
 export interface Thing {
   name: string;
@@ -11,23 +26,35 @@ export interface Thing {
 
 export function things(kind: Kind, signal: AbortSignal): Promise<Thing[]> {
   const text =
-    kind === "policy"
-      ? "SELECT policy AS name, count(*) AS episodes FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL GROUP BY policy ORDER BY policy"
+    kind !== "preset"
+      ? `SELECT e.${COLUMN[kind]} AS name, count(*) AS episodes FROM episodes e WHERE ${played(kind)} GROUP BY 1 ORDER BY 1`
       : `SELECT preset AS name, count(DISTINCT episode_id) AS episodes
 FROM (SELECT preset, episode_id FROM episodes UNION ALL SELECT preset, episode_id FROM rescored) GROUP BY preset ORDER BY preset`;
   return sql<Thing>(text, {}, signal);
 }
 
-/** How many tasks every two policies share. */
+/** How many tasks two of a kind share. */
 export interface Shared {
   a: string;
   b: string;
   tasks: number;
 }
 
-export const SHARED = `WITH played AS (SELECT DISTINCT policy, task_digest FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL)
-SELECT a.policy AS a, b.policy AS b, count(*) AS tasks FROM played a JOIN played b ON b.task_digest = a.task_digest AND b.policy > a.policy
-GROUP BY a.policy, b.policy ORDER BY tasks DESC, a, b`;
+/** Most that are paired with each other to find those that share the most tasks. */
+const NEWEST = 20;
+
+/** Every two of the newest, those that share the most tasks first. */
+export function shared(kind: Player, signal: AbortSignal): Promise<Shared[]> {
+  const text = `WITH newest AS (
+  SELECT e.${COLUMN[kind]} AS name FROM episodes e WHERE ${played(kind)} GROUP BY 1 ORDER BY max(e.trace_modified_ns) DESC LIMIT ${NEWEST}
+),
+played AS (
+  SELECT DISTINCT n.name, e.task_digest FROM episodes e JOIN newest n ON n.name = e.${COLUMN[kind]} WHERE ${played(kind)}
+)
+SELECT a.name AS a, b.name AS b, count(*) AS tasks FROM played a JOIN played b ON b.task_digest = a.task_digest AND b.name > a.name
+GROUP BY a.name, b.name ORDER BY tasks DESC, a, b`;
+  return sql<Shared>(text, {}, signal);
+}
 
 /** One task played by both, or one episode under two presets. Means, where a task was played several times. */
 export interface Pair {
@@ -52,28 +79,28 @@ export interface Pair {
 export const MOST = 5000;
 
 /** Equal by their digest, or, where the tasks were changed on purpose, by name. */
-export function policyPairs(a: string, b: string, byName: boolean, signal: AbortSignal): Promise<Pair[]> {
+export function taskPairs(kind: Player, a: string, b: string, byName: boolean, signal: AbortSignal): Promise<Pair[]> {
   const key = byName ? "task_id" : "task_digest";
   // The episode to look at: one that ended as most did, so that a flip shows a success beside a failure.
   const text = `WITH played AS (
-  SELECT e.policy, e.${key} AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS success, e.total_reward, e.length, e.trace,
+  SELECT e.${COLUMN[kind]} AS player, e.${key} AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS success, e.total_reward, e.length, e.trace,
     coalesce(bl.step, c.step) AS step
   FROM episodes e
   LEFT JOIN blame bl ON bl.episode_id = e.episode_id AND bl.trace_digest = e.trace_digest
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
-  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND e.policy IN ($a, $b)
+  WHERE ${played(kind)} AND e.${COLUMN[kind]} IN ($a, $b)
 ),
 solved AS (
-  SELECT policy, key, min(task_id) AS task_id, min(family) AS family, avg(success) AS success, avg(total_reward) AS reward, avg(length) AS steps,
+  SELECT player, key, min(task_id) AS task_id, min(family) AS family, avg(success) AS success, avg(total_reward) AS reward, avg(length) AS steps,
     count(*) AS episodes,
     CASE WHEN avg(success) > 0.5 THEN min(trace) FILTER (WHERE success = 1) ELSE min(trace) FILTER (WHERE success = 0) END AS trace
-  FROM played GROUP BY policy, key
+  FROM played GROUP BY player, key
 ),
 told AS (SELECT s.*, p.step FROM solved s LEFT JOIN played p ON p.trace = s.trace)
 SELECT a.key, a.task_id, a.family, a.success AS success_a, b.success AS success_b, a.reward AS return_a, b.reward AS return_b,
   a.steps AS steps_a, b.steps AS steps_b, a.episodes AS episodes_a, b.episodes AS episodes_b,
   a.trace AS trace_a, b.trace AS trace_b, a.step AS step_a, b.step AS step_b
-FROM told a JOIN told b ON b.key = a.key AND a.policy = $a AND b.policy = $b
+FROM told a JOIN told b ON b.key = a.key AND a.player = $a AND b.player = $b
 ORDER BY a.task_id, a.key LIMIT ${MOST}`;
   return sql<Pair>(text, { a, b }, signal);
 }
@@ -100,4 +127,13 @@ export type Side = "only_a" | "only_b" | "both" | "neither";
 export function side(pair: Pair): Side {
   const [a, b] = [pair.success_a > 0.5, pair.success_b > 0.5];
   return a ? (b ? "both" : "only_a") : b ? "only_b" : "neither";
+}
+
+/** Both episodes side by side. Where one failed and its decisive step is known, it stands first, at that step. */
+export function besideLink(pair: Pair): string {
+  const a = { trace: traceName(pair.trace_a), failed: pair.success_a <= 0.5, step: pair.step_a };
+  const b = { trace: traceName(pair.trace_b), failed: pair.success_b <= 0.5, step: pair.step_b };
+  const decided = ({ failed, step }: typeof a) => failed && step !== null;
+  const [first, second] = (b.failed && !a.failed) || (decided(b) && !decided(a)) ? [b, a] : [a, b];
+  return link(`/episodes/${encodeURIComponent(first.trace)}`, { beside: second.trace, step: decided(first) ? first.step : null });
 }

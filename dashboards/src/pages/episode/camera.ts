@@ -14,9 +14,14 @@ export function momentOf(query: URLSearchParams): number {
   return Number.isNaN(step) ? START : Math.max(START, step);
 }
 
-/** Whether the image shows what came of the call, instead of what the robot saw when it chose it. Futures are compared by what came. */
+/** The trace that stands beside the episode; nothing if none does. Addresses from before call it `branch`. */
+export function besideName(query: URLSearchParams): string {
+  return query.get("beside") ?? query.get("branch") ?? "";
+}
+
+/** Whether the image shows what came of the call, instead of what the robot saw when it chose it. Episodes are compared by what came. */
 export function showsAfter(query: URLSearchParams): boolean {
-  return (query.get("show") ?? (query.has("branch") ? "after" : "before")) === "after";
+  return (query.get("show") ?? (besideName(query) ? "after" : "before")) === "after";
 }
 
 /** The moment whose image is shown: that of a step is recorded after its call. */

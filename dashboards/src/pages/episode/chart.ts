@@ -1,6 +1,7 @@
 /** What the two curves of an episode have in common: one axis of moments, the current one and the decisive one marked. */
 import type { Palette } from "../../lib/palette";
 import { START } from "../../lib/trace";
+import type { Side } from "./alignment";
 
 export function moments(last: number): string[] {
   return ["start", ...Array.from({ length: last + 1 }, (_, step) => String(step))];
@@ -36,4 +37,13 @@ export function marks(moment: number, decisive: number | null, colours: Palette)
   const data = [line(moment, colours.ink, "", false)];
   if (decisive !== null) data.push(line(decisive, colours.bad, "◆", true));
   return { symbol: "none", silent: true, data };
+}
+
+/** The line of one of two episodes: the page's solid, the other's dashed, in the colours of their heads. */
+export function sideLine(side: Side, name: string, colours: Palette) {
+  const color = side === "a" ? colours.accent : colours.warn;
+  return {
+    name, type: "line", color, symbol: side === "a" ? "circle" : "emptyCircle", symbolSize: 5,
+    lineStyle: { color, width: 2, type: side === "a" ? "solid" : "dashed" },
+  };
 }
