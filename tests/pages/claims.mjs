@@ -6,7 +6,7 @@ const FILE = "failures-of-the-tests-are-confusions";
 const OF = "NOT success";
 const HOLDS = "class = 'Object Confusion'";
 const JUDGED = `SELECT e.episode_id, e.trace, e.run_id, coalesce(${HOLDS}, false) AS holds FROM episodes e LEFT JOIN classes c ON c.trace_digest = e.trace_digest
-  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND (${OF})`;
+  WHERE e.end_reason <> 'aborted' AND e.parent_trace IS NULL AND (${OF})`;
 const VERDICTS = { holds: "holds", open: "cannot tell yet", fails: "fails" };
 /** The console tells of every answer that refuses something. */
 const REFUSED = { expected: ["status of 422"] };

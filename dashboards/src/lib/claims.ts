@@ -35,13 +35,13 @@ export function counted({ holding, episodes, share, low, high }: Tally): string 
   return `${holding} of ${episodes} (${percent(share)}, 95% interval ${range(low, high)})`;
 }
 
-/** The condition of a claim on an episode, in SQL. */
+/** The condition of a claim on an episode, in SQL. A line break ends a comment in what somebody wrote. */
 function condition({ holds, pattern }: Claim): string {
-  return holds ? `(${holds})` : `sequence_match(steps, '${(pattern ?? "").replaceAll("'", "''")}')`;
+  return holds ? `(${holds}\n)` : `sequence_match(steps, '${(pattern ?? "").replaceAll("'", "''")}')`;
 }
 
 /** The list of the counted episodes that are as the claim says, or that are not. */
 export function listLink(claim: Claim, holding: boolean): string {
-  const parts = ["end_reason IS NOT NULL", claim.of ? `(${claim.of})` : "", holding ? condition(claim) : `NOT coalesce(${condition(claim)}, false)`];
+  const parts = ["end_reason <> 'aborted'", claim.of ? `(${claim.of}\n)` : "", holding ? condition(claim) : `NOT coalesce(${condition(claim)}, false)`];
   return link("/episodes", { where: parts.filter(Boolean).join(" AND ") });
 }

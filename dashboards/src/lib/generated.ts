@@ -123,6 +123,8 @@ export type ClaimReport = {
   runs: RunTally[];
   share: number | null;
   tasks: number;
+  unblamed: number;
+  unclassified: number;
   verdict: ClaimVerdict;
 };
 

@@ -1,11 +1,13 @@
 //! Claims: a sentence about episodes, and the condition that decides for each of them whether it is
-//! so. Says how many, with interval, in all and run by run. Never keeps anything.
+//! so. Says how many, with interval, in all and run by run. Stores nothing.
 
 use std::collections::BTreeMap;
 
 use reel_counterfactual::attribution::{Interval, clustered_interval};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+
+use datafusion::sql::sqlparser::{dialect::GenericDialect, parser::Parser, tokenizer::Token};
 
 /// Which episodes a sentence is about, and which of them bear it out.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
@@ -64,7 +66,7 @@ pub struct Tally {
 pub struct RunTally {
     /// Id of the run; none for episodes that name none.
     pub run_id: Option<String>,
-    /// When the first trace of the run was written, in milliseconds since 1970.
+    /// Modification time of the run's oldest trace file, in milliseconds since 1970.
     pub began_ms: Option<i64>,
     /// The counts of this run.
     #[serde(flatten)]
@@ -88,10 +90,10 @@ pub struct ClaimExample {
     pub step: Option<i64>,
 }
 
-/// Since when the newest run's verdict is what it is.
+/// Since when the verdict is what it is in the newest run that holds or fails.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Change {
-    /// First run of those with the newest run's verdict.
+    /// First run of those with that verdict.
     pub run_id: Option<String>,
     /// The verdict in the run before it.
     pub before: ClaimVerdict,
@@ -111,10 +113,16 @@ pub struct ClaimReport {
     pub examples: Vec<ClaimExample>,
     /// Episodes that count and do not.
     pub counter_examples: Vec<ClaimExample>,
+    /// Failed episodes of the store without a class, where a condition reads classes.
+    pub unclassified: usize,
+    /// Failed episodes of the store without blame, where a condition reads causes or decisive steps.
+    pub unblamed: usize,
 }
 
 /// Examples of each kind.
 const EXAMPLES: usize = 3;
+/// Deepest nesting of a condition.
+const DEPTH_MAX: usize = 50;
 /// Most runs that are told apart: the newest.
 const RUNS: usize = 200;
 
@@ -143,6 +151,19 @@ struct Row {
     step: Option<i64>,
 }
 
+/// Checks that a text is one expression in SQL, and not a part of something larger.
+fn parse_condition(text: &str) -> Result<(), String> {
+    let mut parser = Parser::new(&GenericDialect {})
+        .with_recursion_limit(DEPTH_MAX)
+        .try_with_sql(text)
+        .map_err(|error| error.to_string())?;
+    parser.parse_expr().map_err(|error| error.to_string())?;
+    match parser.peek_token().token {
+        Token::EOF => Ok(()),
+        token => Err(format!("'{token}' is too much")),
+    }
+}
+
 impl Claim {
     /// Checks what can be told without a store.
     ///
@@ -166,12 +187,18 @@ impl Claim {
             ("pattern", &self.pattern),
         ] {
             if blank(text) {
-                return Err(format!("its `{name}` is empty"));
+                return Err(format!("has an empty `{name}`"));
+            }
+        }
+        for (name, text) in [("of", &self.of), ("holds", &self.holds)] {
+            if let Some(text) = text {
+                parse_condition(text)
+                    .map_err(|problem| format!("has no condition in `{name}`: {problem}"))?;
             }
         }
         for (name, share) in [("at_least", self.at_least), ("at_most", self.at_most)] {
             if share.is_some_and(|share| !(0.0..=1.0).contains(&share)) {
-                return Err(format!("its `{name}` is a share from 0 to 1"));
+                return Err(format!("has no share from 0 to 1 in `{name}`"));
             }
         }
         if let (Some(least), Some(most)) = (self.at_least, self.at_most)
@@ -181,13 +208,28 @@ impl Claim {
         }
         if let Some(pattern) = &self.pattern {
             crate::pattern::Pattern::parse(pattern)
-                .map_err(|error| format!("its `pattern`: {error}"))?;
+                .map_err(|error| format!("has no pattern in `pattern`: {error}"))?;
         }
         Ok(())
     }
 
+    /// The same claim about the episodes of one run.
+    #[must_use]
+    pub fn in_run(&self, run_id: &str) -> Self {
+        let run = format!("run_id = '{}'", run_id.replace('\'', "''"));
+        let of = match &self.of {
+            Some(condition) => format!("({condition}\n) AND {run}"),
+            None => run,
+        };
+        Self {
+            of: Some(of),
+            ..self.clone()
+        }
+    }
+
     /// The question in SQL whose rows [`ClaimReport::of`] reads. Conditions see the columns of
-    /// `episodes`, and class, sub_class, rule, cause and decisive_step. Branches do not count.
+    /// `episodes`, and class, sub_class, rule, cause and decisive_step. Branches do not count, nor do
+    /// episodes that were broken off.
     pub fn question(&self) -> String {
         // A line break ends a comment in what somebody wrote.
         let counted = match &self.of {
@@ -203,11 +245,12 @@ impl Claim {
         };
         format!(
             "WITH episode AS (
-  SELECT e.*, c.class, c.sub_class, c.rule, b.cause, coalesce(b.step, c.step) AS decisive_step
+  SELECT e.*, CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END AS class, c.sub_class, c.rule, b.cause,
+    coalesce(b.step, c.step) AS decisive_step, b.trace_digest AS blamed
   FROM episodes e
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.trace_digest = e.trace_digest
-  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
+  WHERE e.end_reason <> 'aborted' AND e.parent_trace IS NULL
 ),
 judged AS (
   SELECT episode_id, trace, task_id, coalesce(task_id, episode_id) AS task, policy, run_id, success, decisive_step,
@@ -231,8 +274,27 @@ UNION ALL
 SELECT CASE WHEN holds THEN 'example' ELSE 'counter_example' END, run_id, NULL, 0, 0, 0, episode_id, trace, task_id, policy, success,
   decisive_step, place
 FROM shown WHERE place <= {EXAMPLES}
+UNION ALL
+SELECT part, NULL, NULL, episodes, 0, 0, NULL, NULL, NULL, NULL, NULL, NULL, 0 FROM (
+  SELECT 'unclassified' AS part, count(*) AS episodes FROM episode WHERE class = 'not classified'
+  UNION ALL SELECT 'unblamed', count(*) FROM episode WHERE NOT success AND blamed IS NULL
+)
 ORDER BY part, place, hits, trials"
         )
+    }
+
+    /// Whether a condition names one of these columns.
+    fn reads(&self, columns: &[&str]) -> bool {
+        let conditions = [&self.of, &self.holds];
+        let mut words = conditions
+            .into_iter()
+            .flatten()
+            .flat_map(|text| text.split(|c: char| !(c.is_alphanumeric() || c == '_')));
+        words.any(|word| {
+            columns
+                .iter()
+                .any(|column| word.eq_ignore_ascii_case(column))
+        })
     }
 
     fn verdict(&self, interval: Interval) -> Option<ClaimVerdict> {
@@ -274,6 +336,7 @@ impl ClaimReport {
         let mut all = Vec::new();
         let mut by_run: BTreeMap<Option<String>, RunCounts> = BTreeMap::new();
         let (mut examples, mut counter_examples) = (Vec::new(), Vec::new());
+        let (mut unclassified, mut unblamed) = (0, 0);
         for row in rows {
             let row: Row = serde_json::from_value(row)?;
             // One row stands for all tasks with the same counts.
@@ -288,6 +351,11 @@ impl ClaimReport {
                     };
                     run.tasks.extend(tasks);
                 }
+                "unclassified" if claim.reads(&["class", "sub_class", "rule"]) => {
+                    unclassified = row.hits;
+                }
+                "unblamed" if claim.reads(&["cause", "decisive_step"]) => unblamed = row.hits,
+                "unclassified" | "unblamed" => {}
                 part => {
                     let example = ClaimExample {
                         episode_id: row.episode_id.unwrap_or_default(),
@@ -320,17 +388,19 @@ impl ClaimReport {
             runs,
             examples,
             counter_examples,
+            unclassified,
+            unblamed,
         })
     }
 }
 
 /// The run since which all have the newest one's verdict, if one before it had another. Runs without
-/// a verdict say nothing.
+/// a verdict, and open ones, say nothing.
 fn changed(runs: &[RunTally]) -> Option<Change> {
-    let mut judged = runs
-        .iter()
-        .rev()
-        .filter_map(|run| Some((&run.run_id, run.tally.verdict?)));
+    let mut judged = runs.iter().rev().filter_map(|run| {
+        let decided = run.tally.verdict.filter(|it| *it != ClaimVerdict::Open)?;
+        Some((&run.run_id, decided))
+    });
     let (mut since, newest) = judged.next()?;
     for (run_id, verdict) in judged {
         if verdict != newest {
@@ -360,14 +430,18 @@ mod tests {
         let problem = |text: &str| claim(text).unwrap_err();
         assert!(problem("{}").contains("`holds`"));
         assert!(problem(r#"{"holds": "success", "pattern": "pick"}"#).contains("not both"));
-        assert!(problem(r#"{"holds": " "}"#).contains("`holds` is empty"));
-        assert!(problem(r#"{"holds": "success", "of": ""}"#).contains("`of` is empty"));
+        assert!(problem(r#"{"holds": " "}"#).contains("empty `holds`"));
+        assert!(problem(r#"{"holds": "success", "of": ""}"#).contains("empty `of`"));
         assert!(problem(r#"{"holds": "success", "at_least": 70}"#).contains("from 0 to 1"));
         assert!(
             problem(r#"{"holds": "success", "at_least": 0.7, "at_most": 0.2}"#).contains("0.7")
         );
         assert!(problem(r#"{"pattern": "pick("}"#).contains("pattern"));
         assert!(problem(r#"{"holds": "success", "share": 1}"#).contains("share"));
+        let closed = r#"{"holds": "true), false) OR coalesce((true"}"#;
+        assert!(problem(closed).contains("no condition in `holds`"));
+        assert!(problem(r#"{"holds": "success; DROP TABLE episodes"}"#).contains("`holds`"));
+        claim(r#"{"of": "NOT success -- all", "holds": "class = 'Other'"}"#).unwrap();
         claim(r#"{"pattern": "^ !ask* pick[not goal_object]", "at_most": 0.1}"#).unwrap();
     }
 
@@ -407,15 +481,10 @@ mod tests {
         let change = report.changed.unwrap();
         assert_eq!(
             (change.run_id.as_deref(), change.before),
-            (Some("third"), Open)
-        );
-        rows.pop();
-        rows.remove(4);
-        let change = ClaimReport::of(&claim, rows).unwrap().changed.unwrap();
-        assert_eq!(
-            (change.run_id.as_deref(), change.before),
             (Some("second"), Fails)
         );
+        rows.remove(3);
+        assert_eq!(ClaimReport::of(&claim, rows).unwrap().changed, None);
     }
 
     #[test]

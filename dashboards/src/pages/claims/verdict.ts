@@ -15,9 +15,9 @@ export function verdictSentence(count: Tally, claim: Claim): string {
   return `${verdictName(count.verdict)}: ${counted(count)}, promised ${promised}`;
 }
 
-/** Since which run the verdict is what it is in the newest one; empty if it was never another. */
+/** Since which run the verdict is what it is in the newest one that has one; empty if it was never another. */
 export function changeSentence({ runs, changed }: ClaimReport): string {
-  const newest = runs.findLast((run) => run.verdict);
+  const newest = runs.findLast(({ verdict }) => verdict === "holds" || verdict === "fails");
   if (!newest || !changed) return "";
   return `Run by run: ${verdictName(newest.verdict)} since ${runName(changed.run_id)}; before: ${verdictName(changed.before)}.`;
 }

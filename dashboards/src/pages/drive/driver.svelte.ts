@@ -77,7 +77,11 @@ export class Driver {
     readonly call: number,
   ) {
     const kept = sessionStorage.getItem(this.key);
-    if (kept) this.episode = JSON.parse(kept) as Episode;
+    try {
+      if (kept) this.episode = JSON.parse(kept) as Episode;
+    } catch {
+      sessionStorage.removeItem(this.key);
+    }
   }
 
   private get key() {
@@ -139,8 +143,10 @@ export class Driver {
   }
 
   step = (call: Call, reasoning: string) => this.during(async () => {
+    // Without an answer to the last call nobody knows whether it was made.
+    if (this.episode?.pending) await this.catchUp();
     const { episode } = this;
-    if (!episode) return;
+    if (!episode || episode.ended !== null) return;
     const action = { ...call, ...(reasoning.trim() ? { metadata: { "reel/policy": { reasoning: reasoning.trim() } } } : {}) };
     this.set({ pending: call });
     try {
@@ -153,26 +159,28 @@ export class Driver {
         left: observation.decisions_left ?? episode.left, ended: done ? (observation.ended ?? "over") : null,
       });
     } catch (error) {
-      this.set({ pending: null });
+      if (!(error instanceof ApiError && error.status === 0)) this.set({ pending: null });
       if (error instanceof ApiError && error.status === 404) this.set({ ended: "closed by the service" });
       throw error;
     }
   });
 
   /** After a reload: whether the service still has the episode, and whether a call was made whose answer nobody saw. */
-  resume = () => this.during(async () => {
+  resume = () => this.during(() => this.catchUp());
+
+  private async catchUp() {
     const { episode } = this;
     if (!episode || episode.ended !== null) return;
     try {
       const state = (await get(`/state?episode_id=${encodeURIComponent(episode.id)}`)) as { step_count: number };
       const lost = state.step_count > this.call + this.made && episode.pending;
-      const turn = lost && { number: this.call + this.made, call: lost, text: "The page was left before the answer came.", error: null };
+      const turn = lost && { number: this.call + this.made, call: lost, text: "The answer to this call did not arrive.", error: null };
       this.set({ pending: null, turns: turn ? [...episode.turns, turn] : episode.turns });
     } catch (error) {
       if (!(error instanceof ApiError && error.status === 404)) throw error;
       this.set({ ended: "closed by the service", pending: null });
     }
-  });
+  }
 
   /** Ends the episode, so that its trace is complete; one that is gone already is complete. */
   async close() {

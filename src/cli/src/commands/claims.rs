@@ -1,6 +1,7 @@
 //! `reel claims`: sentences about episodes, counted anew over a store.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -12,7 +13,7 @@ use reel_query::{
     format,
 };
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs, progress};
 
@@ -55,7 +56,7 @@ struct Check {
     store: String,
     #[command(flatten)]
     assets: inputs::Assets,
-    /// Judge by the episodes of this run alone
+    /// Count the episodes of this run alone
     #[arg(long, value_name = "RUN")]
     run: Option<String>,
     /// A claim with a promise has to hold; that it does not fail is not enough
@@ -66,12 +67,17 @@ struct Check {
     json: bool,
 }
 
-/// A file of definitions, as far as it concerns claims.
+/// A definition, as far as it concerns claims.
 #[derive(Deserialize)]
 struct ClaimFile {
     title: String,
     claim: Option<Claim>,
+    #[serde(flatten)]
+    others: BTreeMap<String, Value>,
 }
+
+/// Keys of definitions that are no claims, and of all.
+const OTHER_KEYS: [&str; 6] = ["text", "sql", "parameters", "chart", "panels", "view"];
 
 /// Runs a command on claims.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
@@ -85,17 +91,21 @@ fn run_check(arguments: &Check) -> anyhow::Result<ExitStatus> {
     let store = arguments.assets.store(&arguments.store, None)?;
     let session = QuerySession::with_limits(store, Limits::default())?;
     let bar = progress::bar(claims.len(), "claims");
-    let (mut told, mut enough, mut run_found) = (Vec::new(), true, false);
+    let (mut answers, mut passed, mut counted_any) = (Vec::new(), true, false);
     for (path, title, claim) in claims {
+        let claim = match &arguments.run {
+            Some(run) => claim.in_run(run),
+            None => claim,
+        };
         let rows = session
             .run(&claim.question())
             .with_context(|| format!("{}: the claim cannot be counted", path.display()))?;
         let rows = serde_json::from_str(&format(&rows, Format::Json)?)?;
         let report = ClaimReport::of(&claim, rows)?;
-        let tally = judged(&report, arguments.run.as_deref());
-        run_found |= tally.is_some();
+        counted_any |= report.all.episodes > 0;
+        warn(&path, &report);
         let promised = claim.at_least.is_some() || claim.at_most.is_some();
-        enough &= match tally.and_then(|tally| tally.verdict) {
+        passed &= match report.all.verdict {
             Some(ClaimVerdict::Fails) => false,
             Some(ClaimVerdict::Holds) => true,
             Some(ClaimVerdict::Open) | None => !(promised && arguments.strict),
@@ -104,38 +114,41 @@ fn run_check(arguments: &Check) -> anyhow::Result<ExitStatus> {
             let mut value = json!(report);
             value["path"] = json!(path);
             value["title"] = json!(title);
-            value["judged"] = json!(tally);
-            told.push(value);
+            answers.push(value);
         } else {
-            print(&title, &claim, &report, tally, arguments.run.as_deref());
+            print(&title, &claim, &report);
         }
         bar.inc(1);
     }
     bar.finish_and_clear();
-    if let (Some(run), false) = (&arguments.run, run_found) {
+    if let (Some(run), false) = (&arguments.run, counted_any) {
         bail!(
             "no claim counts an episode of run '{run}'; `reel query --store STORE \"SELECT DISTINCT run_id FROM episodes\"` lists the runs"
         );
     }
     if arguments.json {
-        println!("{}", json!({ "claims": told, "passed": enough }));
+        println!("{}", json!({ "claims": answers, "passed": passed }));
     }
-    Ok(if enough {
+    Ok(if passed {
         ExitStatus::Success
     } else {
         ExitStatus::CheckFailed
     })
 }
 
-/// The counts that decide: of one run, where one is asked for; none where it counts nothing.
-fn judged<'a>(report: &'a ClaimReport, run: Option<&str>) -> Option<&'a Tally> {
-    match run {
-        None => Some(&report.all),
-        Some(run) => report
-            .runs
-            .iter()
-            .find(|one| one.run_id.as_deref() == Some(run))
-            .map(|one| &one.tally),
+/// Says what conditions cannot see yet.
+fn warn(path: &Path, report: &ClaimReport) {
+    let unseen = [
+        (report.unclassified, "no class", "reel taxonomy"),
+        (report.unblamed, "no blame", "reel blame"),
+    ];
+    for (count, what, command) in unseen {
+        if count > 0 {
+            eprintln!(
+                "reel: {}: {count} failed episodes of the store have {what} yet; run `{command}` first",
+                path.display()
+            );
+        }
     }
 }
 
@@ -181,6 +194,10 @@ fn read_claim(path: &Path) -> anyhow::Result<Option<(String, Claim)>> {
         fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let file: ClaimFile = serde_json::from_str(&text)
         .with_context(|| format!("{}: not a definition", path.display()))?;
+    let known = |key: &str| key == "text" || (file.claim.is_none() && OTHER_KEYS.contains(&key));
+    if let Some(key) = file.others.keys().find(|key| !known(key)) {
+        bail!("{}: unknown key `{key}` in the definition", path.display());
+    }
     let Some(claim) = file.claim else {
         return Ok(None);
     };
@@ -190,28 +207,17 @@ fn read_claim(path: &Path) -> anyhow::Result<Option<(String, Claim)>> {
     Ok(Some((file.title, claim)))
 }
 
-fn print(
-    title: &str,
-    claim: &Claim,
-    report: &ClaimReport,
-    judged: Option<&Tally>,
-    run: Option<&str>,
-) {
-    let verdict = match judged.and_then(|tally| tally.verdict) {
+fn print(title: &str, claim: &Claim, report: &ClaimReport) {
+    let verdict = match report.all.verdict {
         Some(ClaimVerdict::Holds) => "holds",
         Some(ClaimVerdict::Open) => "open",
         Some(ClaimVerdict::Fails) => "FAILS",
         None => "-",
     };
+    let title: String = title.chars().filter(|c| !c.is_control()).collect();
     println!("{verdict:<6} {title}");
-    match judged {
-        Some(tally) => println!("       {}{}", counted(tally), promise(claim)),
-        None => println!(
-            "       run {} has no episode that counts",
-            run.unwrap_or_default()
-        ),
-    }
-    if run.is_none() && report.runs.len() > 1 {
+    println!("       {}{}", counted(&report.all), promise(claim));
+    if report.runs.len() > 1 {
         for one in &report.runs {
             let name = one.run_id.as_deref().unwrap_or("no run");
             println!("         {name:<28} {}", counted(&one.tally));
@@ -223,20 +229,17 @@ fn print(
             ClaimVerdict::Open => "it was open",
             ClaimVerdict::Fails => "it failed",
         };
-        println!(
-            "       so since run {}; before, {before}",
-            change.run_id.as_deref().unwrap_or("-")
-        );
+        let run = change.run_id.as_deref().unwrap_or("no run");
+        println!("       so since run {run}; before, {before}");
     }
-    for (what, examples) in [
+    let examples = [
         ("example", &report.examples),
         ("counter-example", &report.counter_examples),
-    ] {
-        for one in examples.iter().take(1) {
-            println!(
-                "       {what}: {}",
-                one.trace.as_deref().unwrap_or(&one.episode_id)
-            );
+    ];
+    for (what, examples) in examples {
+        if let Some(one) = examples.first() {
+            let trace = one.trace.as_deref().unwrap_or(&one.episode_id);
+            println!("       {what}: {trace}");
         }
     }
 }
@@ -259,13 +262,12 @@ fn counted(tally: &Tally) -> String {
 }
 
 fn promise(claim: &Claim) -> String {
-    let percent = |share: f64| 100.0 * share;
-    match (claim.at_least, claim.at_most) {
+    // Two decimals at most.
+    let percent = |share: f64| (10_000.0 * share).round() / 100.0;
+    match (claim.at_least.map(percent), claim.at_most.map(percent)) {
         (None, None) => String::new(),
-        (Some(least), None) => format!("; promised: at least {}%", percent(least)),
-        (None, Some(most)) => format!("; promised: at most {}%", percent(most)),
-        (Some(least), Some(most)) => {
-            format!("; promised: {} to {}%", percent(least), percent(most))
-        }
+        (Some(least), None) => format!("; promised: at least {least}%"),
+        (None, Some(most)) => format!("; promised: at most {most}%"),
+        (Some(least), Some(most)) => format!("; promised: {least} to {most}%"),
     }
 }

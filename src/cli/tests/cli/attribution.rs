@@ -62,6 +62,44 @@ fn branches_that_were_rescued_are_no_trials_of_the_policy() {
     );
 }
 
+#[cfg(all(feature = "analytics", feature = "service"))]
+#[test]
+fn the_service_tells_what_the_command_estimated() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    for policy in ["oracle", "wrong-object"] {
+        reel!(
+            folder,
+            "run --tasks tasks --policy {policy} --out data/traces --no-images"
+        );
+    }
+    reel!(folder, "ingest data/traces --store data/store");
+    let server = crate::server::Server::start(folder);
+    let counts = |told: &Value| (told["measured"].clone(), told["missing"].clone());
+    assert_eq!(counts(&server.get("attribution")), (0.into(), 1.into()));
+    let command = json(&reel!(folder, "attribute --store data/store --json"));
+    let told = server.get("attribution");
+    assert_eq!(counts(&told), (1.into(), 0.into()));
+    let (of_all, of_policies) = told["estimates"].as_array().unwrap().split_at(4);
+    assert_eq!(command["estimates"], Value::from(of_all));
+    let groups: Vec<&Value> = of_policies
+        .iter()
+        .map(|one| &one["group"])
+        .step_by(4)
+        .collect();
+    assert_eq!(groups, ["oracle", "wrong-object"]);
+    let name = |episode: usize| {
+        let path = command["episodes"][episode]["trace"].as_str().unwrap();
+        let file = path.rsplit('/').next().unwrap();
+        file.trim_end_matches(".mcap").to_owned()
+    };
+    let beside = server.get(&format!("traces/{}/compare/{}", name(0), name(1)));
+    assert_eq!(beside["episodes"][0]["trace"], name(0));
+    assert_eq!(beside["episodes"][1]["trace"], name(1));
+    assert!(!beside["rows"].as_array().unwrap().is_empty());
+}
+
 #[test]
 fn two_runs_are_paired_and_their_flips_explained() {
     let folder = tempfile::tempdir().unwrap();

@@ -19,7 +19,6 @@ fn store(folder: &Path) {
         );
     }
     reel!(folder, "ingest traces");
-    reel!(folder, "taxonomy");
 }
 
 fn claim(folder: &Path, name: &str, title: &str, claim: Value) {
@@ -60,7 +59,15 @@ fn claims_are_counted_anew_and_gate_a_run() {
         r#"{"title": "a", "view": "/episodes"}"#,
     )
     .unwrap();
+    // Before the taxonomy looked, a class is no reason to believe anything.
+    let unseen = complaint(folder, 1, "claims check claims/b.json");
+    assert!(
+        unseen.contains("8 failed episodes") && unseen.contains("reel taxonomy"),
+        "{unseen}"
+    );
+    reel!(folder, "taxonomy");
     let all = checked(folder, 0, "claims");
+    assert_eq!(all[1]["unclassified"], 0);
     let counts = |claim: &Value| (claim["holding"].clone(), claim["episodes"].clone());
     assert_eq!(counts(&all[0]), (8.into(), 16.into()));
     assert_eq!(all[0]["verdict"], "holds");
@@ -112,7 +119,10 @@ fn claims_are_counted_anew_and_gate_a_run() {
     );
     assert_eq!(checked(folder, 1, "claims/d.json")[0]["verdict"], "fails");
     let run = "claims/d.json --run oracle-0";
-    assert_eq!(checked(folder, 0, run)[0]["judged"]["verdict"], "open");
+    let of_run = &checked(folder, 0, run)[0];
+    assert_eq!(of_run["verdict"], "open");
+    assert_eq!(counts(of_run), (8.into(), 8.into()));
+    assert_eq!(of_run["counter_examples"], json!([]));
     checked(folder, 1, &format!("{run} --strict"));
     let told = expect(folder, 1, "claims check claims/d.json");
     assert!(
@@ -141,6 +151,10 @@ fn what_is_no_claim_is_told_with_its_file() {
     assert!(problem("b.json", view).contains("no claim"));
     let share = r#"{"title": "a", "claim": {"holds": "success", "at_most": 20}}"#;
     assert!(problem("c.json", share).contains("0 to 1"));
+    let key = r#"{"title": "a", "clam": {"holds": "success"}}"#;
+    assert!(problem("f.json", key).contains("`clam`"));
+    let both = r#"{"title": "a", "view": "/episodes", "claim": {"holds": "success"}}"#;
+    assert!(problem("g.json", both).contains("`view`"));
     let column = r#"{"title": "a", "claim": {"holds": "sucess"}}"#;
     assert!(problem("d.json", column).contains("sucess"));
     let two = r#"{"title": "a", "claim": {"holds": "success); DROP TABLE episodes; --"}}"#;

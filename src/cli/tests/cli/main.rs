@@ -49,6 +49,8 @@ mod real_contract;
 mod real_formats;
 mod recovery;
 mod scene_import;
+#[cfg(feature = "service")]
+mod server;
 #[cfg(feature = "analytics")]
 mod service;
 #[cfg(feature = "analytics")]

@@ -105,7 +105,8 @@ const fn mistaken_share(capability: Capability) -> f64 {
 
 /// The share of hits over clusters of `(hits, trials)` with the interval of Clopper and Pearson
 /// (1934) on the effective sample size (Korn and Graubard 1998): trials over the design effect of
-/// the clusters, at most as many as there are trials. `mistaken` is the share of trials whose hit
+/// the clusters, lessened where there are few of them to estimate it from, at most as many as there
+/// are trials. `mistaken` is the share of trials whose hit
 /// or miss may be wrong either way; its variance lessens the sample size. `None` without trials.
 pub fn clustered_interval(clusters: &[(usize, usize)], mistaken: f64) -> Option<Interval> {
     let clusters: Vec<(f64, f64)> = clusters
@@ -126,7 +127,8 @@ pub fn clustered_interval(clusters: &[(usize, usize)], mistaken: f64) -> Option<
         let deviation = |(hits, trials): &(f64, f64)| (hits - value * trials).powi(2);
         let between: f64 = clusters.iter().map(deviation).sum();
         let variance = count / (count - 1.0) * between / (trials * trials);
-        effective = (trials * binomial / variance.max(binomial)).clamp(1.0, trials);
+        let few = student_square(trials - 1.0) / student_square(count - 1.0);
+        effective = (trials * binomial / variance.max(binomial) * few).clamp(1.0, trials);
     }
     let sampled = (value * (1.0 - value)).max(1.0 / trials);
     effective = (effective * sampled / (sampled + mistaken)).clamp(1.0, trials);
@@ -148,6 +150,11 @@ fn exact(hits: f64, trials: f64) -> (f64, f64) {
         beta_quantile(0.975, hits + 1.0, misses)
     };
     (low, high)
+}
+
+/// The square of Student's t at 0.975, two-sided 95 %.
+fn student_square(freedom: f64) -> f64 {
+    freedom * (1.0 / beta_quantile(0.05, freedom / 2.0, 0.5) - 1.0)
 }
 
 /// The quantile of a beta distribution, by bisection.
@@ -255,12 +262,17 @@ mod tests {
         );
         let independent = vec![(2, 5), (3, 5), (2, 5), (3, 5), (2, 5), (3, 5)];
         let narrow = clustered_interval(&independent, 0.0).unwrap();
-        near(
-            narrow.low,
-            clustered_interval(&[[(1, 1); 15], [(0, 1); 15]].concat(), 0.0)
-                .unwrap()
-                .low,
-        );
+        // 30 trials, whose design effect comes from six clusters: 30 * (2.0452 / 2.5706)^2.
+        near(narrow.low, exact(18.99 / 2.0, 18.99).0);
+    }
+
+    #[test]
+    fn few_tasks_tell_little_however_often_they_were_played() {
+        near(student_square(1.0).sqrt(), 12.7062);
+        near(student_square(5.0).sqrt(), 2.57058);
+        near(student_square(1e5).sqrt(), 1.95999);
+        let two = clustered_interval(&[(14, 20), (6, 20)], 0.0).unwrap();
+        assert!(two.low < 0.05 && two.high > 0.95, "{two:?}");
     }
 
     #[test]

@@ -125,12 +125,19 @@ pub(crate) async fn reset(
 ) -> Result<Json<Value>, ApiError> {
     let body = body.merged()?;
     let id = body.episode_id.clone().unwrap_or_else(random_name);
+    let name = session_name(&id);
     let mut environment = environment(&app, &id);
     let body = ResetBody {
         episode_id: Some(id),
         ..body
     };
-    Ok(Json(environment.reset(body).await?))
+    let known = existing(&app, body.episode_id.clone()).is_ok();
+    let begun = environment.reset(body).await;
+    if begun.is_err() && !known {
+        // What never began needs no session.
+        let _ = app.pool.close(&name).await;
+    }
+    Ok(Json(begun?))
 }
 
 /// Executes an action in an episode. With the last one its session is closed.

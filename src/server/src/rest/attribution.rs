@@ -10,11 +10,12 @@ use serde_json::{Value, json};
 use super::{ApiError, analyse, error::ErrorBody, tables::rows};
 use crate::service::App;
 
-/// Episodes that were played to an end, a row for each capability that was measured of them.
+/// Episodes that were played to an end and not broken off, a row for each capability that was measured
+/// of them.
 const MEASURED: &str = "SELECT e.episode_id, e.trace_digest, e.trace, e.task_id, e.run_id, e.policy, e.family, e.success,
   a.capability, a.failures, a.first_step, a.played, a.success AS rescued, a.replaced, a.skipped, a.length, a.branch, a.verified, a.reason
 FROM episodes e LEFT JOIN attribution a ON a.trace_digest = e.trace_digest
-WHERE e.success IS NOT NULL AND e.parent_trace IS NULL
+WHERE (e.success OR (NOT e.success AND e.end_reason <> 'aborted')) AND e.parent_trace IS NULL
 ORDER BY e.episode_id, e.trace_digest";
 
 /// Success rates with each capability perfect, of all episodes (group `all episodes`) and by policy,

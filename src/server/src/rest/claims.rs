@@ -33,7 +33,7 @@ pub(super) async fn show(
 #[utoipa::path(post, path = "/api/claims", operation_id = "evaluate_claim", tag = "tables",
     request_body(content = ref("#/components/schemas/Claim"), content_type = "application/json"),
     responses((status = 200, body = ref("#/components/schemas/ClaimReport")), (status = 400, body = ErrorBody),
-        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn evaluate(
     State(app): State<Arc<App>>,
     Body(claim): Body<Claim>,

@@ -21,8 +21,12 @@ pub(super) async fn compare(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let (a, b) = (app.archive.read(&name)?, app.archive.read(&other)?);
-        let comparison = reel_replay::compare(&a, &b)
-            .map_err(|error| ApiError::unprocessable("other_task", error.to_string()))?;
+        let comparison = reel_replay::compare(&a, &b).map_err(|_| {
+            let why = format!(
+                "{name} and {other} play different tasks; only calls of one task are aligned"
+            );
+            ApiError::unprocessable("other_task", why)
+        })?;
         let mut value = json!(comparison);
         for (episode, name) in [name, other].into_iter().enumerate() {
             value["episodes"][episode]["trace"] = json!(name);

@@ -1,13 +1,7 @@
 //! Everything that tells of a single trace: the tables, REST, what commands print. Each tells the
 //! bits of the records.
 
-use std::{
-    collections::BTreeMap,
-    io::{BufRead as _, BufReader, Read as _, Write as _},
-    net::TcpStream,
-    path::Path,
-    process::{Child, Command, Stdio},
-};
+use std::{collections::BTreeMap, path::Path};
 
 use reel_trace::Trace;
 use serde_json::{Value, json};
@@ -17,6 +11,7 @@ use super::{
     play::{index_of, name},
     rows, terms,
 };
+use crate::server::Server;
 
 /// Metrics of an episode that tables and REST both have.
 const METRICS: [&str; 5] = ["success", "completion", "total_reward", "length", "asks"];
@@ -177,53 +172,5 @@ impl<'a> Surfaces<'a> {
                 found.compare(&what("GET episodes"), &episode[key], &row[key]);
             }
         }
-    }
-}
-
-/// `reel serve` over the archive, until it is dropped.
-struct Server {
-    child: Child,
-    address: String,
-}
-
-impl Server {
-    fn start(folder: &Path) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
-            .current_dir(folder)
-            .env_remove("REEL_CONFIG")
-            .args(["serve", "--listen", "127.0.0.1:0", "--data", "data"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        let said = child.stdout.take().unwrap();
-        BufReader::new(said).read_line(&mut line).unwrap();
-        let address = line
-            .split_once("http://")
-            .and_then(|(_, rest)| rest.split_once(": "))
-            .unwrap_or_else(|| panic!("{line}"))
-            .0
-            .to_owned();
-        Self { child, address }
-    }
-
-    fn get(&self, path: &str) -> Value {
-        let mut stream = TcpStream::connect(&self.address).unwrap();
-        let head =
-            format!("GET /api/{path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
-        stream.write_all(head.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
-        assert!(head.starts_with("HTTP/1.1 200"), "{path}: {answer}");
-        serde_json::from_str(body).unwrap()
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
