@@ -300,6 +300,7 @@ def play_http():
             ("/reset", {"seed": -1}, 422), ("/reset", {"episode_id": "a/b"}, 422), ("/reset", {"trace": "none"}, 404),
         ]:
             assert server.json("POST", path, body)[0] == status, (path, body)
+        assert len(server.json("GET", "/api/sessions")[1]) == 1, "a refused reset leaves no session"
         assert server.json("POST", "/step", {**step, "action": {"name": "finish"}})[1]["done"] is True
         assert server.json("GET", f"/state?episode_id={episode}")[0] == 404, "an ended episode has no session"
 

@@ -186,8 +186,22 @@ fn rewards_and_recorded_episodes_want_the_role_read() {
         let mut trace = Value::Null;
         for (token, sees) in [(&act, false), (&both, true)] {
             let mut client = Client::connect(address, Some(token)).await.unwrap();
-            let begun = client.reset(json!({"seed": 1})).await;
+            let begun = client.reset(json!({"seed": 1, "image": true})).await;
             trace = begun["observation"]["metadata"]["trace"].clone();
+            let looked = client.step("show_receptacles", json!({})).await;
+            let boxes = &looked["observation"]["metadata"]["marker_boxes"];
+            let told: Vec<&Value> = boxes
+                .as_array()
+                .into_iter()
+                .flatten()
+                .map(|it| &it["id"])
+                .collect();
+            let markers: Vec<&Value> = looked["observation"]["markers"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .collect();
+            assert_eq!(told, if sees { markers } else { Vec::new() }, "{boxes}");
             let made = client.step("finish", json!({})).await;
             assert_eq!(made["reward"].is_number(), sees, "{made}");
             assert_eq!(made["done"], true);
@@ -197,11 +211,28 @@ fn rewards_and_recorded_episodes_want_the_role_read() {
         let refused = client.ask(begin.clone()).await;
         let message = refused["data"]["message"].as_str().unwrap();
         assert!(message.contains("role 'read'"), "{refused}");
+        let named = json!({"type": "reset", "data": {"seed": 1, "policy": "person-ann"}});
+        let refused = client.ask(named.clone()).await;
+        let message = refused["data"]["message"].as_str().unwrap();
+        assert!(message.contains("to name the policy"), "{refused}");
         drop(client);
         let mut client = Client::connect(address, Some(&both)).await.unwrap();
         let begun = client.ask(begin).await;
         assert_eq!(begun["type"], "observation", "{begun}");
+        let wrong = json!({"type": "reset", "data": {"policy": "a b"}});
+        assert_eq!(client.ask(wrong).await["type"], "error");
+        let begun = client.ask(named).await;
+        assert_eq!(begun["type"], "observation", "{begun}");
+        client.step("finish", json!({})).await;
     });
+    let policies: Vec<String> = traces(folder.path())
+        .into_iter()
+        .map(|trace| trace.header.policy.name)
+        .collect();
+    assert!(
+        policies.iter().any(|name| name == "person-ann"),
+        "{policies:?}"
+    );
 }
 
 #[test]
