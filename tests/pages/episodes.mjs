@@ -100,8 +100,11 @@ export async function a_replay_leaves_its_verdict(browser, { trace }) {
 /** A branch is read in by itself, hangs below its parent, and is no policy of the benchmark. */
 export async function branches_come_and_hang_below_their_parent(browser, { trace, step }) {
   await onPage(browser, async (page) => {
+    // What the page counts as new is what comes after its first look.
+    const looked = page.waitForResponse((response) => response.url().includes("/api/waiting") && response.ok());
     await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
     await page.locator("a.open").first().waitFor();
+    await looked;
     const name = `hanging-${Date.now()}`;
     const made = await fetch(`${url}/api/traces/${trace}/branches`, {
       method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "planner", name }),
