@@ -30,6 +30,9 @@ pub struct BranchedEpisode {
     /// RGB of the images that the agent got until there, by call (`None`: before the first); empty
     /// if traces hold no images.
     pub frames: BTreeMap<Option<u32>, Vec<u8>>,
+    /// The image of the last call before, where that call returned one; else the agent sees what the
+    /// head sees.
+    pub last_frame: Option<Frame>,
 }
 
 impl Session {
@@ -140,7 +143,11 @@ impl Session {
             run_id: self.setup.run_id.clone(),
             policy: self.setup.policy(&key, before),
         };
-        let BranchedEpisode { episode, frames } = open(inputs).map_err(LiveError::Branch)?;
+        let BranchedEpisode {
+            episode,
+            frames,
+            last_frame,
+        } = open(inputs).map_err(LiveError::Branch)?;
         self.abort()?;
         let number = self.reserve(&path)?;
         // What a trace holds besides RGB is not drawn again for the calls that were taken over.
@@ -159,7 +166,7 @@ impl Session {
             recorder.step(step, frame.as_ref())?;
         }
         let taken_over = episode.steps().last().cloned().map(Box::new);
-        let frame = episode.render_frame();
+        let frame = last_frame.unwrap_or_else(|| episode.render_frame());
         let playing = RunningEpisode {
             episode,
             recorder,

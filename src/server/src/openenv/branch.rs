@@ -6,7 +6,7 @@ use std::{
 };
 
 use reel_live::{BranchInputs, BranchedEpisode, Session, StartedEpisode};
-use reel_replay::{Fork, Rollout, Verdict};
+use reel_replay::{Fork, Rollout, Verdict, frame_at};
 use reel_trace::{Images, Trace};
 
 use super::refusal::Refusal;
@@ -88,8 +88,18 @@ fn open(
         Images::Full => fork.frames_before()?,
         _ => BTreeMap::new(),
     };
+    // With its numbers: markers of the last look can still be named.
+    let last = parent.steps[..call].last();
+    let last_frame = last
+        .filter(|step| step.digests.frame.is_some())
+        .map(|step| frame_at(parent, Some(step.step), Some(app.snapshots.cache())))
+        .transpose()?;
     let group_id = format!("{}--{}--{}", inputs.run_id, origin.trace, origin.call);
     let rollout = app.siblings.next(group_id);
     let episode = fork.open_rollout(inputs.run_id, inputs.policy, rollout)?;
-    Ok(BranchedEpisode { episode, frames })
+    Ok(BranchedEpisode {
+        episode,
+        frames,
+        last_frame,
+    })
 }

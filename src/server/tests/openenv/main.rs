@@ -373,6 +373,31 @@ fn episodes_start_from_a_recorded_call_and_are_branches() {
     assert_eq!(indices, BTreeSet::from([0, 1]));
 }
 
+#[test]
+fn who_goes_on_sees_what_the_recorded_agent_saw() {
+    let folder = folder();
+    serving(folder.path(), 20, |address| async move {
+        let mut client = Client::connect(address, None).await.unwrap();
+        let begun = client.reset(json!({"seed": 2, "image": true})).await;
+        let trace = begun["observation"]["metadata"]["trace"].clone();
+        client
+            .step("nav_to", json!({"receptacle_name": "table_1"}))
+            .await;
+        let second = client.step("show_receptacles", json!({})).await;
+        client.step("finish", json!({})).await;
+        let same = client
+            .reset(json!({"trace": trace, "call": 2, "image": true}))
+            .await;
+        let (seen, recorded) = (&same["observation"], &second["observation"]);
+        assert!(recorded["image"].is_string());
+        assert_eq!(seen["image"], recorded["image"]);
+        let boxes = |observation: &Value| observation["metadata"]["marker_boxes"].clone();
+        assert!(boxes(seen).as_array().is_some_and(|it| !it.is_empty()));
+        assert_eq!(boxes(seen), boxes(recorded));
+        client.step("finish", json!({})).await;
+    });
+}
+
 /// The prompt group of what starts from call 1 of a trace.
 fn parents_group(parent: &Trace) -> Option<String> {
     let name = parent.path.file_stem()?.to_str()?;
