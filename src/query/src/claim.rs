@@ -45,7 +45,7 @@ pub enum ClaimVerdict {
 /// How many of the counted episodes bear a claim out.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Tally {
-    /// Episodes that count.
+    /// How many episodes the condition `of` lets count.
     pub episodes: usize,
     /// Distinct tasks among them.
     pub tasks: usize,
@@ -82,7 +82,7 @@ pub struct ClaimExample {
     pub trace: Option<String>,
     /// Task that was played.
     pub task_id: Option<String>,
-    /// Policy that played.
+    /// Name of the policy that decided in it.
     pub policy: Option<String>,
     /// Whether the goal held at the end.
     pub success: Option<bool>,
