@@ -126,6 +126,7 @@ export async function drive_by_keyboard(browser) {
     await page.keyboard.press("f");
     await page.keyboard.press("Enter");
     await page.getByText("You ended the episode.").waitFor();
+    await page.locator("main form").getByText("failure").waitFor();
     await fits(page, "at its end");
     // What is next has the focus.
     await page.keyboard.press("Enter");

@@ -116,6 +116,19 @@ export async function a_failed_export_keeps_its_form(browser) {
   });
 }
 
+/** Pairs of failed and repaired episodes are exported with the options that they have. */
+export async function preferences_are_exported(browser) {
+  await onPage(browser, async (page) => {
+    await visit(page, "/datasets?new=1");
+    await page.getByLabel("Name").fill("corrected");
+    await page.locator("form").getByLabel(/^Of /).selectOption("preferences");
+    await until(async () => (await page.locator("form").getByLabel(/^Format/).count()) === 0, "a form without a format");
+    await page.getByRole("button", { name: "Start the export" }).click();
+    const job = page.locator("main").getByRole("region", { name: /^Job \d+/ });
+    await job.getByText("done", { exact: true }).waitFor();
+  });
+}
+
 /** A job that left something out is done, with a note; only the service's answer is made here. */
 export async function a_job_tells_what_it_left_out(browser) {
   await onPage(browser, async (page) => {
