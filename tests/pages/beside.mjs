@@ -173,7 +173,7 @@ export async function two_selected_episodes_stand_side_by_side(browser) {
 /** A branch shares the calls before it; the address of an older link names it `branch`. */
 export async function a_branch_stands_beside_its_parent(browser, { trace, step }) {
   const made = await fetch(`${url}/api/traces/${trace}/branches`, {
-    method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "planner", name: `beside-${Date.now()}` }),
+    method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "oracle", name: `beside-${Date.now()}` }),
   });
   assert(made.status === 201, await made.clone().text());
   const branch = (await made.json()).trace;

@@ -100,7 +100,7 @@ export async function a_replay_leaves_its_verdict(browser, { trace }) {
 /** A branch is read in by itself, hangs below its parent, and is no policy of the benchmark. */
 export async function branches_come_and_hang_below_their_parent(browser, { trace, step }) {
   await onPage(browser, async (page) => {
-    // What the page counts as new is what comes after its first look.
+    // What the page counts as new is what comes after its first look; another branch of the same calls would be no new episode.
     const looked = page.waitForResponse((response) => response.url().includes("/api/waiting") && response.ok());
     await visit(page, `/episodes?where=${encodeURIComponent(`trace LIKE '%/${trace}.mcap'`)}`);
     await page.locator("a.open").first().waitFor();

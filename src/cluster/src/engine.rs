@@ -246,6 +246,9 @@ impl Stream for ResultStream {
     }
 }
 
+/// What errors of connections say of themselves.
+const TRANSPORT: [&str; 3] = ["transport::Error", "transport error", "GrpcConnectionError"];
+
 /// Why a question has no answer: its scheduler is gone, or what the cluster said.
 fn failure(scheduler: &Address, error: &DataFusionError) -> String {
     let place = (scheduler.host.as_str(), scheduler.port);
@@ -259,6 +262,12 @@ fn failure(scheduler: &Address, error: &DataFusionError) -> String {
         );
     }
     let reason = error.strip_backtrace();
+    // A scheduler that is there again, or an executor, was gone in the meantime.
+    if TRANSPORT.iter().any(|raw| reason.contains(raw)) {
+        return format!(
+            "a node of the cluster at {scheduler} went away before it had answered; run the query again"
+        );
+    }
     let reason = reason.trim_start_matches("Execution error: ");
     format!("the cluster returned no answer: {reason}; if a node failed, run the query again")
 }
@@ -330,7 +339,13 @@ mod tests {
         let address = Address::parse(&listener.local_addr().unwrap().to_string()).unwrap();
         let said = failure(&address, &raw);
         assert!(
-            said.starts_with("the cluster returned no answer: Status {"),
+            said.starts_with("a node of the cluster") && !said.contains("tonic"),
+            "{said}"
+        );
+        let planned = DataFusionError::Execution("no such column".to_owned());
+        let said = failure(&address, &planned);
+        assert!(
+            said.contains("no answer: no such column; if a node failed"),
             "{said}"
         );
         drop(listener);
