@@ -29,7 +29,7 @@ export function promise({ at_least, at_most }: Claim): string {
   return most === null ? "" : `at most ${part(most)}`;
 }
 
-/** `23 of 41 (56%, 95% interval 41 to 70%)`. */
+/** The counts in words, as in `23 of 41 (56%, 95% interval 41 to 70%)`; without a share only the numbers. */
 export function counted({ holding, episodes, share, low, high }: Tally): string {
   if (share === null || low === null || high === null) return `${holding} of ${episodes}`;
   return `${holding} of ${episodes} (${percent(share)}, 95% interval ${range(low, high)})`;

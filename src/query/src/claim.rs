@@ -47,7 +47,7 @@ pub enum ClaimVerdict {
 pub struct Tally {
     /// How many episodes the condition `of` lets count.
     pub episodes: usize,
-    /// Distinct tasks among them.
+    /// How many distinct tasks these episodes play: the clusters of the interval.
     pub tasks: usize,
     /// Those of the episodes that bear it out.
     pub holding: usize,
@@ -76,11 +76,11 @@ pub struct RunTally {
 /// An episode that shows what a claim means, or contradicts it.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ClaimExample {
-    /// Id of the episode.
+    /// Id of the episode, as table `episodes` has it.
     pub episode_id: String,
     /// Where its trace lies; in answers of the service the name of the trace.
     pub trace: Option<String>,
-    /// Task that was played.
+    /// Id of the task that the episode plays.
     pub task_id: Option<String>,
     /// Name of the policy that decided in it.
     pub policy: Option<String>,
@@ -102,7 +102,7 @@ pub struct Change {
 /// What a store says of a claim.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ClaimReport {
-    /// Counts over all runs.
+    /// The counts over the episodes of all runs together.
     #[serde(flatten)]
     pub all: Tally,
     /// Counts run by run, in the order in which runs began.
@@ -119,7 +119,7 @@ pub struct ClaimReport {
     pub unblamed: usize,
 }
 
-/// Examples of each kind.
+/// How many examples, and how many counter-examples, a report shows at most.
 const EXAMPLES: usize = 3;
 /// Deepest nesting of a condition.
 const DEPTH_MAX: usize = 50;

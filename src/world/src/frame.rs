@@ -26,7 +26,7 @@ pub struct Frame {
 /// Where a number of the Set-of-Mark overlay is in an image: x, y of the first and of the last pixel.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 pub struct MarkerBox {
-    /// Number of the marker.
+    /// Number of the marker, as tools take it in `marker_id`.
     pub id: u32,
     /// Bounding box of what is marked.
     pub bbox: [u16; 4],

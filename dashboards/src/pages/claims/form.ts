@@ -11,7 +11,7 @@ export interface Fields {
   by: "holds" | "pattern";
   holds: string;
   pattern: string;
-  /** Promised shares, in percent. */
+  /** The shares that the sentence promises, in percent as somebody typed them; empty where it promises none. */
   least: string;
   most: string;
 }

@@ -30,8 +30,8 @@ pub struct BranchedEpisode {
     /// RGB of the images that the agent got until there, by call (`None`: before the first); empty
     /// if traces hold no images.
     pub frames: BTreeMap<Option<u32>, Vec<u8>>,
-    /// The image of the last call before, where that call returned one; else the agent sees what the
-    /// head sees.
+    /// The image of the last call before, where that call returned one; else the head camera's image
+    /// is the first that the agent gets.
     pub last_frame: Option<Frame>,
 }
 

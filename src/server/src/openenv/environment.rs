@@ -105,8 +105,8 @@ impl Environment {
             trace,
             call: body.call.unwrap_or(0),
         });
-        // An agent under evaluation neither continues other episodes nor chooses under which name it is
-        // counted.
+        // An agent under evaluation neither continues other episodes nor chooses the name under which
+        // the tables count it.
         for (wanted, what) in [
             (origin.is_some(), "to start from a recorded episode"),
             (body.policy.is_some(), "to name the policy"),

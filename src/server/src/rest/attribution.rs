@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use super::{ApiError, analyse, error::ErrorBody, tables::rows};
 use crate::service::App;
 
-/// Episodes that were played to an end and not broken off, a row for each capability that was measured
-/// of them.
+/// Episodes that were played to an end and not broken off, with a row for each capability that
+/// `reel attribute` measured of them.
 const MEASURED: &str = "SELECT e.episode_id, e.trace_digest, e.trace, e.task_id, e.run_id, e.policy, e.family, e.success,
   a.capability, a.failures, a.first_step, a.played, a.success AS rescued, a.replaced, a.skipped, a.length, a.branch, a.verified, a.reason
 FROM episodes e LEFT JOIN attribution a ON a.trace_digest = e.trace_digest
