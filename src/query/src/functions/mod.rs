@@ -44,7 +44,7 @@ pub(crate) fn opens_traces(name: &str) -> bool {
 
 /// Every function, for a session.
 pub(crate) fn all(control: &std::sync::Arc<Control>) -> Vec<ScalarUDF> {
-    sequence::functions(Some(control))
+    sequence::functions()
         .into_iter()
         .chain(statistics::functions())
         .chain(gspo::functions())

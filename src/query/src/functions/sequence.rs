@@ -5,13 +5,8 @@
 //! The language of the patterns is `reel_query::pattern`'s. [`needs`] says which columns of the
 //! steps a call reads, so that a query reads no others from disk.
 
-use std::{
-    collections::BTreeSet,
-    hash::{Hash, Hasher},
-    sync::Arc,
-};
+use std::{collections::BTreeSet, sync::Arc};
 
-use crate::control::Control;
 use crate::pattern::{
     ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn,
 };
@@ -107,15 +102,13 @@ const KINDS: [(Kind, &str); 8] = [
     (Kind::Texts, "step_texts"),
 ];
 
-/// The functions; a query that `control` stops does not match its rows to the end of a batch.
-pub(crate) fn functions(control: Option<&Arc<Control>>) -> Vec<ScalarUDF> {
+pub(crate) fn functions() -> Vec<ScalarUDF> {
     let function = |(kind, name)| {
         let count = if kind == Kind::Oscillation { 1 } else { 2 };
         ScalarUDF::from(StepFunction {
             kind,
             name,
             signature: Signature::any(count, Volatility::Immutable),
-            stop: Stop(control.cloned()),
         })
     };
     KINDS.into_iter().map(function).collect()
@@ -123,7 +116,7 @@ pub(crate) fn functions(control: Option<&Arc<Control>>) -> Vec<ScalarUDF> {
 
 /// The function of a name.
 fn by_name(name: &str) -> Result<ScalarUDF> {
-    let found = functions(None)
+    let found = functions()
         .into_iter()
         .find(|function| function.name() == name);
     found.ok_or_else(|| {
@@ -247,29 +240,6 @@ struct StepFunction {
     kind: Kind,
     name: &'static str,
     signature: Signature,
-    stop: Stop,
-}
-
-/// What may stop a function between two rows. Makes no difference to what the function is.
-#[derive(Debug)]
-struct Stop(Option<Arc<Control>>);
-
-impl Stop {
-    fn check(&self) -> Result<()> {
-        self.0.as_ref().map_or(Ok(()), |control| control.check())
-    }
-}
-
-impl PartialEq for Stop {
-    fn eq(&self, _: &Self) -> bool {
-        true
-    }
-}
-
-impl Eq for Stop {}
-
-impl Hash for Stop {
-    fn hash<H: Hasher>(&self, _: &mut H) {}
 }
 
 impl ScalarUDFImpl for StepFunction {
@@ -417,34 +387,29 @@ impl StepFunction {
         Ok(match self.kind {
             Kind::Match => {
                 let mut found = BooleanBufferBuilder::new(steps.len());
-                for row in 0..steps.len() {
-                    self.stop.check()?;
-                    found.append(matcher.is_match(&masks[steps.range(row)]));
-                }
+                (0..steps.len())
+                    .for_each(|row| found.append(matcher.is_match(&masks[steps.range(row)])));
                 Arc::new(BooleanArray::new(found.finish(), nulls))
             }
             Kind::Count => {
-                let mut counts = Vec::with_capacity(steps.len());
-                for row in 0..steps.len() {
-                    self.stop.check()?;
-                    counts.push(matcher.count(&masks[steps.range(row)]) as i64);
-                }
-                Arc::new(Int64Array::new(counts.into(), nulls))
+                let counts =
+                    (0..steps.len()).map(|row| matcher.count(&masks[steps.range(row)]) as i64);
+                Arc::new(Int64Array::new(counts.collect(), nulls))
             }
             _ => {
                 let numbers = steps.numbers();
-                let mut found: Vec<Option<(i32, i32)>> = Vec::with_capacity(steps.len());
-                for row in 0..steps.len() {
-                    self.stop.check()?;
-                    let range = steps.range(row);
-                    let first = matcher.find(&masks[range.clone()]);
-                    found.push(first.filter(|found| !found.is_empty()).map(|found| {
-                        (
+                let found: Vec<Option<(i32, i32)>> = (0..steps.len())
+                    .map(|row| {
+                        let range = steps.range(row);
+                        let found = matcher
+                            .find(&masks[range.clone()])
+                            .filter(|found| !found.is_empty())?;
+                        Some((
                             numbers(range.start + found.start),
                             numbers(range.start + found.end - 1),
-                        )
-                    }));
-                }
+                        ))
+                    })
+                    .collect();
                 let first: Int32Array = found
                     .iter()
                     .map(|found| found.map(|(first, _)| first))
