@@ -7,8 +7,11 @@ import * as drive from "./drive.mjs";
 import * as episodes from "./episodes.mjs";
 import * as failures from "./failures.mjs";
 import * as live from "./live.mjs";
+import * as orbit from "./orbit.mjs";
+import * as remarks from "./remarks.mjs";
 import * as review from "./review.mjs";
 import * as sqlTests from "./sql.mjs";
+import * as strip from "./strip.mjs";
 
 const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
 if (!index.includes('id="app"')) {
@@ -42,7 +45,7 @@ if (process.argv[2] === "--screenshots") {
   }
 } else {
   const wanted = process.argv.slice(2);
-  const all = { ...beside, ...episodes, ...failures, ...live, ...review, ...sqlTests, ...claims, ...drive };
+  const all = { ...beside, ...episodes, ...failures, ...live, ...orbit, ...remarks, ...review, ...sqlTests, ...claims, ...drive, ...strip };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of [false, true]) {

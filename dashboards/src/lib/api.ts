@@ -60,6 +60,11 @@ export async function text(path: string, signal?: AbortSignal): Promise<string> 
   return (await send("GET", path, undefined, signal)).text();
 }
 
+/** An answer in bytes. */
+export async function bytes(path: string, signal?: AbortSignal): Promise<ArrayBuffer> {
+  return (await fetched(path, signal)).arrayBuffer();
+}
+
 export async function remove(path: string): Promise<void> {
   await send("DELETE", path);
 }

@@ -1,7 +1,8 @@
 /** The list of episodes in SQL: what a row is, what can be chosen, and how the choice becomes conditions. */
 import { sql, traceName } from "./api";
 import { words } from "./format";
-import { PEOPLE } from "./labels";
+import { PEOPLE, author } from "./labels";
+import { REMARKED, askForRemarks, starName } from "./remarks";
 import { link } from "./route.svelte";
 import type { Found } from "./search";
 
@@ -30,8 +31,11 @@ export interface Episode {
 /** The class of a failure, from `episodes e` and `classes c`. */
 export const CLASS = "CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END";
 
-/** Episodes with their class, decisive step and verdict, as `listed`. Rows of an older file of the same trace do not count. */
-const listed = (condition: string) => `WITH listed AS (
+/**
+ * Episodes with their class, decisive step, verdict and remarks, as `listed`. Rows of an older file of the same trace do
+ * not count. Where the store has no table `remarks`, nothing is remarked.
+ */
+const listed = (condition: string, remarks: boolean) => `WITH listed AS (
   SELECT
     e.*,
     CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
@@ -39,7 +43,8 @@ const listed = (condition: string) => `WITH listed AS (
     c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
     coalesce(b.step, c.step) AS decisive_step,
     b.cause, b.explanation, b.advised_call, b.wasted_steps, b.point_of_no_return,
-    coalesce(v.verdict, 'unverified') AS verdict, l.label, l.labelled_by
+    coalesce(v.verdict, 'unverified') AS verdict, l.label, l.labelled_by,
+    r.starred_by, r.tags, r.comments, CASE WHEN r.comments > 0 THEN 'some' END AS commented
   FROM episodes e
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.trace_digest = e.trace_digest
@@ -48,15 +53,32 @@ const listed = (condition: string) => `WITH listed AS (
     FROM verdicts GROUP BY trace_digest
   ) v ON v.trace_digest = e.trace_digest
   LEFT JOIN (${PEOPLE}) l ON l.episode_id = e.episode_id
+  LEFT JOIN (${remarks ? REMARKED : NO_REMARKS}) r ON r.episode_id = e.episode_id
   WHERE ${condition}
 )`;
+const NO_REMARKS = `SELECT CAST(NULL AS VARCHAR) AS episode_id, CAST(NULL AS VARCHAR) AS starred_by, CAST(NULL AS VARCHAR) AS tags,
+    CAST(NULL AS BIGINT) AS comments WHERE false`;
+const [TRIAL, BRANCH] = ["e.parent_trace IS NULL", "e.parent_trace IS NOT NULL"] as const;
 /** What was played. A branch is no trial of its policy: it stands below its parent, and counts nowhere. */
-export const LISTED = listed("e.parent_trace IS NULL");
-export const BRANCHES = listed("e.parent_trace IS NOT NULL");
+export let LISTED = listed(TRIAL, false);
+export let BRANCHES = listed(BRANCH, false);
+
+/** Asks whether the store has remarks, so that `LISTED` and `BRANCHES` name them; to be awaited before a question does. */
+export async function knowRemarks(): Promise<boolean> {
+  const present = await askForRemarks();
+  LISTED = listed(TRIAL, present);
+  BRANCHES = listed(BRANCH, present);
+  return present;
+}
 
 /** What stands beside the list, in this order. */
-export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason", "label", "labelled_by"] as const;
+export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason", "label", "labelled_by",
+  "starred_by", "tags", "commented"] as const;
 export type Facet = (typeof FACETS)[number];
+/** Facets of which an episode has several values, separated by `, `. */
+const SEVERAL: readonly Facet[] = ["starred_by", "tags"];
+/** Whoever it is that starred. */
+const ANYONE = "anyone";
 /** What links may choose besides. */
 const OTHERS = ["task_id", "target_category", "dest", "picked", "placed_on"] as const;
 /** The filter that leaves values of a facet out. */
@@ -80,14 +102,16 @@ export function filterName(filter: Filter): string {
   if (facet?.leavesOut) return `not ${filterName(facet.facet)}`;
   const names: Partial<Record<Filter, string>> = {
     sub_class: "sub-class", run_id: "run", verdict: "replay", end_reason: "end", task_id: "task", target_category: "wanted", dest: "destination",
-    placed_on: "placed on", labelled_by: "labelled by",
+    placed_on: "placed on", labelled_by: "labelled by", starred_by: "starred by", tags: "tag", commented: "comments",
   };
   return names[filter] ?? filter;
 }
 
 /** The value of a filter as people read it; names that people gave stay as they are. */
 export function filterValue(filter: Filter, value: string): string {
-  return ["run_id", "policy", "task_id", "labelled_by"].includes(facetOf(filter)?.facet ?? filter) ? value : words(value);
+  const named = facetOf(filter)?.facet ?? filter;
+  if (named === "starred_by" && value === starName(author.get())) return `${value} (you)`;
+  return ["run_id", "policy", "task_id", "labelled_by", "starred_by", "tags"].includes(named) ? value : words(value);
 }
 
 /** The values of a filter in a sentence. */
@@ -103,6 +127,20 @@ export function choiceOf(query: URLSearchParams): Choice {
 /** The value of a facet as text; what is not there is `none`, so that it can be chosen as well. */
 export function facetValue(facet: Facet): string {
   return `coalesce(${facet}, 'none')`;
+}
+
+/** The values of a facet that an episode has, from the one text that the tables give. */
+export function facetValues(facet: Facet, value: string): string[] {
+  if (!SEVERAL.includes(facet) || value === "none") return [value];
+  return [...(facet === "starred_by" ? [ANYONE] : []), ...value.split(", ")];
+}
+
+/** The condition that an episode has a value of a facet that may have several. */
+function hasValue(facet: Facet, parameter: string): string {
+  const value = facetValue(facet);
+  const anyone = `CASE ${value} WHEN 'none' THEN 'none' ELSE concat('${ANYONE}, ', ${value}) END`;
+  const all = facet === "starred_by" ? anyone : value;
+  return `strpos(concat(', ', ${all}, ', '), concat(', ', $${parameter} || '', ', ')) > 0`;
 }
 
 /** Another object was picked than the goal's, or the goal's was placed elsewhere. */
@@ -121,6 +159,10 @@ const parameter = (filter: Filter, at: number) => `${filter}_${at}`;
 export function condition(filter: Filter, values: string[]): string {
   const any = values.map((_, at) => `$${parameter(filter, at)}`).join(", ");
   const facet = facetOf(filter);
+  if (facet && SEVERAL.includes(facet.facet)) {
+    const holds = values.map((_, at) => hasValue(facet.facet, parameter(filter, at))).join(" OR ");
+    return facet.leavesOut ? `NOT (${holds})` : `(${holds})`;
+  }
   if (facet) return `${facetValue(facet.facet)} ${facet.leavesOut ? "NOT IN" : "IN"} (${any})`;
   return CONFUSED[filter]?.(any) ?? `${filter} IN (${any})`;
 }

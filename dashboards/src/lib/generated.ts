@@ -482,6 +482,18 @@ export type ReceptacleState = { content: Record<string, number>; door?: "open" |
 /** A rectangle on the floor, metres. */
 export type Rect = { max: [number, number]; min: [number, number] };
 
+/** A star, tag or comment of a person on an episode. */
+export type RemarkBody = {
+  author?: string | null;
+  episode: string;
+  kind: RemarkKind;
+  step?: number | null;
+  text?: string | null;
+};
+
+/** What a remark is. */
+export type RemarkKind = "star" | "tag" | "comment";
+
 /** Verdict of a replay. */
 export type ReplayVerdict = { exact: boolean; message: string; trace: string; verdict: string };
 
@@ -703,7 +715,7 @@ export type Waiting = { automatic: boolean; count: number; known: number; traces
 export type Wall = { from: [number, number]; height: number; to: [number, number] };
 
 /** What a job does. */
-export type Work = { kind: "ingest"; traces?: string[] } | { kind: "replay"; traces?: string[] } | { kind: "blame" } | { kind: "taxonomy" } | { kind: "attribute" } | { kind: "reward"; preset: string } | { kind: "export"; name: string; options?: Record<string, unknown>; set: Set };
+export type Work = { kind: "ingest"; traces?: string[] } | { kind: "replay"; traces?: string[] } | { kind: "blame" } | { kind: "taxonomy" } | { kind: "attribute" } | { kind: "counterfactuals"; traces?: string[] } | { kind: "reward"; preset: string } | { kind: "export"; name: string; options?: Record<string, unknown>; set: Set };
 
 type Query = "" | `?${string}`;
 
@@ -727,6 +739,7 @@ export type GetAnswer<P extends string> =
   P extends `/api/queries/${string}${Query}` ? Record<string, unknown>[] :
   P extends `/api/sessions/${string}${Query}` ? Session :
   P extends `/api/attribution${Query}` ? Attribution :
+  P extends `/api/counterfactuals${Query}` ? Record<string, unknown>[] :
   P extends `/api/definitions${Query}` ? Listed[] :
   P extends `/api/episodes${Query}` ? Episodes :
   P extends `/api/exports${Query}` ? Export[] :
@@ -734,6 +747,7 @@ export type GetAnswer<P extends string> =
   P extends `/api/labels${Query}` ? Record<string, unknown>[] :
   P extends `/api/queries${Query}` ? NamedQuery[] :
   P extends `/api/questions${Query}` ? Questions :
+  P extends `/api/remarks${Query}` ? Record<string, unknown>[] :
   P extends `/api/sessions${Query}` ? Sessions :
   P extends `/api/traces${Query}` ? Traces :
   P extends `/api/waiting${Query}` ? Waiting :
@@ -754,6 +768,7 @@ export type PostAnswer<P extends string> =
   P extends `/api/jobs${Query}` ? Job :
   P extends `/api/labels${Query}` ? LabelBody :
   P extends `/api/leases${Query}` ? Leased :
+  P extends `/api/remarks${Query}` ? RemarkBody :
   P extends `/api/sql${Query}` ? Record<string, unknown>[] :
   P extends `/reset${Query}` ? Observed :
   P extends `/step${Query}` ? Observed :

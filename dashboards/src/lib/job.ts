@@ -10,6 +10,7 @@ export function jobTitle(work: Work): string {
     case "blame": return "Blame of all failed episodes";
     case "taxonomy": return "Taxonomy of all failed episodes";
     case "attribute": return "Attribution of all failed episodes";
+    case "counterfactuals": return `Plausible calls of ${traces(work.traces)}`;
     case "reward": return `Reward preset ${work.preset}`;
     case "export": return `Export ${work.name} (${work.set})`;
   }

@@ -95,6 +95,10 @@ enum Command {
         about = "Measure what each capability cost: the success rate with it perfect, with intervals"
     )]
     Attribute(commands::attribute::Arguments),
+    #[command(
+        about = "Play the plausible other calls of every step, and say which would have helped"
+    )]
+    Counterfactuals(commands::counterfactuals::Arguments),
     #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
     Repair(commands::repair::Arguments),
     #[command(
@@ -227,6 +231,7 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Blame(arguments) => commands::blame::run(&arguments),
         Command::Attribute(arguments) => commands::attribute::run(&arguments),
+        Command::Counterfactuals(arguments) => commands::counterfactuals::run(&arguments),
         Command::Repair(arguments) => commands::repair::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),

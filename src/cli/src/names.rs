@@ -9,7 +9,7 @@ use clap::{Command, CommandFactory as _};
 const HEADINGS: [(&str, &[&str]); 6] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
-    ("Explain failures", &["blame", "attribute", "repair", "taxonomy", "claims", "report"]),
+    ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export"]),
     (
         "Groups of commands (`reel GROUP --help` lists them)",

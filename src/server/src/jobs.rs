@@ -58,6 +58,12 @@ pub(crate) enum Work {
     Taxonomy {},
     /// Measures what each capability cost, and records each branch that rescues a failed episode.
     Attribute {},
+    /// Plays the plausible other calls of every step of traces, and keeps what came of them.
+    Counterfactuals {
+        /// Which; without it every failed episode of the tables.
+        #[serde(default)]
+        traces: Vec<String>,
+    },
     /// Scores the episodes of the tables under a built-in reward preset.
     Reward {
         /// Name of the built-in reward preset to score with.
@@ -339,6 +345,12 @@ impl Paths {
                 let branches = self.archive.folder().display().to_string();
                 say(&["attribute", "--json", "--store", &self.store]);
                 say(&["--branches", &branches]);
+            }
+            Work::Counterfactuals { traces } => {
+                say(&["counterfactuals", "--json", "--store", &self.store]);
+                if !traces.is_empty() {
+                    arguments.extend(self.traces(traces, &mut left_out)?);
+                }
             }
             Work::Reward { preset } => {
                 if reel_reward::Preset::parse(preset).is_none() {

@@ -5,13 +5,14 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId, ROBOT_INSTANCE};
 
 use crate::{
     Simulator,
+    drawn_bodies::{held_pose, robot_pose},
     geometry::{Camera, FOCAL_PX, Part, Pattern, Pose, Shape, dot, sub},
     nav::{CAMERA_HEIGHT_M, ROBOT_RADIUS_M},
     render::{Detail, Drawable},
 };
 
 /// Where a held object hangs, before the robot and above the floor, in metres.
-const GRIPPER_M: [f32; 2] = [0.34, 0.95];
+pub(crate) const GRIPPER_M: [f32; 2] = [0.34, 0.95];
 /// How far a camera that follows an object stands off, level and upwards, in metres;
 /// the nearer pairs first.
 const FOLLOW_M: [[f32; 2]; 3] = [[0.75, 0.55], [0.9, 1.1], [0.35, 1.3]];
@@ -27,7 +28,7 @@ impl Simulator {
     /// The image from any camera, the robot and what it holds drawn too.
     pub fn render_external(&self, camera: &Camera) -> Frame {
         let robot = robot();
-        let pose = self.robot_pose();
+        let pose = robot_pose(&self.robot);
         let mut extra = vec![Drawable {
             parts: &robot,
             mesh: None,
@@ -35,8 +36,7 @@ impl Simulator {
             entity: ROBOT_INSTANCE,
         }];
         if let Some(held) = self.held {
-            let [ahead, up] = GRIPPER_M;
-            let pose = pose.then(&Pose::at([ahead, 0.0, up]));
+            let pose = held_pose(&self.robot);
             extra.push(self.stage.object_models[held].drawable(pose, self.object_entity(held)));
         }
         self.render_with(camera, &extra, self.detail)
@@ -73,10 +73,7 @@ impl Simulator {
     /// there is no such object.
     pub fn camera_on(&self, object: &InstanceId) -> Option<Camera> {
         let index = self.object_index(object)?;
-        let held = || {
-            let [ahead, up] = GRIPPER_M;
-            self.robot_pose().apply([ahead, 0.0, up])
-        };
+        let held = || held_pose(&self.robot).position;
         let target = self
             .physics
             .object_motion(index)
@@ -128,15 +125,10 @@ impl Simulator {
         }
         best.map(|(_, camera)| camera)
     }
-
-    fn robot_pose(&self) -> Pose {
-        let [x, y] = self.robot.base;
-        Pose::yawed([x, y, 0.0], self.robot.yaw)
-    }
 }
 
 /// Base, mast and a head that looks ahead, in the robot's frame.
-fn robot() -> [Part; 5] {
+pub(crate) fn robot() -> [Part; 5] {
     let part = |shape, position, color| Part {
         shape,
         pose: Pose::at(position),

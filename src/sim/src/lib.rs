@@ -12,6 +12,7 @@ pub mod published;
 pub mod render;
 pub mod stress;
 
+mod drawn_bodies;
 mod external_camera;
 mod math;
 mod perception;
@@ -21,6 +22,7 @@ mod skills;
 mod snapshot;
 mod tools;
 
+pub use drawn_bodies::{DrawnBody, held_pose, robot_pose};
 pub use perception::{Perception, Segment};
 pub use prepared_task::PreparedTask;
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};

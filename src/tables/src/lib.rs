@@ -19,9 +19,9 @@ pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
     AnswerLabelRow, AttributionRow, BLOCKING_THREADS, BlameRow, CheckedTrace, ClassRow, Commit,
-    CompactReport, DocumentSet, Finding, IngestReport, LabelRow, Location, Progress, RefutedClaim,
-    RescoreReport, RescoredEpisodes, STACK_BYTES, Stamp, Store, StoreError, TraceRows,
-    TraceVerdict, VacuumReport,
+    CompactReport, CounterfactualRow, DocumentSet, Finding, IngestReport, LabelRow, Location,
+    Progress, RefutedClaim, RemarkRow, RescoreReport, RescoredEpisodes, STACK_BYTES, Stamp, Store,
+    StoreError, TraceRows, TraceVerdict, VacuumReport,
 };
 pub use synthetic::synthesize;
 

@@ -1,11 +1,12 @@
 //! An episode for human eyes: a transcript, a contact sheet, a film, two side by side, a Rerun
-//! recording, annotations of its frames. A leaf: Rerun brings an Arrow of its own.
+//! recording, a glTF scene, annotations of its frames. A leaf: Rerun brings an Arrow of its own.
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 
 mod canvas;
 mod coco;
 mod contact_sheet;
+mod gltf_scene;
 mod image_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
@@ -17,6 +18,7 @@ mod video;
 
 pub use coco::{CocoCounts, CocoDataset, CocoError};
 pub use contact_sheet::contact_sheet;
+pub use gltf_scene::glb;
 pub use image_difference::image_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;

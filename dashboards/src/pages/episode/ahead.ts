@@ -1,7 +1,7 @@
 /** What the page of an episode asks for first: asked while the page itself is still on its way. */
 import { foresee } from "../../lib/api";
 import { framePath } from "../../lib/trace";
-import { frameMoment, momentOf, queryOf, showsAfter, viewOf } from "./camera";
+import { frameMoment, momentOf, queryOf, scenePath, showsAfter, viewOf } from "./camera";
 
 export function pathsOf(trace: string) {
   const trunk = `/api/traces/${encodeURIComponent(trace)}` as const;
@@ -10,7 +10,10 @@ export function pathsOf(trace: string) {
   } as const;
 }
 
-/** The image comes first: it takes longest. */
+/** The image comes first, or the scene in 3D: it takes longest. */
 export function foreseeEpisode(trace: string, query: URLSearchParams) {
-  foresee([framePath(trace, frameMoment(momentOf(query), showsAfter(query)), queryOf(viewOf(query))), ...Object.values(pathsOf(trace))]);
+  const view = viewOf(query);
+  const moment = frameMoment(momentOf(query), showsAfter(query));
+  const seen = view.camera === "3d" ? scenePath(trace) : framePath(trace, moment, queryOf(view));
+  foresee([seen, ...Object.values(pathsOf(trace))]);
 }

@@ -29,6 +29,11 @@ export function frameMoment(moment: number, after: boolean): number {
   return after ? moment : Math.max(START, moment - 1);
 }
 
+/** The meshes and poses of a trace: one file for all its moments. */
+export function scenePath(trace: string): string {
+  return `/api/traces/${encodeURIComponent(trace)}/scene.glb`;
+}
+
 export function queryOf({ camera, eye, lookAt }: View): string {
   if (camera === "head") return "";
   return camera === "free" ? link("", { camera, eye, look_at: lookAt }) : link("", { camera });
@@ -49,6 +54,32 @@ export function overShoulder(robot: Robot | undefined): { eye: string; lookAt: s
   const yaw = robot?.yaw ?? 0;
   const eye: Point = [x - 2.2 * Math.cos(yaw), y - 2.2 * Math.sin(yaw), 2.6];
   return { eye: pointText(eye), lookAt: pointText([x + Math.cos(yaw), y + Math.sin(yaw), 0.6]) };
+}
+
+/** Straight through the robot's camera. */
+export function throughEyes(robot: Robot | undefined): { eye: string; lookAt: string } {
+  if (!robot) return overShoulder(robot);
+  const { camera: [x, y, z], yaw, pitch } = robot;
+  const level = Math.cos(pitch);
+  const ahead: Point = [x + level * Math.cos(yaw), y + level * Math.sin(yaw), z + Math.sin(pitch)];
+  return { eye: pointText([x, y, z]), lookAt: pointText(ahead) };
+}
+
+/** The named views of the 3D camera, which stand in the address as its eye. The first two go with the robot. */
+export const NAMED_VIEWS = { shoulder: "Over the shoulder", robot: "Through the robot's eyes", above: "From above" };
+export type NamedView = keyof typeof NAMED_VIEWS;
+
+/** The named view of an address; none where it says points. */
+export function namedView({ eye, lookAt }: View): NamedView | null {
+  if (parsePoint(eye) && parsePoint(lookAt)) return null;
+  return eye in NAMED_VIEWS ? (eye as NamedView) : "shoulder";
+}
+
+/** Moves eye and what is looked at along the floor: `right` and `on` in metres. */
+export function pan(eye: Point, lookAt: Point, right: number, on: number): [Point, Point] {
+  const yaw = Math.atan2(lookAt[1] - eye[1], lookAt[0] - eye[0]);
+  const [dx, dy] = [on * Math.cos(yaw) + right * Math.sin(yaw), on * Math.sin(yaw) - right * Math.cos(yaw)];
+  return [[eye[0] + dx, eye[1] + dy, eye[2]], [lookAt[0] + dx, lookAt[1] + dy, lookAt[2]]];
 }
 
 /** Goes around what is looked at: by `turn` about the vertical and by `lift` up, in radians. */

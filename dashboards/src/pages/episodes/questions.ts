@@ -2,7 +2,7 @@
 import { sql } from "../../lib/api";
 import { type Column, order, selected } from "../../lib/columns";
 import { type CopyFormat, curlSql, markdownText, pythonSql } from "../../lib/copy";
-import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, chosenFilters, condition, facetOf, facetValue } from "../../lib/episodes";
+import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, chosenFilters, condition, facetOf, facetValue, facetValues, knowRemarks } from "../../lib/episodes";
 import { type Chosen, type List, conditionOf, listWords, parametersOf } from "../../lib/list";
 import { excerpt, foundIn } from "../../lib/search";
 
@@ -26,6 +26,7 @@ export interface Part extends Omit<List, "columns"> {
 }
 
 export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
+  await knowRemarks();
   const text = `${LISTED}
 SELECT ${selected(list.columns, list.text ? ["instruction"] : [])} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
@@ -71,6 +72,7 @@ async function withBranches(rows: Episode[], columns: Column[], signal: AbortSig
 
 /** Counts of every facet, each under the choices of all others, in one pass over the table. */
 export async function counts(chosen: Chosen, signal: AbortSignal): Promise<Counts> {
+  await knowRemarks();
   const { choice } = chosen;
   const own = chosenFilters(choice).flatMap(([filter, values]) => {
     const facet = facetOf(filter)?.facet;
@@ -90,17 +92,28 @@ SELECT ${FACETS.map((facet) => `${facet}, grouping(${facet}) AS g_${facet}, sum(
 FROM valued GROUP BY GROUPING SETS (${FACETS.map((facet) => `(${facet})`).join(", ")}, ())`;
   const got = await sql<Record<string, string | number | null>>(text, parametersOf(chosen), signal);
   const found: Counts = { total: 0, counts: [] };
+  // Several values of an episode come as one text; each counts for itself.
+  const sums = new Map<string, Count>();
   for (const row of got) {
     const facet = FACETS.find((facet) => row[`g_${facet}`] === 0);
-    if (facet) found.counts.push({ facet, value: String(row[facet]), episodes: Number(row[`n_${facet}`]) });
-    else found.total = Number(row["total"]);
+    if (!facet) {
+      found.total = Number(row["total"]);
+      continue;
+    }
+    for (const value of facetValues(facet, String(row[facet]))) {
+      const count = sums.get(`${facet} ${value}`) ?? { facet, value, episodes: 0 };
+      count.episodes += Number(row[`n_${facet}`]);
+      sums.set(`${facet} ${value}`, count);
+    }
   }
+  found.counts = [...sums.values()];
   found.counts.sort((a, b) => +(a.value === "none") - +(b.value === "none") || b.episodes - a.episodes || a.value.localeCompare(b.value));
   return found;
 }
 
 /** Everything that was chosen, for a selection; at most so many. */
-export function matching(chosen: Chosen, most: number): Promise<{ episode_id: string; trace: string }[]> {
+export async function matching(chosen: Chosen, most: number): Promise<{ episode_id: string; trace: string }[]> {
+  await knowRemarks();
   const text = `${LISTED} SELECT episode_id, trace FROM listed WHERE ${conditionOf(chosen)} ORDER BY episode_id LIMIT ${most}`;
   return sql<{ episode_id: string; trace: string }>(text, parametersOf(chosen));
 }

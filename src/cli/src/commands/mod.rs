@@ -12,6 +12,7 @@ pub mod claims;
 pub mod cluster;
 pub mod config;
 #[cfg(feature = "analytics")]
+pub mod counterfactuals;
 pub mod dataset;
 #[cfg(feature = "analytics")]
 pub mod demo;

@@ -21,6 +21,7 @@ mod branches;
 mod claims;
 #[cfg(feature = "cluster")]
 mod cluster;
+mod counterfactuals;
 #[cfg(feature = "service")]
 mod endpoint;
 #[cfg(feature = "analytics")]
@@ -48,6 +49,8 @@ mod real_bench;
 mod real_contract;
 mod real_formats;
 mod recovery;
+#[cfg(all(feature = "analytics", feature = "service"))]
+mod remarks;
 mod scene_import;
 #[cfg(feature = "service")]
 mod server;

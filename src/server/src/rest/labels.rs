@@ -1,4 +1,4 @@
-//! What people say about failed episodes.
+//! What people say about episodes: labels of failures, and stars, tags and comments on any.
 
 use std::sync::Arc;
 
@@ -96,7 +96,7 @@ pub(super) async fn set(
         ("author", Some(author.clone())),
     ];
     let flag = label.adjudicate.then_some("--adjudicate");
-    keep(&app, "set", &label.episode, &texts, flag).await?;
+    keep(&app, ["label", "set"], &label.episode, &texts, flag).await?;
     let mut kept = json!(label);
     kept["author"] = json!(author);
     Ok((StatusCode::CREATED, Json(kept)))
@@ -120,7 +120,7 @@ pub(super) async fn remove(
     QueryParams(of): QueryParams<LabelAuthor>,
 ) -> Result<StatusCode, ApiError> {
     let texts = [("author", Some(author(of.author.as_ref())?))];
-    keep(&app, "remove", &episode, &texts, None).await?;
+    keep(&app, ["label", "remove"], &episode, &texts, None).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -156,10 +156,137 @@ pub(super) async fn answer(
         ("note", label.note.clone()),
         ("author", Some(author.clone())),
     ];
-    keep(&app, "answer", &label.episode, &texts, None).await?;
+    keep(&app, ["label", "answer"], &label.episode, &texts, None).await?;
     let mut kept = json!(label);
     kept["author"] = json!(author);
     Ok((StatusCode::CREATED, Json(kept)))
+}
+
+/// Stars, tags and comments of all episodes, or only those of one episode, the oldest first.
+#[utoipa::path(get, path = "/api/remarks", operation_id = "list_remarks", tag = "tables", params(LabelFilter),
+    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn remarks(
+    State(app): State<Arc<App>>,
+    QueryParams(which): QueryParams<LabelFilter>,
+) -> Result<Json<Value>, ApiError> {
+    let remarks = analyse(&app, move |app| {
+        let (condition, parameters) = match which.episode {
+            Some(id) => (
+                "WHERE episode_id = $id",
+                Parameters::from([("id".to_owned(), id)]),
+            ),
+            None => ("", Parameters::new()),
+        };
+        let sql = format!("SELECT * FROM remarks {condition} ORDER BY at_ms, author, kind, text");
+        rows(app, &sql, &parameters)
+    });
+    remarks.await.map(|remarks| Json(json!(remarks)))
+}
+
+/// What a remark is.
+#[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum RemarkKind {
+    /// Marks the episode.
+    Star,
+    /// Puts the episode with others of the same tag.
+    Tag,
+    /// Says something about the episode or one of its steps.
+    Comment,
+}
+
+impl RemarkKind {
+    fn name(self) -> &'static str {
+        match self {
+            RemarkKind::Star => "star",
+            RemarkKind::Tag => "tag",
+            RemarkKind::Comment => "comment",
+        }
+    }
+}
+
+/// A star, tag or comment of a person on an episode.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RemarkBody {
+    /// The episode's id; its beginning is enough where it is unique.
+    episode: String,
+    /// What the remark is.
+    kind: RemarkKind,
+    /// The tag (1 to 60 characters without a comma) or the comment (1 to 4000); a star has none.
+    text: Option<String>,
+    /// The step that a comment is about, counted from 0; without it the whole episode.
+    #[schema(minimum = 0)]
+    step: Option<i32>,
+    /// Who says so; with tokens, whose token it is counts.
+    author: Option<String>,
+}
+
+/// Stores a star, tag or comment in the tables; what is there already stays as it is.
+#[utoipa::path(post, path = "/api/remarks", tag = "tables", request_body = RemarkBody,
+    responses((status = 201, body = RemarkBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn remark(
+    State(app): State<Arc<App>>,
+    Body(remark): Body<RemarkBody>,
+) -> Result<(StatusCode, Json<Value>), ApiError> {
+    let author = author(remark.author.as_ref())?;
+    let refused = |text: &str| ApiError::unprocessable("bad_remark", text.to_owned());
+    let text = remark.text.clone().unwrap_or_default();
+    match remark.kind {
+        RemarkKind::Star if !text.is_empty() => return Err(refused("a star has no text")),
+        RemarkKind::Star | RemarkKind::Tag if remark.step.is_some() => {
+            return Err(refused("only a comment is about a step"));
+        }
+        _ => {}
+    }
+    let texts = [
+        (
+            "text",
+            Some(text).filter(|_| !matches!(remark.kind, RemarkKind::Star)),
+        ),
+        ("step", remark.step.map(|step| step.to_string())),
+        ("author", Some(author.clone())),
+    ];
+    let action = ["remark", remark.kind.name()];
+    keep(&app, action, &remark.episode, &texts, None).await?;
+    let mut kept = json!(remark);
+    kept["author"] = json!(author);
+    Ok((StatusCode::CREATED, Json(kept)))
+}
+
+/// Which remark is taken back.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RemarkFilter {
+    /// Author of the remark; with tokens, whose token it is counts.
+    author: Option<String>,
+    /// What the remark is.
+    kind: RemarkKind,
+    /// The tag or the comment; a star has none.
+    #[serde(default)]
+    text: String,
+    /// The step that the comment is about.
+    step: Option<i32>,
+}
+
+/// Takes one star, tag or comment back.
+#[utoipa::path(delete, path = "/api/remarks/{episode}", operation_id = "remove_remark", tag = "tables",
+    params(("episode" = String, Path, description = "Id of the episode; its beginning is enough where it is unique"), RemarkFilter),
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn take_back(
+    State(app): State<Arc<App>>,
+    PathParams(episode): PathParams<String>,
+    QueryParams(of): QueryParams<RemarkFilter>,
+) -> Result<StatusCode, ApiError> {
+    let texts = [
+        ("kind", Some(of.kind.name().to_owned())),
+        ("text", Some(of.text)),
+        ("step", of.step.map(|step| step.to_string())),
+        ("author", Some(author(of.author.as_ref())?)),
+    ];
+    keep(&app, ["remark", "remove"], &episode, &texts, None).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Who labels: whose token it is, else who the request says it is.
@@ -172,29 +299,30 @@ fn author(said: Option<&String>) -> Result<String, ApiError> {
     author.ok_or_else(|| {
         ApiError::unprocessable(
             "no_author",
-            "the label has no author; set `author`".to_owned(),
+            "nobody is named who says so; set `author`".to_owned(),
         )
     })
 }
 
-/// Runs `reel store label`: the command knows what a label may be, and the tables take one writer at
-/// a time.
+/// Runs `reel store label` or `reel store remark`: the command knows what may be said, and the tables
+/// take one writer at a time.
 async fn keep(
     app: &App,
-    what: &str,
+    what: [&str; 2],
     episode: &String,
     texts: &[(&str, Option<String>)],
     flag: Option<&str>,
 ) -> Result<(), ApiError> {
     let mut command = Command::new(reel_live::program().map_err(ApiError::disk)?);
-    command.args(["store", "label", "--store", &app.config.store(), what]);
+    let [group, action] = what;
+    command.args(["store", group, "--store", &app.config.store(), action]);
     let mut all = texts
         .iter()
         .filter_map(|(_, value)| value.as_ref())
         .chain([episode]);
     if all.any(|text| text.len() > TEXT_BYTES || text.contains('\0')) {
-        let text = format!("a text of a label has at most {TEXT_BYTES} bytes, and no NUL");
-        return Err(ApiError::unprocessable("bad_label", text));
+        let text = format!("a text of a {group} has at most {TEXT_BYTES} bytes, and no NUL");
+        return Err(ApiError::unprocessable(refusal(group), text));
     }
     for (option, value) in texts {
         if let Some(value) = value {
@@ -214,5 +342,13 @@ async fn keep(
         .trim()
         .trim_start_matches("reel: ")
         .to_owned();
-    Err(told(app, ApiError::unprocessable("bad_label", said)))
+    Err(told(app, ApiError::unprocessable(refusal(group), said)))
+}
+
+/// The error code of what may not be said so.
+fn refusal(group: &str) -> &'static str {
+    match group {
+        "remark" => "bad_remark",
+        _ => "bad_label",
+    }
 }

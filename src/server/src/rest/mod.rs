@@ -7,6 +7,8 @@ mod attribution;
 mod claims;
 mod comparison;
 #[cfg(feature = "tables")]
+mod counterfactuals;
+#[cfg(feature = "tables")]
 mod definitions;
 mod error;
 #[cfg(feature = "tables")]
@@ -165,6 +167,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Admin, routes!(traces::delete))
         .for_role(Read, routes!(traces::episode))
         .for_role(Read, routes!(traces::scene))
+        .for_role(Read, routes!(traces::gltf))
         .for_role(Read, routes!(traces::steps))
         .for_role(Read, routes!(frames::frame))
         .for_role(Read, routes!(frames::instances))
@@ -204,6 +207,10 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Admin, routes!(labels::remove))
         .for_role(Read, routes!(tables::waiting))
         .for_role(Admin, routes!(labels::answer))
+        .for_role(Read, routes!(labels::remarks))
+        .for_role(Admin, routes!(labels::remark))
+        .for_role(Admin, routes!(labels::take_back))
+        .for_role(Read, routes!(counterfactuals::list))
         .for_role(Read, routes!(definitions::list))
         .for_role(Admin, routes!(definitions::keep, definitions::drop))
         .for_role(Read, routes!(claims::show))

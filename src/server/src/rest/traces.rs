@@ -260,6 +260,23 @@ pub(super) async fn scene(
     answer.await.map(Json)
 }
 
+/// The episode as a glTF 2.0 binary: every surface of the scene, and the poses of what moves as an
+/// animation in which second 0 is the start and second k + 1 the end of step k.
+#[utoipa::path(get, path = "/api/traces/{trace}/scene.glb", operation_id = "trace_gltf", tag = "traces",
+    params(("trace" = String, Path)),
+    responses((status = 200, content_type = "model/gltf-binary"), (status = 400, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody),
+        (status = 503, body = ErrorBody)))]
+pub(super) async fn gltf(
+    State(app): State<Arc<App>>,
+    PathParams(name): PathParams<String>,
+) -> Result<Response, ApiError> {
+    let answer = analyse(&app, move |app| {
+        Ok(reel_view::glb(&app.archive.read(&name)?))
+    });
+    Ok(([(header::CONTENT_TYPE, "model/gltf-binary")], answer.await?).into_response())
+}
+
 /// What a recording shows of frames besides images.
 #[cfg(feature = "rerun")]
 #[derive(Deserialize, IntoParams)]

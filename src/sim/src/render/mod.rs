@@ -54,6 +54,9 @@ pub struct TriangleSurface {
     pub corners: Vec<[f32; 3]>,
     /// Indices of the corners of each triangle, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// Colour of each triangle without light, as linear RGB from 0 to 1: of a pattern its main
+    /// colour, of a texture what its middle shows.
+    pub colors: Vec<[f32; 3]>,
 }
 
 /// The surfaces that are drawn of a drawable: of each part, and of the mesh.
@@ -70,6 +73,7 @@ pub(crate) fn surfaces_of(drawable: &Drawable<'_>) -> Vec<TriangleSurface> {
                     .map(|corner| pose.apply(shape.place(corner)))
                     .collect(),
                 triangles: triangles.map(|it| it.corners.map(u32::from)).collect(),
+                colors: vec![part.color.map(shade::to_linear); shape.mesh.triangles.len()],
             });
         }
     }
@@ -80,6 +84,9 @@ pub(crate) fn surfaces_of(drawable: &Drawable<'_>) -> Vec<TriangleSurface> {
             corners: corners.map(|corner| drawable.pose.apply(*corner)).collect(),
             triangles: (model.mesh.data().triangles.iter())
                 .map(|triangle| triangle.corners)
+                .collect(),
+            colors: (model.mesh.data().triangles.iter())
+                .map(|triangle| textured::middle_color(model.mesh.data(), triangle))
                 .collect(),
         });
     }

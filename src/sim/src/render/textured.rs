@@ -2,7 +2,7 @@
 //! everything else. What a pixel shows of a triangle follows from the point it sees, so nothing is
 //! interpolated over the image.
 
-use reel_world::mesh::{Texture, Triangle};
+use reel_world::mesh::{MeshData, Texture, Triangle};
 
 use super::shade::{
     Encoder, LINEAR_TO_SRGB, ShadingFrame, falloff, light, pixels_per_metre, scaled, to_linear,
@@ -246,4 +246,36 @@ fn mix([a, b, c]: [[f32; 3]; 3], weights: [f32; 3]) -> [f32; 3] {
 fn inverse_of(value: f32) -> f32 {
     let inverse = 1.0 / value;
     if inverse.is_finite() { inverse } else { 0.0 }
+}
+
+/// What the middle of a triangle shows without light, as linear RGB.
+pub(super) fn middle_color(mesh: &MeshData, triangle: &Triangle) -> [f32; 3] {
+    let third = 1.0 / 3.0;
+    let middle = |a: f32, b: f32, c: f32| (a + b + c) * third;
+    let times = |a: [f32; 3], b: [f32; 3]| [a[0] * b[0], a[1] * b[1], a[2] * b[2]];
+    let material = mesh.materials[usize::from(triangle.material)];
+    let corners = triangle.corners.map(|corner| corner as usize);
+    let mut color = material.color;
+    if !mesh.colors.is_empty() {
+        let [a, b, c] = corners.map(|corner| mesh.colors[corner]);
+        color = times(color, [0, 1, 2].map(|k| middle(a[k], b[k], c[k])));
+    }
+    let texture = material
+        .texture
+        .map(|texture| &mesh.textures[usize::from(texture)]);
+    if let Some(texture) = texture
+        && !mesh.texture_points.is_empty()
+    {
+        let [a, b, c] = corners.map(|corner| mesh.texture_points[corner]);
+        let texel = |axis: usize, size: u32| {
+            let at = middle(a[axis], b[axis], c[axis]);
+            let share = at - libm::floorf(at);
+            ((share * size as f32) as u32).min(size - 1) as usize
+        };
+        let first =
+            (texel(1, texture.height) * texture.width as usize + texel(0, texture.width)) * 3;
+        let pixel = [0, 1, 2].map(|k| to_linear(texture.rgb[first + k]));
+        color = times(color, pixel);
+    }
+    color
 }

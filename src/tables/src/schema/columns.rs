@@ -417,6 +417,31 @@ pub(super) const ANSWER_LABELS: &[Column] = columns! {
     must at_ms: Long, "time of the label, milliseconds since 1970";
 };
 
+pub(super) const REMARKS: &[Column] = columns! {
+    must episode_id: Text, "the episode";
+    must author: Text, "who made the remark";
+    must kind: Text, "`star`, `tag` or `comment`";
+    must text: Text, "the tag or the comment; empty for a star";
+    may step: Int, "the step that it is about; null: the whole episode";
+    must at_ms: Long, "time of the remark, milliseconds since 1970";
+};
+
+pub(super) const COUNTERFACTUALS: &[Column] = columns! {
+    must episode_id: Text, "the episode";
+    must trace_digest: Text, "digest of its trace";
+    must step: Int, "the step whose call was replaced";
+    must call: Text, "the call in its place, as JSON: `name` and `arguments`";
+    must tool: Text, "name of the call's tool";
+    must origin: Text,
+        "why it is plausible: `advice` (a competent agent's call), `question` (its question to the user), `marker` (another marker in view), `receptacle` (another receptacle of the same category)";
+    must with_recorded_success: Flag, "success when the recorded calls go on after it";
+    must with_recorded_completion: Float, "share of the goal reached then, from 0 to 1";
+    may with_planner_success: Flag,
+        "success when policy `planner` goes on after it; null where the recorded calls succeed";
+    may with_planner_completion: Float, "share of the goal reached then, from 0 to 1";
+    may with_planner_length: Int, "decisions of the whole episode then";
+};
+
 pub(super) const VERDICTS: &[Column] = columns! {
     must file_digest: Text, "BLAKE3 of the trace file's bytes";
     must trace_digest: Text, "the trace's chain digest; empty if the file cannot be read";

@@ -12,9 +12,9 @@ use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 
 pub use columns::STEP;
 use columns::{
-    ANSWER_LABELS, ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, EPISODES, FINDING,
-    LABELS, LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, RESCORED, SCENES,
-    STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
+    ANSWER_LABELS, ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, COUNTERFACTUALS,
+    EPISODES, FINDING, LABELS, LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, REMARKS,
+    RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
 };
 
 /// One of the tables that a store holds.
@@ -41,6 +41,10 @@ pub enum Table {
     Labels,
     /// Whether answers of the user are faithful, by people and models.
     AnswerLabels,
+    /// Stars, tags and comments of people.
+    Remarks,
+    /// What plausible other calls come to, played.
+    Counterfactuals,
     /// What replaying trace files found. Bound to no version of the store.
     Verdicts,
     /// What policies' Histories claim and their records refute. Bound to no version of the store.
@@ -104,7 +108,7 @@ const fn may(name: &'static str, kind: ColumnType, meaning: &'static str) -> Col
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 12] = [
+    pub const ALL: [Table; 14] = [
         Table::Episodes,
         Table::Tasks,
         Table::Scenes,
@@ -115,6 +119,8 @@ impl Table {
         Table::Attribution,
         Table::Labels,
         Table::AnswerLabels,
+        Table::Remarks,
+        Table::Counterfactuals,
         Table::Verdicts,
         Table::Contradictions,
     ];
@@ -132,6 +138,8 @@ impl Table {
             Table::Attribution => "attribution",
             Table::Labels => "labels",
             Table::AnswerLabels => "answer_labels",
+            Table::Remarks => "remarks",
+            Table::Counterfactuals => "counterfactuals",
             Table::Verdicts => "verdicts",
             Table::Contradictions => "contradictions",
         }
@@ -162,6 +170,12 @@ impl Table {
             Table::AnswerLabels => {
                 "One row an answer of the user and author: whether the answer is faithful to what the user wants; written by `reel store label answer`."
             }
+            Table::Remarks => {
+                "One row a star, tag or comment of a person on an episode; written by `reel store remark`."
+            }
+            Table::Counterfactuals => {
+                "One row a step and plausible other call of an episode: what comes of it, played; written by `reel counterfactuals`."
+            }
             Table::Verdicts => {
                 "One row a trace file that was replayed for an export, and what was found; the same in every version of the store."
             }
@@ -184,6 +198,8 @@ impl Table {
             Table::Attribution => ATTRIBUTION,
             Table::Labels => LABELS,
             Table::AnswerLabels => ANSWER_LABELS,
+            Table::Remarks => REMARKS,
+            Table::Counterfactuals => COUNTERFACTUALS,
             Table::Verdicts => VERDICTS,
             Table::Contradictions => CONTRADICTIONS,
         }

@@ -160,6 +160,41 @@ pub struct AnswerLabelRow {
     pub at_ms: i64,
 }
 
+/// What a person remarks on an episode: a row of `remarks`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct RemarkRow {
+    /// Id of the episode.
+    pub episode_id: String,
+    /// Who makes the remark.
+    pub author: String,
+    /// `star`, `tag` or `comment`.
+    pub kind: String,
+    /// The tag or the comment; empty for a star.
+    pub text: String,
+    /// The step that it is about; `None`: the whole episode.
+    pub step: Option<i32>,
+    /// When it was made, milliseconds since 1970.
+    pub at_ms: i64,
+}
+
+/// What comes of a plausible other call, played: a row of `counterfactuals`. See the columns of
+/// that table.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
+pub struct CounterfactualRow {
+    pub episode_id: String,
+    pub trace_digest: String,
+    pub step: i32,
+    pub call: String,
+    pub tool: String,
+    pub origin: String,
+    pub with_recorded_success: bool,
+    pub with_recorded_completion: f64,
+    pub with_planner_success: Option<bool>,
+    pub with_planner_completion: Option<f64>,
+    pub with_planner_length: Option<i32>,
+}
+
 /// What became of an episode.
 #[derive(Deserialize)]
 struct OutcomeRow {
@@ -269,6 +304,45 @@ impl Store {
         change: impl Fn(Vec<AnswerLabelRow>) -> Vec<AnswerLabelRow>,
     ) -> Result<(), StoreError> {
         self.change(Table::AnswerLabels, change)
+    }
+
+    /// Every star, tag and comment.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn remarks(&self) -> Result<Vec<RemarkRow>, StoreError> {
+        self.rows_of(&self.tables[&Table::Remarks])
+    }
+
+    /// Changes the remarks as [`Store::change_labels`] does the labels.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn change_remarks(
+        &mut self,
+        change: impl Fn(Vec<RemarkRow>) -> Vec<RemarkRow>,
+    ) -> Result<(), StoreError> {
+        self.change(Table::Remarks, change)
+    }
+
+    /// Puts the rows of these episodes into `counterfactuals`, in the place of theirs that are
+    /// there; an episode without rows loses them.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn put_counterfactuals(
+        &mut self,
+        episodes: &[String],
+        rows: &[CounterfactualRow],
+    ) -> Result<(), StoreError> {
+        self.change(
+            Table::Counterfactuals,
+            |mut before: Vec<CounterfactualRow>| {
+                before.retain(|row| !episodes.contains(&row.episode_id));
+                before.extend_from_slice(rows);
+                before
+            },
+        )
     }
 
     fn change<R: Clone + PartialEq + Serialize + for<'a> Deserialize<'a>>(

@@ -39,7 +39,10 @@ use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
 pub use ingest::{IngestReport, Progress};
-pub use judgements::{AnswerLabelRow, AttributionRow, BlameRow, ClassRow, Finding, LabelRow};
+pub use judgements::{
+    AnswerLabelRow, AttributionRow, BlameRow, ClassRow, CounterfactualRow, Finding, LabelRow,
+    RemarkRow,
+};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use reading::{DocumentSet, TraceRows};
@@ -49,7 +52,7 @@ pub use unbound::{CheckedTrace, RefutedClaim, TraceVerdict};
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 9] = [
+const SIDE: [Table; 11] = [
     Table::Tasks,
     Table::Scenes,
     Table::Rescored,
@@ -59,7 +62,12 @@ const SIDE: [Table; 9] = [
     Table::Attribution,
     Table::Labels,
     Table::AnswerLabels,
+    Table::Remarks,
+    Table::Counterfactuals,
 ];
+
+/// Tables that stores of version 0.2.0 do not have; the next ingest makes them.
+const ADDED_LATER: [Table; 3] = [Table::Attribution, Table::Remarks, Table::Counterfactuals];
 
 /// Tables that are bound to no version.
 const UNBOUND: [Table; 2] = [Table::Verdicts, Table::Contradictions];
@@ -608,8 +616,7 @@ async fn open(
         source: Box::new(source),
         location: location.to_string(),
     };
-    // Stores of version 0.2.0 have no such table.
-    if table == Table::Attribution && location.commit(table.name(), 0).await?.is_none() {
+    if ADDED_LATER.contains(&table) && location.commit(table.name(), 0).await?.is_none() {
         return Err(StoreError::OtherColumns {
             table: table.name(),
             location: location.to_string(),

@@ -225,3 +225,64 @@ fn a_recording_is_what_rerun_accepts() {
     let mut rerun = std::process::Command::new(python.with_file_name("rerun"));
     reel_vectors::run(rerun.args(["rrd", "verify"]).arg(&path));
 }
+
+/// The nodes of a glTF file, read by another library: what is below the root, and every pose of what
+/// is animated.
+struct Scene {
+    document: gltf::Gltf,
+}
+
+type Pose = ([f32; 3], [f32; 4]);
+
+impl Scene {
+    fn poses(&self, name: &str) -> Vec<Pose> {
+        let blob = self.document.blob.as_deref().unwrap();
+        let animation = self.document.animations().next().unwrap();
+        let (mut positions, mut rotations) = (Vec::new(), Vec::new());
+        for channel in animation
+            .channels()
+            .filter(|it| it.target().node().name() == Some(name))
+        {
+            match channel.reader(|_| Some(blob)).read_outputs().unwrap() {
+                gltf::animation::util::ReadOutputs::Translations(all) => positions.extend(all),
+                gltf::animation::util::ReadOutputs::Rotations(all) => {
+                    rotations.extend(all.into_f32())
+                }
+                _ => panic!("{name} changes its form"),
+            }
+        }
+        positions.into_iter().zip(rotations).collect()
+    }
+}
+
+#[test]
+fn gltf_has_every_body_where_the_record_says() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("oracle.mcap");
+    let task = reel_vectors::episodes::tasks()[0].clone();
+    let trace = Trace::read(&reel_vectors::episodes::record(
+        &path,
+        &task,
+        "oracle",
+        Images::None,
+    ))
+    .unwrap();
+    let scene = Scene {
+        document: gltf::Gltf::from_slice(&reel_view::glb(&trace)).unwrap(),
+    };
+    let moments: Vec<_> = std::iter::once(&trace.start.bodies)
+        .chain(trace.steps.iter().map(|step| &step.bodies))
+        .collect();
+    let mut held = 0;
+    for body in moments[0] {
+        let poses = scene.poses(&body.body);
+        assert_eq!(poses.len(), moments.len(), "{}", body.body);
+        for (pose, bodies) in poses.iter().zip(&moments) {
+            match bodies.iter().find(|it| it.body == body.body) {
+                Some(at) => assert_eq!(*pose, (at.position, at.rotation)),
+                None => held += 1,
+            }
+        }
+    }
+    assert!(held > 0, "the oracle carried nothing");
+}

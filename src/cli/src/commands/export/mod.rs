@@ -74,6 +74,27 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// One episode as a glTF 2.0 binary: the scene's surfaces, and every move as an animation
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Second 0 of the animation is the start, second k + 1 the end of step k. Nodes are named by
+    /// receptacle and object; `extras` say kind, category, target and goal. Units are metres.
+    ///
+    /// Example:
+    ///   reel export gltf traces-out/FDP_home_0001--oracle--0.mcap --out episode.glb
+    Gltf {
+        /// Trace of the episode to export
+        #[arg(value_name = "TRACE")]
+        trace: PathBuf,
+        #[command(flatten)]
+        assets: crate::inputs::Assets,
+        /// The glTF binary to write
+        #[arg(long, value_name = "FILE", default_value = "episode.glb")]
+        out: PathBuf,
+        /// Print the path of the file as JSON
+        #[arg(long)]
+        json: bool,
+    },
     /// A contact sheet PNG of one episode
     #[command(verbatim_doc_comment)]
     ///
@@ -123,6 +144,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     "{}: open it with `rerun {0}`; `reel view` needs no Rerun",
                     out.display()
                 );
+            }
+            Ok(ExitStatus::Success)
+        }
+        Command::Gltf {
+            trace,
+            assets,
+            out,
+            json,
+        } => {
+            let trace = assets.read(&crate::inputs::trace_files(), trace)?;
+            std::fs::write(out, reel_view::glb(&trace))?;
+            if *json {
+                println!("{}", json!({ "out": out }));
+            } else {
+                println!("{}", out.display());
             }
             Ok(ExitStatus::Success)
         }

@@ -129,9 +129,7 @@ struct Answer {
 
 /// Adds, imports, exports or lists labels, or lists disputed episodes.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let now_ms = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |time| time.as_millis() as i64);
+    let now_ms = now_ms();
     match &arguments.what {
         Command::Set(set) => keep(
             &arguments.store,
@@ -208,6 +206,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             })
         }
     }
+}
+
+/// Milliseconds since 1970.
+pub(super) fn now_ms() -> i64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |time| time.as_millis() as i64)
 }
 
 fn lines<'a>(labels: impl Iterator<Item = &'a LabelRow>) -> String {
@@ -299,7 +304,7 @@ fn remove(store: &str, episode: &str, author: &str) -> anyhow::Result<ExitStatus
 }
 
 /// The name of an author, which is not blank.
-fn author(name: &str) -> anyhow::Result<String> {
+pub(super) fn author(name: &str) -> anyhow::Result<String> {
     let name = name.trim();
     if name.is_empty() {
         bail!("--author needs a name");
@@ -308,7 +313,10 @@ fn author(name: &str) -> anyhow::Result<String> {
 }
 
 /// The one episode whose id begins so.
-fn the_episode<'a, T>(episodes: &'a BTreeMap<String, T>, id: &str) -> anyhow::Result<&'a String> {
+pub(super) fn the_episode<'a, T>(
+    episodes: &'a BTreeMap<String, T>,
+    id: &str,
+) -> anyhow::Result<&'a String> {
     let fitting: Vec<&String> = episodes.keys().filter(|it| it.starts_with(id)).collect();
     match fitting[..] {
         [episode] => Ok(episode),
@@ -357,7 +365,7 @@ fn keep_answer(store: &str, answer: &Answer, at_ms: i64) -> anyhow::Result<ExitS
 }
 
 /// The episodes of a store with the number of their steps, and whether they succeeded.
-fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, (i32, bool)>> {
+pub(super) fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, (i32, bool)>> {
     let session = QuerySession::new(inputs::store(store, None)?)?;
     let text = format(
         &session.run(

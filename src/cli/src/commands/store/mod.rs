@@ -1,6 +1,8 @@
-//! `reel store`: what a store holds, its versions and upkeep; rewards and labels of its episodes.
+//! `reel store`: what a store holds, its versions and upkeep; rewards, labels and remarks of its
+//! episodes.
 
 mod label;
+mod remark;
 pub mod reward;
 mod verdicts;
 
@@ -18,7 +20,7 @@ use serde_json::json;
 use crate::{ExitStatus, inputs, progress};
 pub use verdicts::keep_verdicts;
 
-/// Stores of tables: what they hold, their versions and upkeep; rewards and labels of episodes.
+/// Stores of tables: what they hold, their versions and upkeep; rewards, labels and remarks of episodes.
 /// `reel ingest` fills a store, `reel query` asks it.
 ///
 /// Examples:
@@ -77,6 +79,8 @@ enum Command {
     Reward(reward::Arguments),
     #[command(about = "Keep what people say about failed episodes")]
     Label(label::Arguments),
+    #[command(about = "Keep stars, tags and comments on episodes")]
+    Remark(remark::Arguments),
 }
 
 /// Runs the command of the group.
@@ -84,6 +88,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut store = match &arguments.command {
         Command::Reward(arguments) => return reward::run(arguments),
         Command::Label(arguments) => return label::run(arguments),
+        Command::Remark(arguments) => return remark::run(arguments),
         Command::Synthesize {
             episodes,
             tasks,
@@ -143,7 +148,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     .for_each(|(path, reason)| println!("{path}: {reason}"));
             }
         }
-        Command::Synthesize { .. } | Command::Reward(_) | Command::Label(_) => {
+        Command::Synthesize { .. }
+        | Command::Reward(_)
+        | Command::Label(_)
+        | Command::Remark(_) => {
             unreachable!("these open the store themselves")
         }
         Command::Compact => {
