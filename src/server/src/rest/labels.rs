@@ -188,7 +188,7 @@ pub(super) async fn remarks(
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum RemarkKind {
-    /// Marks the episode.
+    /// Marks the episode, to find it again.
     Star,
     /// Puts the episode with others of the same tag.
     Tag,

@@ -220,10 +220,15 @@ fn a_store_without_a_table_of_today_says_what_to_do() {
     let dir = TempDir::new().unwrap();
     let store = dir.path().join("store");
     drop(Store::open_or_create(&store).unwrap());
-    fs::remove_dir_all(store.join("attribution")).unwrap();
-    let Err(error) = Store::open(&store) else {
-        panic!("a table is missing, and it opens");
-    };
-    assert!(matches!(error, StoreError::OtherColumns { .. }), "{error}");
-    assert!(error.to_string().contains("reel ingest"), "{error}");
+    for table in ["attribution", "remarks", "counterfactuals"] {
+        fs::remove_dir_all(store.join(table)).unwrap();
+        let Err(error) = Store::open(&store) else {
+            panic!("table {table} is missing, and it opens");
+        };
+        assert!(matches!(error, StoreError::OtherColumns { .. }), "{error}");
+        assert!(error.to_string().contains("reel ingest"), "{error}");
+        // An ingest makes it.
+        drop(Store::open_or_create(&store).unwrap());
+        assert!(Store::open(&store).is_ok());
+    }
 }

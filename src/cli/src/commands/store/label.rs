@@ -208,7 +208,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 }
 
-/// Milliseconds since 1970.
+/// The time of this moment, in milliseconds since 1970.
 pub(super) fn now_ms() -> i64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)

@@ -34,7 +34,7 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Star an episode
+    /// Star an episode, to find it again
     Star(Who),
     /// Tag an episode with a few words
     Tag {
@@ -59,7 +59,7 @@ enum Command {
     Remove {
         #[command(flatten)]
         who: Who,
-        /// What it is
+        /// What the remark is: star, tag or comment
         #[arg(long, value_name = "KIND", value_parser = ["star", "tag", "comment"])]
         kind: String,
         /// Its words; a star has none
