@@ -297,7 +297,7 @@ export async function zoom_of_an_image(browser) {
     await page.mouse.wheel(0, 100);
     await until(() => page.evaluate(() => scrollY > 0), "a page that is scrolled");
     await about(1);
-    // Two fingers.
+    // Two fingers spread over the image enlarge it as well.
     await page.evaluate(() => scrollTo(0, 0));
     const fingers = await page.context().newCDPSession(page);
     const touch = (type, apart) => fingers.send("Input.dispatchTouchEvent", {

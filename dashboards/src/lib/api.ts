@@ -60,7 +60,7 @@ export async function text(path: string, signal?: AbortSignal): Promise<string> 
   return (await send("GET", path, undefined, signal)).text();
 }
 
-/** An answer in bytes. */
+/** What a `GET` answers, as the bytes that came. */
 export async function bytes(path: string, signal?: AbortSignal): Promise<ArrayBuffer> {
   return (await fetched(path, signal)).arrayBuffer();
 }

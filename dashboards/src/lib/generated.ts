@@ -491,7 +491,7 @@ export type RemarkBody = {
   text?: string | null;
 };
 
-/** What a remark is. */
+/** The three kinds of remarks that people make on episodes. */
 export type RemarkKind = "star" | "tag" | "comment";
 
 /** Verdict of a replay. */

@@ -8,14 +8,14 @@ export interface Remark {
   episode_id: string;
   author: string;
   kind: "star" | "tag" | "comment";
-  /** Empty for a star. */
+  /** The words of a tag or comment; a star has none, and the text is empty. */
   text: string;
   /** The step that it is about; null: the whole episode. */
   step: number | null;
   at_ms: number;
 }
 
-/** What identifies a remark. */
+/** Everything but the time, by which the service knows one remark from another. */
 export type RemarkKey = Omit<Remark, "at_ms">;
 
 export const TAG_LETTERS = 60;

@@ -10,7 +10,7 @@ use crate::{
     render::{Drawable, TriangleSurface, surfaces_of},
 };
 
-/// A body with its surfaces.
+/// A body that frames show, with all of its surfaces.
 #[derive(Clone, PartialEq, Debug)]
 pub struct DrawnBody {
     /// The value that its pixels have in masks; a door has that of its receptacle.

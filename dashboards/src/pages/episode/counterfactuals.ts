@@ -8,7 +8,7 @@ export interface Counterfactual {
   episode_id: string;
   trace_digest: string;
   step: number;
-  /** The call as JSON. */
+  /** The call in the place of the recorded one, as JSON with `name` and `arguments`. */
   call: string;
   tool: string;
   origin: string;
@@ -33,7 +33,7 @@ export interface Outcome {
 export interface OtherCall {
   call: Call;
   origin: string;
-  /** The best one first. */
+  /** What came of the call, the better continuation first. */
   outcomes: Outcome[];
 }
 

@@ -33,7 +33,7 @@ export type Model = { root: Object3D; bodies: Body[]; tracks: Track[]; head: Obj
 export interface Listener {
   /** The camera was moved by hand and stands still again. */
   settled(eye: Point, lookAt: Point): void;
-  /** A moment was drawn. */
+  /** Told after each drawing, with the labels that stand in it. */
   drawn(labels: Label[]): void;
 }
 

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs, progress};
 
-/// What stands for paths.
+/// The argument that may be given instead of paths.
 #[cfg(feature = "analytics")]
 const STORE: [&str; 1] = ["store"];
 #[cfg(not(feature = "analytics"))]

@@ -49,7 +49,7 @@ pub struct PlausibleCall {
     pub step: u32,
     /// The call in the place of the recorded one.
     pub call: ToolCall,
-    /// Why it is plausible.
+    /// By which rule it was chosen.
     pub origin: Origin,
 }
 

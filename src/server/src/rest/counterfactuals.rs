@@ -15,7 +15,7 @@ use crate::service::App;
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct CounterfactualsOf {
-    /// Id of the episode.
+    /// Id of the episode whose calls were replaced.
     episode: String,
 }
 

@@ -184,7 +184,7 @@ pub(super) async fn remarks(
     remarks.await.map(|remarks| Json(json!(remarks)))
 }
 
-/// What a remark is.
+/// The three kinds of remarks that people make on episodes.
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum RemarkKind {
@@ -212,7 +212,7 @@ impl RemarkKind {
 pub(super) struct RemarkBody {
     /// The episode's id; its beginning is enough where it is unique.
     episode: String,
-    /// What the remark is.
+    /// Whether it is a star, a tag or a comment.
     kind: RemarkKind,
     /// The tag (1 to 60 characters without a comma) or the comment (1 to 4000); a star has none.
     text: Option<String>,
@@ -261,7 +261,7 @@ pub(super) async fn remark(
 pub(super) struct RemarkFilter {
     /// Author of the remark; with tokens, whose token it is counts.
     author: Option<String>,
-    /// What the remark is.
+    /// Whether it is a star, a tag or a comment.
     kind: RemarkKind,
     /// The tag or the comment; a star has none.
     #[serde(default)]

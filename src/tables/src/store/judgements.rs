@@ -163,11 +163,11 @@ pub struct AnswerLabelRow {
 /// What a person remarks on an episode: a row of `remarks`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct RemarkRow {
-    /// Id of the episode.
+    /// Id of the episode that the remark is about.
     pub episode_id: String,
-    /// Who makes the remark.
+    /// Name of the person who makes the remark.
     pub author: String,
-    /// `star`, `tag` or `comment`.
+    /// What the remark is: `star`, `tag` or `comment`.
     pub kind: String,
     /// The tag or the comment; empty for a star.
     pub text: String,

@@ -6,9 +6,9 @@ use reel_tables::{RemarkRow, Store};
 use super::label::{author, episodes, now_ms, the_episode};
 use crate::ExitStatus;
 
-/// Longest tag, in characters.
+/// The longest tag that is kept, in characters.
 const TAG_CHARACTERS: usize = 60;
-/// Longest comment, in characters.
+/// The longest comment that is kept, in characters.
 const COMMENT_CHARACTERS: usize = 4000;
 
 /// Keep stars, tags and comments on episodes of the store, each with its author.
@@ -55,7 +55,7 @@ enum Command {
         #[arg(long, value_name = "STEP")]
         step: Option<i32>,
     },
-    /// Take a remark back
+    /// Take back one star, tag or comment of your own
     Remove {
         #[command(flatten)]
         who: Who,
