@@ -253,27 +253,3 @@ export async function a_selection_is_tagged(browser) {
     await forget(author);
   }
 }
-
-/** A store of an older version has no remarks: the list works, and the page of an episode says why there are none. */
-export async function a_store_without_remarks_is_told(browser) {
-  await onPage(browser, async (page) => {
-    await page.route("**/api/sql", async (route) => {
-      const asked = route.request().postDataJSON().sql;
-      if (asked.includes("table_name = 'remarks'")) await route.fulfill({ contentType: "application/json", body: "[]" });
-      else {
-        assert(!/\b(FROM|JOIN) remarks\b/.test(asked), asked);
-        await route.continue();
-      }
-    });
-    await visit(page, "/episodes?columns=task_id,tags&search=nav_to");
-    await page.locator("a.open").first().waitFor();
-    await page.getByText("Columns").click();
-    await page.getByRole("checkbox", { name: "Labelled by" }).waitFor();
-    const columns = page.getByRole("checkbox", { name: /Starred by|Tags|Comments/ });
-    assert(!(await columns.count()), "there is a column of remarks");
-    await visit(page, pageOf(FIRST, "?comments=1"));
-    await page.getByText("This store was written by an older version").waitFor();
-    assert(!(await page.locator("button[aria-pressed]", { hasText: "Star" }).count()), "there is a star");
-    await clean(page);
-  });
-}

@@ -9,8 +9,6 @@ export interface Column {
   number?: boolean;
   /** Whether it is there before anybody chooses. */
   usual?: boolean;
-  /** Whether it is of the remarks, which older stores do not have. */
-  remark?: boolean;
   show(row: Episode): string;
 }
 
@@ -32,9 +30,9 @@ export const COLUMNS: Column[] = [
   { key: "verdict", title: "Replay", usual: true, show: plain("verdict") },
   { key: "label", title: "Label", show: plain("label") },
   { key: "labelled_by", title: "Labelled by", show: text("labelled_by") },
-  { key: "starred_by", title: "★ Starred by", remark: true, show: text("starred_by") },
-  { key: "tags", title: "Tags", remark: true, show: text("tags") },
-  { key: "comments", title: "Comments", number: true, remark: true, show: digits("comments") },
+  { key: "starred_by", title: "★ Starred by", show: text("starred_by") },
+  { key: "tags", title: "Tags", show: text("tags") },
+  { key: "comments", title: "Comments", number: true, show: digits("comments") },
   { key: "trace_modified_ns", title: "Recorded", show: (row) => date.format(Number(row["trace_modified_ns"]) / 1e6) },
   { key: "family", title: "Family", show: text("family") },
   { key: "run_id", title: "Run", show: text("run_id") },

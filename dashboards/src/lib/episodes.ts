@@ -2,7 +2,7 @@
 import { sql, traceName } from "./api";
 import { words } from "./format";
 import { PEOPLE, author } from "./labels";
-import { REMARKED, askForRemarks, starName } from "./remarks";
+import { REMARKED, starName } from "./remarks";
 import { link } from "./route.svelte";
 import type { Found } from "./search";
 
@@ -31,11 +31,8 @@ export interface Episode {
 /** The class of a failure, from `episodes e` and `classes c`. */
 export const CLASS = "CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END";
 
-/**
- * Episodes with their class, decisive step, verdict and remarks, as `listed`. Rows of an older file of the same trace do
- * not count. Where the store has no table `remarks`, nothing is remarked.
- */
-const listed = (condition: string, remarks: boolean) => `WITH listed AS (
+/** Episodes with their class, decisive step, verdict and remarks, as `listed`. Rows of an older file of the same trace do not count. */
+const listed = (condition: string) => `WITH listed AS (
   SELECT
     e.*,
     CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
@@ -53,23 +50,12 @@ const listed = (condition: string, remarks: boolean) => `WITH listed AS (
     FROM verdicts GROUP BY trace_digest
   ) v ON v.trace_digest = e.trace_digest
   LEFT JOIN (${PEOPLE}) l ON l.episode_id = e.episode_id
-  LEFT JOIN (${remarks ? REMARKED : NO_REMARKS}) r ON r.episode_id = e.episode_id
+  LEFT JOIN (${REMARKED}) r ON r.episode_id = e.episode_id
   WHERE ${condition}
 )`;
-const NO_REMARKS = `SELECT CAST(NULL AS VARCHAR) AS episode_id, CAST(NULL AS VARCHAR) AS starred_by, CAST(NULL AS VARCHAR) AS tags,
-    CAST(NULL AS BIGINT) AS comments WHERE false`;
-const [TRIAL, BRANCH] = ["e.parent_trace IS NULL", "e.parent_trace IS NOT NULL"] as const;
 /** What was played. A branch is no trial of its policy: it stands below its parent, and counts nowhere. */
-export let LISTED = listed(TRIAL, false);
-export let BRANCHES = listed(BRANCH, false);
-
-/** Asks whether the store has remarks, so that `LISTED` and `BRANCHES` name them; to be awaited before a question does. */
-export async function knowRemarks(): Promise<boolean> {
-  const present = await askForRemarks();
-  LISTED = listed(TRIAL, present);
-  BRANCHES = listed(BRANCH, present);
-  return present;
-}
+export const LISTED = listed("e.parent_trace IS NULL");
+export const BRANCHES = listed("e.parent_trace IS NOT NULL");
 
 /** What stands beside the list, in this order. */
 export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason", "label", "labelled_by",

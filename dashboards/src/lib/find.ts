@@ -1,6 +1,6 @@
 /** What the search box of all pages finds: pages, values of filters, episodes, and questions. */
 import { sql, traceName } from "./api";
-import { CLASS, FILTERS, type Filter, episodeLink, filterName, knowRemarks } from "./episodes";
+import { CLASS, FILTERS, type Filter, episodeLink, filterName } from "./episodes";
 import { number } from "./format";
 import { link } from "./route.svelte";
 import { contains, excerpt } from "./search";
@@ -38,12 +38,10 @@ WHERE r.kind = 'comment' AND ${contains("r.text", "text")} ORDER BY r.at_ms DESC
 
 /** Values of filters with the number of their episodes, episodes by name, and comments; `text` is not empty. */
 export async function hits(text: string, signal: AbortSignal): Promise<Hit[]> {
-  const remarks = await knowRemarks();
-  const [named, said] = await Promise.all([values(text, remarks, signal), remarks ? comments(text, signal) : []]);
-  return [...named, ...said];
+  return (await Promise.all([values(text, signal), comments(text, signal)])).flat();
 }
 
-async function values(text: string, remarks: boolean, signal: AbortSignal): Promise<Hit[]> {
+async function values(text: string, signal: AbortSignal): Promise<Hit[]> {
   const kinds = NAMED.map((filter) => `WHEN grouping(${filter}) = 0 THEN '${filter}'`);
   const question = `WITH named AS (
   SELECT e.task_id, e.policy, e.run_id, e.family, ${CLASS} AS class, c.sub_class
@@ -58,7 +56,7 @@ QUALIFY row_number() OVER (PARTITION BY kind ORDER BY episodes DESC, value) <= $
 UNION ALL
 (SELECT 'episode', trace, CAST(NULL AS BIGINT) FROM episodes
 WHERE ${contains("episode_id", "text")} OR ${contains("regexp_replace(trace, '^.*[/]|[.]mcap$', '', 'g')", "text")}
-ORDER BY length(trace), trace LIMIT ${FEW})${remarks ? TAGS : ""}`;
+ORDER BY length(trace), trace LIMIT ${FEW})${TAGS}`;
   const rows = await sql<{ kind: string; value: string; episodes: number | null }>(question, { text }, signal);
   const place = (kind: string) => (kind === "episode" ? FILTERS.length : FILTERS.indexOf(kind as Filter));
   rows.sort((a, b) => place(a.kind) - place(b.kind) || (b.episodes ?? 0) - (a.episodes ?? 0));

@@ -1,9 +1,9 @@
 /** A list of episodes as an address describes it: what is chosen, what is searched, in which order; and what stands beside an episode in it. */
 import { type Row, sql } from "./api";
 import { order } from "./columns";
-import { type Choice, LISTED, choiceOf, chosenFilters, filterName, filterValues, knowRemarks, valuesOf, where } from "./episodes";
+import { type Choice, LISTED, choiceOf, chosenFilters, filterName, filterValues, valuesOf, where } from "./episodes";
 import { link } from "./route.svelte";
-import { containsText, foundIn } from "./search";
+import { CONTAINS_TEXT, foundIn } from "./search";
 
 export interface Chosen {
   choice: Choice;
@@ -44,7 +44,7 @@ export function listWords({ choice, clause, text }: Chosen): string {
 
 /** The conditions of a list on `listed`, and the parameters that they name. */
 export function conditionOf({ choice, clause, text }: Chosen): string {
-  return text ? `${where(choice, clause)} AND ${containsText()}` : where(choice, clause);
+  return text ? `${where(choice, clause)} AND ${CONTAINS_TEXT}` : where(choice, clause);
 }
 export function parametersOf({ choice, text }: Chosen): Record<string, string> {
   return { ...valuesOf(choice), ...(text ? { search: text } : {}) };
@@ -66,7 +66,6 @@ export interface Neighbour {
 
 /** Where an episode stands in a list; null if it does not. */
 export async function positionIn(list: List, digest: string, signal: AbortSignal): Promise<ListPosition | null> {
-  await knowRemarks();
   const beside = ["before", "next"] as const;
   const columns = beside.flatMap((side) =>
     ["trace", "episode_id", "decisive_step"].map((column) => `${side === "next" ? "lead" : "lag"}(${column}) OVER ordered AS ${side}_${column}`));

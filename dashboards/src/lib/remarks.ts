@@ -21,24 +21,6 @@ export type RemarkKey = Omit<Remark, "at_ms">;
 export const TAG_LETTERS = 60;
 export const COMMENT_LETTERS = 4000;
 
-/** Whether the store has the table; stores of older versions get it with the next ingest. */
-let present = false;
-let asking: Promise<boolean> | undefined;
-
-/** Asks once whether the store has the table. */
-export function askForRemarks(): Promise<boolean> {
-  asking ??= sql("SELECT 1 AS there FROM information_schema.tables WHERE table_name = 'remarks'").then(
-    (rows) => (present = rows.length > 0),
-    (error: unknown) => {
-      asking = undefined;
-      throw error;
-    },
-  );
-  return asking;
-}
-/** As far as it is known by now. */
-export const hasRemarks = () => present;
-
 /** What a list shows of the remarks of each episode, for a join. A comma in a name would make two people of it. */
 export const REMARKED = `SELECT episode_id,
       string_agg(DISTINCT said, ', ' ORDER BY said) FILTER (WHERE kind = 'star') AS starred_by,

@@ -1,6 +1,5 @@
 /** Search in what was said: the instruction, the calls, their results, questions, replies, the policy's own words, tags and comments. */
 import { type Row, sql } from "./api";
-import { hasRemarks } from "./remarks";
 
 /** What of a step is searched, and how it is called. */
 const PARTS = {
@@ -18,10 +17,9 @@ const STEP_CONTAINS = `(${Object.values(PARTS).map((column) => contains(column, 
 const REMARK_CONTAINS = `kind <> 'star' AND ${contains("text", "search")}`;
 
 /** The condition on `listed`: the text of `$search` occurs somewhere in the episode, or in a tag or comment of it. */
-export function containsText(): string {
-  const remarked = hasRemarks() ? ` OR episode_id IN (SELECT episode_id FROM remarks WHERE ${REMARK_CONTAINS})` : "";
-  return `(${contains("instruction", "search")} OR episode_id IN (SELECT episode_id FROM steps WHERE ${STEP_CONTAINS})${remarked})`;
-}
+export const CONTAINS_TEXT = `(${contains("instruction", "search")}
+  OR episode_id IN (SELECT episode_id FROM steps WHERE ${STEP_CONTAINS})
+  OR episode_id IN (SELECT episode_id FROM remarks WHERE ${REMARK_CONTAINS}))`;
 
 /** Where a text was found first: in a step, in a remark, or in the instruction. */
 export interface Found {
@@ -64,7 +62,7 @@ QUALIFY row_number() OVER (PARTITION BY episode_id ORDER BY step) = 1`;
       break;
     }
   }
-  const rest = hasRemarks() ? episodes.filter((id) => !found.has(id)) : [];
+  const rest = episodes.filter((id) => !found.has(id));
   if (rest.length) await findRemarks(rest, text, found, signal);
   return found;
 }

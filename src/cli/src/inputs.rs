@@ -20,6 +20,12 @@ use reel_tasks::{
 use reel_trace::{FrameLayers, Shard, Trace, TraceFiles, is_remote, member, name_of_member};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
+/// The argument of commands that measure episodes that may be given instead of paths.
+#[cfg(feature = "analytics")]
+pub const INSTEAD_OF_PATHS: [&str; 1] = ["store"];
+#[cfg(not(feature = "analytics"))]
+pub const INSTEAD_OF_PATHS: [&str; 0] = [];
+
 /// The skills of a name, for arguments.
 pub fn skills(name: &str) -> Result<Skills, String> {
     Skills::parse(name).ok_or_else(|| {

@@ -495,6 +495,32 @@ impl Tool {
         }
     }
 
+    /// The number in the marker map that the tool names; `None` where it names none.
+    pub fn marker(&self) -> Option<u32> {
+        match self {
+            Tool::GazeAt { marker }
+            | Tool::Pick { marker }
+            | Tool::Place { marker }
+            | Tool::Open { marker }
+            | Tool::Close { marker } => Some(*marker),
+            _ => None,
+        }
+    }
+
+    /// The same tool with another number; one that names none stays as it is.
+    #[must_use]
+    pub fn with_marker(mut self, number: u32) -> Self {
+        if let Tool::GazeAt { marker }
+        | Tool::Pick { marker }
+        | Tool::Place { marker }
+        | Tool::Open { marker }
+        | Tool::Close { marker } = &mut self
+        {
+            *marker = number;
+        }
+        self
+    }
+
     /// The call that parses to this tool, with the paper's names.
     pub fn to_call(&self) -> ToolCall {
         let arguments = match self {

@@ -45,16 +45,14 @@ export interface StepCalls {
   calls: OtherCall[];
 }
 
-/** Rows of the trace that the page shows, or that the store is older than the table. */
-export async function counterfactualsOf(episode: Episode, signal: AbortSignal): Promise<Counterfactual[] | "no table"> {
+/** Rows of the trace that the page shows. Where there are no tables yet, nothing was played. */
+export async function counterfactualsOf(episode: Episode, signal: AbortSignal): Promise<Counterfactual[]> {
   try {
     const id = encodeURIComponent(episode.header.episode_id);
     const rows: unknown = await get(`/api/counterfactuals?episode=${id}`, signal);
     return (rows as Counterfactual[]).filter(({ trace_digest }) => trace_digest === episode.digest);
   } catch (error) {
-    if (!(error instanceof ApiError)) throw error;
-    if (error.status === 404) return [];
-    if ((error.status === 400 || error.status === 422) && error.message.includes("not found")) return "no table";
+    if (error instanceof ApiError && error.status === 404) return [];
     throw error;
   }
 }

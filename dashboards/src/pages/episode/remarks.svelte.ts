@@ -1,7 +1,7 @@
 /** Stars, tags and comments of the episode that a page shows, and what this browser's author does with them. */
 import { type Asked, asked } from "../../lib/asked.svelte";
 import { author } from "../../lib/labels";
-import { type Change, type Remark, type RemarkKey, add, askForRemarks, edit, remarksOf, take } from "../../lib/remarks";
+import { type Change, type Remark, type RemarkKey, add, edit, remarksOf, take } from "../../lib/remarks";
 
 export interface Tag {
   text: string;
@@ -32,18 +32,18 @@ export class EpisodeRemarks {
     return counts;
   });
   readonly starred = $derived.by(() => this.stars.some((star) => this.owns(star)));
-  private readonly found: Asked<Remark[] | null>;
+  private readonly found: Asked<Remark[]>;
 
   /** To be made while a component is made; `episode` is null until the tables may be asked. */
   constructor(private readonly episode: () => string | null) {
     this.found = asked((signal) => {
       const id = episode();
-      return id === null ? null : askForRemarks().then((there) => (there ? remarksOf(id, signal) : null));
+      return id === null ? null : remarksOf(id, signal);
     });
   }
 
-  /** All remarks in the order of time; null where the store has no table for them, undefined until it is known. */
-  get all(): Remark[] | null | undefined {
+  /** All remarks in the order of time; undefined until they are known. */
+  get all(): Remark[] | undefined {
     return this.found.value;
   }
   get error(): unknown {

@@ -2,7 +2,7 @@
 import { sql } from "../../lib/api";
 import { type Column, order, selected } from "../../lib/columns";
 import { type CopyFormat, curlSql, markdownText, pythonSql } from "../../lib/copy";
-import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, chosenFilters, condition, facetOf, facetValue, facetValues, knowRemarks } from "../../lib/episodes";
+import { BRANCHES, type Choice, type Episode, FACETS, type Facet, LISTED, chosenFilters, condition, facetOf, facetValue, facetValues } from "../../lib/episodes";
 import { type Chosen, type List, conditionOf, listWords, parametersOf } from "../../lib/list";
 import { excerpt, foundIn } from "../../lib/search";
 
@@ -26,7 +26,6 @@ export interface Part extends Omit<List, "columns"> {
 }
 
 export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
-  await knowRemarks();
   const text = `${LISTED}
 SELECT ${selected(list.columns, list.text ? ["instruction"] : [])} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
@@ -72,7 +71,6 @@ async function withBranches(rows: Episode[], columns: Column[], signal: AbortSig
 
 /** Counts of every facet, each under the choices of all others, in one pass over the table. */
 export async function counts(chosen: Chosen, signal: AbortSignal): Promise<Counts> {
-  await knowRemarks();
   const { choice } = chosen;
   const own = chosenFilters(choice).flatMap(([filter, values]) => {
     const facet = facetOf(filter)?.facet;
@@ -112,8 +110,7 @@ FROM valued GROUP BY GROUPING SETS (${FACETS.map((facet) => `(${facet})`).join("
 }
 
 /** Everything that was chosen, for a selection; at most so many. */
-export async function matching(chosen: Chosen, most: number): Promise<{ episode_id: string; trace: string }[]> {
-  await knowRemarks();
+export function matching(chosen: Chosen, most: number): Promise<{ episode_id: string; trace: string }[]> {
   const text = `${LISTED} SELECT episode_id, trace FROM listed WHERE ${conditionOf(chosen)} ORDER BY episode_id LIMIT ${most}`;
   return sql<{ episode_id: string; trace: string }>(text, parametersOf(chosen));
 }

@@ -23,12 +23,6 @@ use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
 
-/// What stands for paths.
-#[cfg(feature = "analytics")]
-const STORE: [&str; 1] = ["store"];
-#[cfg(not(feature = "analytics"))]
-const STORE: [&str; 0] = [];
-
 /// Measure what each capability cost: the success rate that the agent would have with perfect
 /// perception, communication, memory or primitives (robot skills), everything else as recorded. For
 /// every failed episode and capability reel plays a branch in which a competent agent decides the
@@ -49,7 +43,7 @@ const STORE: [&str; 0] = [];
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Trace files, or folders of them
-    #[arg(value_name = "PATH", required_unless_present_any = STORE)]
+    #[arg(value_name = "PATH", required_unless_present_any = inputs::INSTEAD_OF_PATHS)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
     assets: inputs::Assets,

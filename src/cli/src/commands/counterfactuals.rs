@@ -10,11 +10,6 @@ use serde_json::{Value, json};
 
 use crate::{ExitStatus, inputs, progress};
 
-/// The argument that may be given instead of paths.
-#[cfg(feature = "analytics")]
-const STORE: [&str; 1] = ["store"];
-#[cfg(not(feature = "analytics"))]
-const STORE: [&str; 0] = [];
 /// Episodes whose rows go into the store at a time: what a stopped command has played before stays.
 #[cfg(feature = "analytics")]
 const EPISODES_AT_ONCE: usize = 16;
@@ -37,7 +32,7 @@ const EPISODES_AT_ONCE: usize = 16;
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Trace files, or folders of them; with --store and without paths its failed episodes
-    #[arg(value_name = "PATH", required_unless_present_any = STORE)]
+    #[arg(value_name = "PATH", required_unless_present_any = inputs::INSTEAD_OF_PATHS)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
     assets: inputs::Assets,

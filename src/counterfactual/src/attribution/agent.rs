@@ -104,7 +104,7 @@ impl<'t> CuredAgent<'t> {
             return Some((input, true));
         }
         let parsed = Tool::parse(&input.call).ok();
-        let Some(number) = parsed.as_ref().and_then(marker) else {
+        let Some(number) = parsed.as_ref().and_then(Tool::marker) else {
             return Some((input, true));
         };
         let Some(target) = self.recorded_target(number) else {
@@ -159,7 +159,7 @@ pub(super) fn failure(
     again: bool,
     old_markers: &BTreeSet<u32>,
 ) -> Option<Capability> {
-    let number = Tool::parse(call).ok().as_ref().and_then(marker);
+    let number = Tool::parse(call).ok().as_ref().and_then(Tool::marker);
     let is_current = |number: u32| {
         let mut perceived = context.perceived.iter();
         perceived.any(|item| item.marker == Some(number))
@@ -177,29 +177,9 @@ pub(super) fn failure(
         })
 }
 
-/// The number that a call names.
-pub(super) fn marker(tool: &Tool) -> Option<u32> {
-    match tool {
-        Tool::GazeAt { marker }
-        | Tool::Pick { marker }
-        | Tool::Place { marker }
-        | Tool::Open { marker }
-        | Tool::Close { marker } => Some(*marker),
-        _ => None,
-    }
-}
-
 fn with_marker(input: &StepInput, tool: &Tool, marker: u32) -> StepInput {
-    let tool = match tool {
-        Tool::GazeAt { .. } => Tool::GazeAt { marker },
-        Tool::Pick { .. } => Tool::Pick { marker },
-        Tool::Place { .. } => Tool::Place { marker },
-        Tool::Open { .. } => Tool::Open { marker },
-        Tool::Close { .. } => Tool::Close { marker },
-        other => other.clone(),
-    };
     StepInput {
-        call: tool.to_call(),
+        call: tool.clone().with_marker(marker).to_call(),
         ..input.clone()
     }
 }

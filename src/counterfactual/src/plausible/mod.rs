@@ -113,7 +113,7 @@ fn others_of_category(scene: &Scene, receptacle: &ReceptacleId) -> impl Iterator
 /// The same tool with other markers of its marker's kind: first those of the same category, then by
 /// their numbers.
 fn with_other_markers(tool: &Tool, perceived: &[PerceivedItem]) -> Vec<Tool> {
-    let Some(marker) = marker_of(tool) else {
+    let Some(marker) = tool.marker() else {
         return Vec::new();
     };
     let marked = perceived.iter().find(|it| it.marker == Some(marker));
@@ -126,24 +126,6 @@ fn with_other_markers(tool: &Tool, perceived: &[PerceivedItem]) -> Vec<Tool> {
         })
         .collect();
     others.sort_unstable();
-    let with = |(_, marker): (bool, u32)| match tool {
-        Tool::GazeAt { .. } => Tool::GazeAt { marker },
-        Tool::Pick { .. } => Tool::Pick { marker },
-        Tool::Place { .. } => Tool::Place { marker },
-        Tool::Open { .. } => Tool::Open { marker },
-        Tool::Close { .. } => Tool::Close { marker },
-        other => other.clone(),
-    };
+    let with = |(_, marker)| tool.clone().with_marker(marker);
     others.into_iter().take(MARKERS_MAX).map(with).collect()
-}
-
-fn marker_of(tool: &Tool) -> Option<u32> {
-    match tool {
-        Tool::GazeAt { marker }
-        | Tool::Pick { marker }
-        | Tool::Place { marker }
-        | Tool::Open { marker }
-        | Tool::Close { marker } => Some(*marker),
-        _ => None,
-    }
 }

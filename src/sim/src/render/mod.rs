@@ -85,8 +85,8 @@ pub(crate) fn surfaces_of(drawable: &Drawable<'_>) -> Vec<TriangleSurface> {
             triangles: (model.mesh.data().triangles.iter())
                 .map(|triangle| triangle.corners)
                 .collect(),
-            colors: (model.mesh.data().triangles.iter())
-                .map(|triangle| textured::middle_color(model.mesh.data(), triangle))
+            colors: (0..model.mesh.data().triangles.len())
+                .map(|triangle| textured::middle_color(model, triangle))
                 .collect(),
         });
     }

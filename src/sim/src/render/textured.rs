@@ -2,7 +2,7 @@
 //! everything else. What a pixel shows of a triangle follows from the point it sees, so nothing is
 //! interpolated over the image.
 
-use reel_world::mesh::{MeshData, Texture, Triangle};
+use reel_world::mesh::{Texture, Triangle};
 
 use super::shade::{
     Encoder, LINEAR_TO_SRGB, ShadingFrame, falloff, light, pixels_per_metre, scaled, to_linear,
@@ -11,6 +11,9 @@ use crate::{
     geometry::{add, cross, dot, sub},
     model::MeshModel,
 };
+
+/// How far the eye is for whom a triangle has one colour, in metres.
+const SEEN_FROM_M: f32 = 2.0;
 
 /// A mesh that may be visible.
 pub(super) struct MeshSurface<'a> {
@@ -86,10 +89,23 @@ impl<'a> MeshSurface<'a> {
     }
 
     fn facet(&self, triangle: usize) -> Facet<'_> {
-        let data = self.model.mesh.data();
+        Facet::of(self.model, triangle, self.place.eye)
+    }
+}
+
+/// The colour of the middle of a triangle without light, as linear RGB: of a texture what is seen
+/// of it from [`SEEN_FROM_M`].
+pub(super) fn middle_color(model: &MeshModel, triangle: usize) -> [f32; 3] {
+    Facet::of(model, triangle, [0.0; 3]).color_at([1.0 / 3.0; 3], 1.0 / SEEN_FROM_M)
+}
+
+impl<'a> Facet<'a> {
+    /// A triangle of a model, with its flat normal towards the eye.
+    fn of(model: &'a MeshModel, triangle: usize, eye: [f32; 3]) -> Self {
+        let data = model.mesh.data();
         let Triangle { corners, material } = data.triangles[triangle];
         let corners = corners.map(|corner| corner as usize);
-        let [corner, b, c] = corners.map(|corner| self.model.positions[corner]);
+        let [corner, b, c] = corners.map(|corner| model.positions[corner]);
         let sides = [sub(b, corner), sub(c, corner)];
         let products = [
             dot(sides[0], sides[0]),
@@ -100,13 +116,13 @@ impl<'a> MeshSurface<'a> {
         let across = cross(sides[0], sides[1]);
         let twice_area = dot(across, across).sqrt();
         let outward = scaled(across, inverse_of(twice_area));
-        let normal = if dot(outward, sub(self.place.eye, corner)) < 0.0 {
+        let normal = if dot(outward, sub(eye, corner)) < 0.0 {
             scaled(outward, -1.0)
         } else {
             outward
         };
         let material = &data.materials[usize::from(material)];
-        Facet {
+        Self {
             corner,
             sides,
             products,
@@ -116,7 +132,7 @@ impl<'a> MeshSurface<'a> {
             color: material.color,
             colors: (!data.colors.is_empty()).then(|| corners.map(|corner| data.colors[corner])),
             texture: material.texture.map(|texture| {
-                let levels = self.model.mesh.levels(texture);
+                let levels = model.mesh.levels(texture);
                 let points = corners.map(|corner| data.texture_points[corner]);
                 let [u, v] = [1, 2].map(|i| {
                     let size = [levels[0].width as f32, levels[0].height as f32];
@@ -131,9 +147,7 @@ impl<'a> MeshSurface<'a> {
             }),
         }
     }
-}
 
-impl Facet<'_> {
     /// How much a point has of each corner: each at least 0, together 1.
     #[inline]
     fn weights(&self, point: [f32; 3]) -> [f32; 3] {
@@ -246,36 +260,4 @@ fn mix([a, b, c]: [[f32; 3]; 3], weights: [f32; 3]) -> [f32; 3] {
 fn inverse_of(value: f32) -> f32 {
     let inverse = 1.0 / value;
     if inverse.is_finite() { inverse } else { 0.0 }
-}
-
-/// What the middle of a triangle shows without light, as linear RGB.
-pub(super) fn middle_color(mesh: &MeshData, triangle: &Triangle) -> [f32; 3] {
-    let third = 1.0 / 3.0;
-    let middle = |a: f32, b: f32, c: f32| (a + b + c) * third;
-    let times = |a: [f32; 3], b: [f32; 3]| [a[0] * b[0], a[1] * b[1], a[2] * b[2]];
-    let material = mesh.materials[usize::from(triangle.material)];
-    let corners = triangle.corners.map(|corner| corner as usize);
-    let mut color = material.color;
-    if !mesh.colors.is_empty() {
-        let [a, b, c] = corners.map(|corner| mesh.colors[corner]);
-        color = times(color, [0, 1, 2].map(|k| middle(a[k], b[k], c[k])));
-    }
-    let texture = material
-        .texture
-        .map(|texture| &mesh.textures[usize::from(texture)]);
-    if let Some(texture) = texture
-        && !mesh.texture_points.is_empty()
-    {
-        let [a, b, c] = corners.map(|corner| mesh.texture_points[corner]);
-        let texel = |axis: usize, size: u32| {
-            let at = middle(a[axis], b[axis], c[axis]);
-            let share = at - libm::floorf(at);
-            ((share * size as f32) as u32).min(size - 1) as usize
-        };
-        let first =
-            (texel(1, texture.height) * texture.width as usize + texel(0, texture.width)) * 3;
-        let pixel = [0, 1, 2].map(|k| to_linear(texture.rgb[first + k]));
-        color = times(color, pixel);
-    }
-    color
 }

@@ -31,12 +31,6 @@ impl From<Competent> for CompetentAgent {
     }
 }
 
-/// What stands for paths.
-#[cfg(feature = "analytics")]
-const STORE: [&str; 1] = ["store"];
-#[cfg(not(feature = "analytics"))]
-const STORE: [&str; 0] = [];
-
 /// Measure why episodes failed. From every step of an episode reel computes how many decisions a
 /// competent agent that knows what this agent knew still needs at worst: it looks before it picks,
 /// asks where several things fit, and puts back wrong objects. A step that loses
@@ -60,7 +54,7 @@ const STORE: [&str; 0] = [];
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Trace files, or folders of them
-    #[arg(value_name = "PATH", required_unless_present_any = STORE)]
+    #[arg(value_name = "PATH", required_unless_present_any = inputs::INSTEAD_OF_PATHS)]
     paths: Vec<PathBuf>,
     #[command(flatten)]
     assets: inputs::Assets,

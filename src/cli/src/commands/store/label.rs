@@ -33,12 +33,6 @@ use crate::{ExitStatus, inputs};
 pub struct Arguments {
     #[command(subcommand)]
     what: Command,
-    /// The store: a folder or s3://bucket/folder
-    #[arg(long, value_name = "STORE", default_value = "store", global = true)]
-    store: String,
-    /// Print labels as JSON (`list`, `disputed` and `answers`)
-    #[arg(long, global = true)]
-    json: bool,
 }
 
 #[derive(clap::Subcommand)]
@@ -128,17 +122,14 @@ struct Answer {
 }
 
 /// Adds, imports, exports or lists labels, or lists disputed episodes.
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+pub fn run(arguments: &Arguments, store: &str, json: bool) -> anyhow::Result<ExitStatus> {
     let now_ms = now_ms();
     match &arguments.what {
-        Command::Set(set) => keep(
-            &arguments.store,
-            vec![labelled(&arguments.store, set, now_ms)?],
-        ),
-        Command::Remove { episode, author } => remove(&arguments.store, episode, author),
-        Command::Answer(answer) => keep_answer(&arguments.store, answer, now_ms),
+        Command::Set(set) => keep(store, vec![labelled(store, set, now_ms)?]),
+        Command::Remove { episode, author } => remove(store, episode, author),
+        Command::Answer(answer) => keep_answer(store, answer, now_ms),
         Command::Answers => {
-            let labels = Store::open(&arguments.store)?.answer_labels()?;
+            let labels = Store::open(store)?.answer_labels()?;
             let lines = labels.iter().map(|label| {
                 let note = label.note.iter().map(|note| format!(": {note}"));
                 format!(
@@ -150,7 +141,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     note.collect::<String>()
                 )
             });
-            let text = if arguments.json {
+            let text = if json {
                 serde_json::to_string_pretty(&labels)? + "\n"
             } else {
                 lines.collect()
@@ -166,14 +157,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     at_ms: now_ms,
                 },
             )?;
-            known_episodes(&arguments.store, labels)
+            known_episodes(store, labels)
         }
-        Command::Export { out } => export(&arguments.store, out.as_deref()),
+        Command::Export { out } => export(store, out.as_deref()),
         Command::List => {
-            let labels = Store::open(&arguments.store)?.labels()?;
+            let labels = Store::open(store)?.labels()?;
             print!(
                 "{}",
-                if arguments.json {
+                if json {
                     to_json(&labels)
                 } else {
                     lines(labels.iter())
@@ -182,18 +173,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(ExitStatus::Success)
         }
         Command::Disputed => {
-            let open = disputed(&Store::open(&arguments.store)?.labels()?);
+            let open = disputed(&Store::open(store)?.labels()?);
             for labels in open.values() {
                 print!(
                     "{}",
-                    if arguments.json {
+                    if json {
                         to_json(labels)
                     } else {
                         lines(labels.iter())
                     }
                 );
             }
-            if !arguments.json {
+            if !json {
                 println!(
                     "{} episodes are disputed; decide with `reel store label set EPISODE ... --adjudicate`",
                     open.len()
@@ -262,9 +253,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
     if success {
         eprintln!("reel: note: episode {episode} succeeded; the label says why it failed");
     }
-    if set.step.is_some_and(|step| step < 0 || step >= length) {
-        bail!("the episode has {length} steps, from 0 to {}", length - 1);
-    }
+    check_step(set.step, length)?;
     Ok(LabelRow {
         episode_id: episode.clone(),
         author: author(&set.author)?,
@@ -281,6 +270,14 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         note: set.note.clone(),
         at_ms,
     })
+}
+
+/// Refuses a step that an episode of this length does not have.
+pub(super) fn check_step(step: Option<i32>, length: i32) -> anyhow::Result<()> {
+    if step.is_some_and(|step| step < 0 || step >= length) {
+        bail!("the episode has {length} steps, from 0 to {}", length - 1);
+    }
+    Ok(())
 }
 
 /// Removes an author's labels of an episode, one that adjudicates too.

@@ -87,8 +87,8 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut store = match &arguments.command {
         Command::Reward(arguments) => return reward::run(arguments),
-        Command::Label(arguments) => return label::run(arguments),
-        Command::Remark(arguments) => return remark::run(arguments),
+        Command::Label(what) => return label::run(what, &arguments.store, arguments.json),
+        Command::Remark(what) => return remark::run(what, &arguments.store, arguments.json),
         Command::Synthesize {
             episodes,
             tasks,

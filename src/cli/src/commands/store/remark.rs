@@ -3,7 +3,7 @@
 use anyhow::bail;
 use reel_tables::{RemarkRow, Store};
 
-use super::label::{author, episodes, now_ms, the_episode};
+use super::label::{author, check_step, episodes, now_ms, the_episode};
 use crate::ExitStatus;
 
 /// The longest tag that is kept, in characters.
@@ -24,12 +24,6 @@ const COMMENT_CHARACTERS: usize = 4000;
 pub struct Arguments {
     #[command(subcommand)]
     what: Command,
-    /// The store: a folder or s3://bucket/folder
-    #[arg(long, value_name = "STORE", default_value = "store", global = true)]
-    store: String,
-    /// Print remarks as JSON (`list`)
-    #[arg(long, global = true)]
-    json: bool,
 }
 
 #[derive(clap::Subcommand)]
@@ -84,43 +78,44 @@ struct Who {
 }
 
 /// Adds, removes or lists remarks.
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let store = &arguments.store;
+pub fn run(arguments: &Arguments, store: &str, json: bool) -> anyhow::Result<ExitStatus> {
     match &arguments.what {
-        Command::Star(who) => keep(store, who, "star", "", None),
+        Command::Star(who) => keep(store, who.remark(store, "star", "", None)?),
         Command::Tag { who, tag } => {
             let tag = tag.trim();
             if tag.is_empty() || tag.chars().count() > TAG_CHARACTERS || tag.contains(',') {
                 bail!("a tag has 1 to {TAG_CHARACTERS} characters and no comma");
             }
-            keep(store, who, "tag", tag, None)
+            keep(store, who.remark(store, "tag", tag, None)?)
         }
         Command::Comment { who, text, step } => {
             let text = text.trim();
             if text.is_empty() || text.chars().count() > COMMENT_CHARACTERS {
                 bail!("a comment has 1 to {COMMENT_CHARACTERS} characters");
             }
-            keep(store, who, "comment", text, *step)
+            keep(store, who.remark(store, "comment", text, *step)?)
         }
         Command::Remove {
             who,
             kind,
             text,
             step,
-        } => remove(store, who, kind, text.trim(), *step),
+        } => take_back(store, who.remark(store, kind, text.trim(), *step)?),
         Command::List => {
             let remarks = Store::open(store)?.remarks()?;
-            if arguments.json {
+            if json {
                 println!("{}", serde_json::to_string_pretty(&remarks)?);
+                return Ok(ExitStatus::Success);
             }
-            for remark in remarks.iter().filter(|_| !arguments.json) {
-                let step = remark
-                    .step
-                    .map(|step| format!(" at {step}"))
-                    .unwrap_or_default();
+            for remark in remarks {
+                let step = remark.step.map(|step| format!(" at {step}"));
                 println!(
-                    "{}  {:7} {:12} {}{step}",
-                    remark.episode_id, remark.kind, remark.author, remark.text
+                    "{}  {:7} {:12} {}{}",
+                    remark.episode_id,
+                    remark.kind,
+                    remark.author,
+                    remark.text,
+                    step.unwrap_or_default()
                 );
             }
             Ok(ExitStatus::Success)
@@ -128,7 +123,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 }
 
-/// What makes a remark the same as another: everything but its time.
+impl Who {
+    /// A remark on the episode, made now.
+    fn remark(
+        &self,
+        store: &str,
+        kind: &str,
+        text: &str,
+        step: Option<i32>,
+    ) -> anyhow::Result<RemarkRow> {
+        let episodes = episodes(store)?;
+        let episode = the_episode(&episodes, &self.episode)?;
+        let (length, _) = episodes[episode];
+        check_step(step, length)?;
+        Ok(RemarkRow {
+            episode_id: episode.clone(),
+            author: author(&self.author)?,
+            kind: kind.to_owned(),
+            text: text.to_owned(),
+            step,
+            at_ms: now_ms(),
+        })
+    }
+}
+
+/// Whether two remarks are the same, whenever they were made.
 fn is_same(one: &RemarkRow, other: &RemarkRow) -> bool {
     let at_ms = one.at_ms;
     *one == RemarkRow {
@@ -137,68 +156,32 @@ fn is_same(one: &RemarkRow, other: &RemarkRow) -> bool {
     }
 }
 
-fn remark(
-    store: &str,
-    who: &Who,
-    kind: &str,
-    text: &str,
-    step: Option<i32>,
-) -> anyhow::Result<RemarkRow> {
-    let episodes = episodes(store)?;
-    let episode = the_episode(&episodes, &who.episode)?;
-    let (length, _) = episodes[episode];
-    if step.is_some_and(|step| step < 0 || step >= length) {
-        bail!("the episode has {length} steps, from 0 to {}", length - 1);
-    }
-    Ok(RemarkRow {
-        episode_id: episode.clone(),
-        author: author(&who.author)?,
-        kind: kind.to_owned(),
-        text: text.to_owned(),
-        step,
-        at_ms: now_ms(),
-    })
-}
-
 /// Adds a remark; one that is there already stays as it is.
-fn keep(
-    store: &str,
-    who: &Who,
-    kind: &str,
-    text: &str,
-    step: Option<i32>,
-) -> anyhow::Result<ExitStatus> {
-    let new = remark(store, who, kind, text, step)?;
+fn keep(store: &str, remark: RemarkRow) -> anyhow::Result<ExitStatus> {
     Store::open(store)?.change_remarks(|mut before| {
-        if !before.iter().any(|other| is_same(other, &new)) {
-            before.push(new.clone());
+        if !before.iter().any(|other| is_same(other, &remark)) {
+            before.push(remark.clone());
         }
         before
     })?;
-    println!("{kind} kept");
+    println!("{} kept", remark.kind);
     Ok(ExitStatus::Success)
 }
 
-fn remove(
-    store: &str,
-    who: &Who,
-    kind: &str,
-    text: &str,
-    step: Option<i32>,
-) -> anyhow::Result<ExitStatus> {
-    let old = remark(store, who, kind, text, step)?;
+fn take_back(store: &str, remark: RemarkRow) -> anyhow::Result<ExitStatus> {
     let mut store = Store::open(store)?;
-    if !store.remarks()?.iter().any(|other| is_same(other, &old)) {
+    if !store.remarks()?.iter().any(|other| is_same(other, &remark)) {
         bail!(
-            "{} has made no such {kind} on episode {}; `reel store remark list` shows all",
-            old.author,
-            old.episode_id
+            "{} has made no such {} on episode {}; `reel store remark list` shows all",
+            remark.author,
+            remark.kind,
+            remark.episode_id
         );
     }
     store.change_remarks(|mut before| {
-        before.retain(|other| !is_same(other, &old));
+        before.retain(|other| !is_same(other, &remark));
         before
     })?;
-    println!("{kind} removed");
+    println!("{} removed", remark.kind);
     Ok(ExitStatus::Success)
 }
