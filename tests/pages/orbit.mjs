@@ -83,11 +83,14 @@ export async function orbit_shows_the_scene(browser, { trace, step }) {
     // Another place of the robot is another image.
     const steps = await stepsOf(trace);
     const moves = steps.findIndex(({ robot }, at) => at > 0 && robot.base.join() !== steps[0].robot.base.join());
+    const seen = [];
     for (const at of [0, moves + 1]) {
       await page.goto(`${url}/episodes/${trace}?camera=3d&eye=robot&step=${at}`);
       await drawn(page);
+      seen.push(await canvas(page).screenshot());
     }
-    const eyes = await canvas(page).screenshot();
+    const eyes = seen[1];
+    assert(!eyes.equals(seen[0]), "from elsewhere the robot sees the same");
     await page.getByRole("button", { name: "Above" }).click();
     await drawn(page);
     const above = await canvas(page).screenshot();
@@ -102,6 +105,26 @@ export async function orbit_shows_the_scene(browser, { trace, step }) {
     assert((await page.locator(".scene .label:not(.name)").allInnerTexts()).some((text) => /target|destination/.test(text)), "no label");
     const found = await findings(page);
     assert(!found.length, found.join("\n"));
+  });
+}
+
+/** Things are where the record says: the target ends at its destination, and did not begin there. */
+export async function orbit_moves_what_was_carried(browser) {
+  const [{ trace, length }] = await sql(`SELECT trace, length FROM episodes WHERE success AND family = 'FDP' AND parent_trace IS NULL
+    ORDER BY trace LIMIT 1`);
+  await onPage(browser, async (page) => {
+    const far = async (step) => {
+      await visit(page, `/episodes/${traceName(trace)}?camera=3d&eye=above&show=after${step === null ? "" : `&step=${step}`}`);
+      await drawn(page);
+      const middle = async (text) => {
+        const { x, y, width, height } = await page.locator(".scene .label:not(.name)", { hasText: text }).first().boundingBox();
+        return [x + width / 2, y + height / 2];
+      };
+      const [target, destination] = [await middle("target"), await middle("destination")];
+      return Math.hypot(target[0] - destination[0], target[1] - destination[1]);
+    };
+    const [start, end] = [await far(null), await far(length - 1)];
+    assert(end < 60 && start > end + 20, `the target is ${start} pixels from its destination at the start, and ${end} at the end`);
   });
 }
 

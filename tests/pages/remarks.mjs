@@ -50,6 +50,12 @@ export async function an_episode_is_starred_and_tagged(browser) {
       await page.keyboard.press("Enter");
       await said(page, "Starred.");
       await until(async () => (await star.getAttribute("aria-pressed")) === "true", "the star");
+      await undo(page);
+      await until(async () => (await by(author)).length === 0, "no star, because it was undone");
+      await until(async () => (await star.getAttribute("aria-pressed")) === "false", "the page without the star");
+      await page.locator("h1").click();
+      await page.keyboard.press("s");
+      await said(page, "Starred.");
       await page.locator("h1").click();
       await page.keyboard.press("s");
       await said(page, "Star removed.");

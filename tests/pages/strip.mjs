@@ -40,6 +40,7 @@ async function openCell(page, step) {
   await cells(page).first().focus();
   for (let at = -1; at < step; at += 1) await page.keyboard.press("ArrowRight");
   await until(() => cells(page).nth(step).evaluate((cell) => cell === document.activeElement), `the focus on cell ${step}`);
+  await until(() => parameter(page, "step") === String(step), `the clock at step ${step}`);
   const box = page.getByRole("heading", { name: `In place of step ${step}` });
   await page.keyboard.press("Enter");
   try {

@@ -135,7 +135,8 @@ OTHERS = {
 #: What the document must not open to less than an admin without this script being told.
 ADMINS = {
     ("PUT", "/api/traces/x"), ("DELETE", "/api/traces/x"), ("POST", "/api/traces/x/branches"), ("POST", "/api/jobs"),
-    ("DELETE", "/api/jobs/1"), ("POST", "/api/labels"), ("DELETE", "/api/sessions/x"), ("POST", "/api/sessions/x/answer"),
+    ("DELETE", "/api/jobs/1"), ("POST", "/api/labels"), ("POST", "/api/remarks"), ("DELETE", "/api/remarks/x"),
+    ("DELETE", "/api/sessions/x"), ("POST", "/api/sessions/x/answer"),
     ("PUT", "/api/definitions/x"), ("DELETE", "/api/definitions/x"),
 }
 

@@ -228,6 +228,10 @@ def strange_bodies(trace):
         {"step": -(2**31)}, {"step": 2**31}, {"confidence": 1e308}, {"confidence": -1}, {"class": "\0"}, {"more": 1},
         {"sub_class": "--store=/tmp"},
     ]
+    yield "/api/remarks", {"episode": "x", "kind": "tag", "text": "t", "author": "a"}, [
+        {"episode": ""}, {"episode": "--help"}, {"episode": "\0"}, {"kind": "star"}, {"kind": "sta"}, {"text": "\0"}, {"text": "--store=/tmp"},
+        {"text": "y" * 500_000}, {"kind": "comment", "text": "y" * 500_000}, {"author": "\n\0"}, {"step": 1}, {"step": 2**31}, {"more": 1},
+    ]
     yield "/api/leases", {"worker": "leased", "task_id": "FDP/home_0001", "rollouts": 1}, [
         {"worker": "../x"}, {"worker": ""}, {"worker": "x" * 63}, {"task_id": "../x"}, {"task_id": "\0"}, {"rollouts": 0},
         {"rollouts": 2**32}, {"rollouts": -1}, {"seed": -1}, {"seed": 2**64}, {"worker": "l1", "seed": 2**64 - 1},

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::{complaint, failed_episode, server::Server};
+use crate::{complaint, expect, failed_episode, server::Server};
 
 fn remarks(told: &Value) -> Vec<(String, String, Option<i64>)> {
     let text = |one: &Value, field: &str| one[field].as_str().unwrap().to_owned();
@@ -97,4 +97,50 @@ fn what_is_no_remark_is_refused() {
     assert_eq!(server.get("remarks"), json!([]));
     let said = complaint(folder, 2, "store remark star e --store data/store");
     assert!(said.contains("--author"), "{said}");
+}
+
+/// With tokens the author is whose token it is, whatever the request says; nobody takes back
+/// another's remark, and who may only read remarks nothing.
+#[test]
+fn a_token_speaks_for_its_owner_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    reel!(folder, "ingest traces --store data/store");
+    let token = |name: &str, role: &str| {
+        let said = expect(
+            folder,
+            0,
+            &format!("server token create {name} --role {role} --data data --json"),
+        );
+        let said: Value = serde_json::from_str(&said).unwrap();
+        said["token"].as_str().unwrap().to_owned()
+    };
+    let (ann, bo, reader) = (
+        token("ann", "admin"),
+        token("bo", "admin"),
+        token("eve", "read"),
+    );
+    let server = Server::start(folder);
+    let (_, episodes) = server.send_as(&ann, "GET", "episodes", None);
+    let episode = episodes["episodes"][0]["episode_id"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    let star = json!({"episode": episode, "kind": "star", "author": "bo"});
+    let (status, kept) = server.send_as(&ann, "POST", "remarks", Some(&star));
+    assert_eq!((status, &kept["author"]), (201, &json!("ann")), "{kept}");
+    let path = format!("remarks/{episode}?kind=star&author=ann");
+    assert_eq!(server.send_as(&bo, "DELETE", &path, None).0, 422);
+    for token in [&reader, ""] {
+        let status = if token.is_empty() { 401 } else { 403 };
+        assert_eq!(
+            server.send_as(token, "POST", "remarks", Some(&star)).0,
+            status
+        );
+        assert_eq!(server.send_as(token, "DELETE", &path, None).0, status);
+    }
+    let (_, remarks) = server.send_as(&reader, "GET", "remarks", None);
+    assert_eq!(remarks[0]["author"], "ann");
+    assert_eq!(server.send_as(&ann, "DELETE", &path, None).0, 204);
 }

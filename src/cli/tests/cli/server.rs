@@ -46,10 +46,25 @@ impl Server {
 
     /// The status and the JSON (null where there is none) that a request is answered with.
     pub(crate) fn send(&self, method: &str, path: &str, body: Option<&Value>) -> (u16, Value) {
+        self.send_as("", method, path, body)
+    }
+
+    /// [`Server::send`] with a token; empty: none.
+    pub(crate) fn send_as(
+        &self,
+        token: &str,
+        method: &str,
+        path: &str,
+        body: Option<&Value>,
+    ) -> (u16, Value) {
+        let shown = match token {
+            "" => String::new(),
+            token => format!("Authorization: Bearer {token}\r\n"),
+        };
         let mut stream = TcpStream::connect(&self.address).unwrap();
         let body = body.map(Value::to_string).unwrap_or_default();
         let request = format!(
-            "{method} /api/{path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
+            "{method} /api/{path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{shown}\
              Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
             body.len()
         );

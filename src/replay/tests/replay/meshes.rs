@@ -5,10 +5,11 @@ use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use reel_agents::{RecordTo, Responders, policy, run_episode};
 use reel_replay::{Verdict, verify_all, verify_restored, verify_trace, view_at};
+use reel_sim::PreparedTask;
 use reel_tasks::home_scene;
 use reel_trace::{Images, Trace};
 use reel_world::{
-    AssetId, Assets, Mesh, NoAssets, Outcome, Task,
+    AssetId, Assets, Mesh, NoAssets, Outcome, Task, instances,
     mesh::{Material, MeshData, Texture, Triangle},
 };
 
@@ -212,4 +213,54 @@ fn outcomes(trace: &Trace) -> Vec<(&str, &Outcome)> {
         .iter()
         .map(|step| (step.tool_name(), &step.outcome))
         .collect()
+}
+
+/// What viewers draw of a mesh: a colour for each triangle, of its texture, its vertices and its
+/// material together.
+#[test]
+fn triangles_of_a_mesh_have_the_colours_that_it_shows() {
+    let task = &tasks()[0];
+    let scene = Arc::new(home_scene());
+    let colors = |tint: f32| -> Vec<[f32; 3]> {
+        let target = task.target_object().asset.clone();
+        let assets = BTreeMap::from([(target, mesh(tint))]);
+        let meshes = assets.meshes(&mut task.assets());
+        let stage = PreparedTask::with_meshes(scene.clone(), task.clone(), meshes);
+        let known = instances(task, &scene);
+        let id = known
+            .iter()
+            .find(|it| it.name == task.target.as_str())
+            .unwrap()
+            .id;
+        let bodies = stage.drawn_bodies();
+        let body = bodies.iter().find(|it| it.instance == id).unwrap();
+        assert_eq!(
+            body.surfaces.len(),
+            1,
+            "a mesh, and none of the parts that it replaces"
+        );
+        body.surfaces[0].colors.clone()
+    };
+    let linear = |value: f32| ((value / 255.0 + 0.055) / 1.055).powf(2.4);
+    let (tinted, untinted) = (colors(1.0), colors(0.0));
+    assert_eq!((tinted.len(), untinted.len()), (12, 12));
+    for (tinted, untinted) in tinted.iter().zip(&untinted) {
+        // The texture is yellow and blue; vertices take green away, and red where they have no tint.
+        assert!(
+            (linear(20.0)..=linear(240.0)).contains(&tinted[0]),
+            "{tinted:?}"
+        );
+        assert!(
+            untinted[0] == 0.0 && tinted[1..] == untinted[1..],
+            "{untinted:?}"
+        );
+        assert!(
+            (0.5 * linear(60.0)..=linear(220.0)).contains(&tinted[1]),
+            "{tinted:?}"
+        );
+        assert!(
+            (linear(40.0)..=linear(180.0)).contains(&tinted[2]),
+            "{tinted:?}"
+        );
+    }
 }

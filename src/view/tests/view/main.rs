@@ -6,7 +6,8 @@ use reel_trace::{Images, Trace};
 use reel_vectors::play;
 use reel_view::{Video, VideoSegment, contact_sheet, side_by_side, transcript};
 use reel_world::{
-    ErrorCode, Family,
+    Assets as _, ErrorCode, Family, Mesh,
+    mesh::{Material, MeshData, Triangle},
     record::{EndReason, PolicyOutput},
 };
 use tempfile::TempDir;
@@ -226,63 +227,216 @@ fn a_recording_is_what_rerun_accepts() {
     reel_vectors::run(rerun.args(["rrd", "verify"]).arg(&path));
 }
 
-/// The nodes of a glTF file, read by another library: what is below the root, and every pose of what
-/// is animated.
+/// A glTF file, read by another library.
 struct Scene {
     document: gltf::Gltf,
 }
 
 type Pose = ([f32; 3], [f32; 4]);
+type Corners = [[f32; 3]; 3];
 
 impl Scene {
+    fn of(trace: &Trace) -> Self {
+        Self {
+            document: gltf::Gltf::from_slice(&reel_view::glb(trace)).unwrap(),
+        }
+    }
+
+    fn blob(&self) -> &[u8] {
+        self.document.blob.as_deref().unwrap()
+    }
+
+    /// Every pose of a node that is animated.
     fn poses(&self, name: &str) -> Vec<Pose> {
-        let blob = self.document.blob.as_deref().unwrap();
         let animation = self.document.animations().next().unwrap();
         let (mut positions, mut rotations) = (Vec::new(), Vec::new());
-        for channel in animation
-            .channels()
-            .filter(|it| it.target().node().name() == Some(name))
-        {
-            match channel.reader(|_| Some(blob)).read_outputs().unwrap() {
+        let channels = animation.channels();
+        for channel in channels.filter(|it| it.target().node().name() == Some(name)) {
+            let reader = channel.reader(|_| Some(self.blob()));
+            let times: Vec<f32> = reader.read_inputs().unwrap().collect();
+            assert!(
+                times
+                    .iter()
+                    .enumerate()
+                    .all(|(at, time)| *time == at as f32)
+            );
+            match reader.read_outputs().unwrap() {
                 gltf::animation::util::ReadOutputs::Translations(all) => positions.extend(all),
                 gltf::animation::util::ReadOutputs::Rotations(all) => {
-                    rotations.extend(all.into_f32())
+                    rotations.extend(all.into_f32());
                 }
                 _ => panic!("{name} changes its form"),
             }
         }
         positions.into_iter().zip(rotations).collect()
     }
+
+    /// The triangles of bodies at the start, in the scene's frame, with the colour of each.
+    fn triangles(&self, wanted: impl Fn(&str) -> bool) -> Vec<(Corners, [f32; 3])> {
+        let root = self.document.nodes().find(|it| it.name() == Some("scene"));
+        let mut all = Vec::new();
+        for node in root.unwrap().children() {
+            let (Some(mesh), true) = (node.mesh(), node.name().is_some_and(&wanted)) else {
+                continue;
+            };
+            let (position, rotation, _) = node.transform().decomposed();
+            let place = |point| placed(point, (position, rotation));
+            for primitive in mesh.primitives() {
+                let reader = primitive.reader(|_| Some(self.blob()));
+                let corners: Vec<_> = reader.read_positions().unwrap().map(place).collect();
+                let colors: Vec<_> = reader.read_colors(0).unwrap().into_rgb_f32().collect();
+                let indices: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+                all.extend(indices.as_chunks::<3>().0.iter().map(|triangle| {
+                    let triangle = triangle.map(|corner| corner as usize);
+                    assert!(triangle.iter().all(|it| colors[*it] == colors[triangle[0]]));
+                    (triangle.map(|corner| corners[corner]), colors[triangle[0]])
+                }));
+            }
+        }
+        all
+    }
+}
+
+/// A point of a body's frame in the frame that its pose is in.
+fn placed([x, y, z]: [f32; 3], (position, [a, b, c, w]): Pose) -> [f32; 3] {
+    // Twice the cross product of the rotation's axis and the point.
+    let twice = [
+        2.0 * (b * z - c * y),
+        2.0 * (c * x - a * z),
+        2.0 * (a * y - b * x),
+    ];
+    let [p, q, r] = twice;
+    [
+        x + w * p + b * r - c * q + position[0],
+        y + w * q + c * p - a * r + position[1],
+        z + w * r + a * q - b * p + position[2],
+    ]
+}
+
+/// An episode of the oracle, which carries something.
+fn carried(folder: &std::path::Path) -> Trace {
+    let path = folder.join("oracle.mcap");
+    let task = reel_vectors::episodes::tasks()[0].clone();
+    let path = reel_vectors::episodes::record(&path, &task, "oracle", Images::None);
+    Trace::read(&path).unwrap()
 }
 
 #[test]
 fn gltf_has_every_body_where_the_record_says() {
     let dir = TempDir::new().unwrap();
-    let path = dir.path().join("oracle.mcap");
-    let task = reel_vectors::episodes::tasks()[0].clone();
-    let trace = Trace::read(&reel_vectors::episodes::record(
-        &path,
-        &task,
-        "oracle",
-        Images::None,
-    ))
-    .unwrap();
-    let scene = Scene {
-        document: gltf::Gltf::from_slice(&reel_view::glb(&trace)).unwrap(),
-    };
-    let moments: Vec<_> = std::iter::once(&trace.start.bodies)
-        .chain(trace.steps.iter().map(|step| &step.bodies))
-        .collect();
+    let trace = carried(dir.path());
+    let scene = Scene::of(&trace);
+    let start = (&trace.start.robot, &trace.start.bodies);
+    let ends = trace.steps.iter().map(|step| (&step.robot, &step.bodies));
+    let moments: Vec<_> = std::iter::once(start).chain(ends).collect();
+    let robot = scene.poses("robot");
+    assert_eq!(robot.len(), moments.len());
     let mut held = 0;
-    for body in moments[0] {
+    for body in moments[0].1 {
         let poses = scene.poses(&body.body);
         assert_eq!(poses.len(), moments.len(), "{}", body.body);
-        for (pose, bodies) in poses.iter().zip(&moments) {
+        for ((pose, robot), (_, bodies)) in poses.iter().zip(&robot).zip(&moments) {
             match bodies.iter().find(|it| it.body == body.body) {
                 Some(at) => assert_eq!(*pose, (at.position, at.rotation)),
-                None => held += 1,
+                None => {
+                    held += 1;
+                    let away = [0, 1].map(|axis| pose.0[axis] - robot.0[axis]);
+                    let away = away[0].hypot(away[1]);
+                    assert!((0.1..0.6).contains(&away), "held {away} m before the robot");
+                }
             }
         }
     }
     assert!(held > 0, "the oracle carried nothing");
+    // The camera that images are taken with, through all nodes above it.
+    let head = scene.poses("head");
+    for ((head, robot), (state, _)) in head.iter().zip(&robot).zip(&moments) {
+        let seen = placed(head.0, *robot);
+        let away = (0..3).map(|axis| (seen[axis] - state.camera[axis]).abs());
+        assert!(
+            away.fold(0.0, f32::max) < 1e-3,
+            "{seen:?} {:?}",
+            state.camera
+        );
+        // One metre ahead of it: -z of the camera, turned to x of the head.
+        let ahead = placed(placed([1.0, 0.0, 0.0], *head), *robot);
+        let looks = [0, 1, 2].map(|axis| ahead[axis] - seen[axis]);
+        let (sin, cos) = state.pitch.sin_cos();
+        let wanted = [cos * state.yaw.cos(), cos * state.yaw.sin(), sin];
+        let away = (0..3).map(|axis| (looks[axis] - wanted[axis]).abs());
+        assert!(away.fold(0.0, f32::max) < 1e-3, "{looks:?} {wanted:?}");
+    }
+}
+
+#[test]
+fn gltf_has_the_surfaces_that_frames_show() {
+    let dir = TempDir::new().unwrap();
+    let trace = carried(dir.path());
+    let stage = reel_sim::PreparedTask::new(trace.scene.clone(), trace.task.clone());
+    let simulator = reel_sim::Simulator::new(stage, trace.header.profile, trace.header.seed);
+    assert_eq!(simulator.bodies(), trace.start.bodies);
+    let surfaces = simulator.surfaces();
+    let shown: Vec<(Corners, [f32; 3])> = surfaces
+        .iter()
+        .flat_map(|surface| {
+            let triangles = surface.triangles.iter().zip(&surface.colors);
+            triangles.map(|(triangle, color)| {
+                (
+                    triangle.map(|corner| surface.corners[corner as usize]),
+                    *color,
+                )
+            })
+        })
+        .collect();
+    let drawn = Scene::of(&trace).triangles(|body| body != "robot");
+    assert_eq!(drawn.len(), shown.len());
+    for (drawn, shown) in drawn.iter().zip(&shown) {
+        let corners = drawn.0.iter().flatten().zip(shown.0.iter().flatten());
+        assert!(
+            corners.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-3,
+            "{drawn:?} {shown:?}"
+        );
+        let colors = drawn.1.iter().zip(&shown.1);
+        assert!(
+            colors.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-4,
+            "{drawn:?} {shown:?}"
+        );
+    }
+    let colors: std::collections::BTreeSet<_> =
+        shown.iter().map(|it| it.1.map(f32::to_bits)).collect();
+    assert!(colors.len() > 20, "{} colours", colors.len());
+}
+
+/// Corners that several colours share stand once for each.
+#[test]
+fn gltf_keeps_the_colours_of_a_mesh() {
+    let dir = TempDir::new().unwrap();
+    let material = |color| Material {
+        color,
+        texture: None,
+    };
+    let (red, blue) = ([0.5, 0.0, 0.0], [0.0, 0.0, 0.5]);
+    let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+    let triangle = |(face, corners): (u16, [u32; 3])| Triangle {
+        corners,
+        material: face % 2,
+    };
+    let data = MeshData {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        triangles: (0..).zip(faces).map(triangle).collect(),
+        materials: vec![material(red), material(blue)],
+        ..MeshData::default()
+    };
+    let mut trace = carried(dir.path());
+    let target = trace.task.target_object();
+    let mesh = std::sync::Arc::new(Mesh::new(data).unwrap());
+    let assets = std::collections::BTreeMap::from([(target.asset.clone(), mesh)]);
+    let name = target.instance.to_string();
+    trace.meshes = assets.meshes(&mut trace.task.assets());
+    let drawn = Scene::of(&trace).triangles(|body| body == name);
+    let colors: Vec<[f32; 3]> = drawn
+        .iter()
+        .map(|it| it.1.map(|it| (it * 10.0).round() / 10.0))
+        .collect();
+    assert_eq!(colors, [red, blue, red, blue]);
 }
