@@ -56,6 +56,7 @@ export async function an_episode_is_starred_and_tagged(browser) {
       await page.locator("h1").click();
       await page.keyboard.press("s");
       await said(page, "Starred.");
+      await until(async () => (await star.getAttribute("aria-pressed")) === "true", "the star once more");
       await page.locator("h1").click();
       await page.keyboard.press("s");
       await said(page, "Star removed.");

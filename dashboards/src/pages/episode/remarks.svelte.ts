@@ -80,7 +80,8 @@ export class EpisodeRemarks {
 
   /** Stores a change, after asking for a name where none is known; false if it was not stored. */
   private async store(work: () => Promise<Change | null>): Promise<boolean> {
-    if (this.busy) return false;
+    // What is there may be read again still: a star on top of it would be another than the page shows.
+    if (this.busy || this.found.busy) return false;
     if (!this.name && !(await this.askName())) return false;
     this.busy = true;
     this.problem = "";
