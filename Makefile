@@ -62,7 +62,7 @@ bench-proxy: ## what `reel record` adds to a call, beside a direct connection in
 proxy: ## `reel record` from outside: same bytes, a hundred sessions, kills, full disks, the tables of its traces (needs Python)
 	tests/proxy/run.sh proxy.py
 
-screenshots: pages ## every web page in light and dark, on a laptop and on a projector, into screenshots/ (needs Node, Chromium)
+screenshots: pages ## every web page in light and dark, on a laptop, a projector and a phone, into screenshots/ (needs Node, Chromium)
 	tests/pages/run.sh --screenshots screenshots
 
 viewers: ## traces and recordings through Rerun's own checks (needs Python)

@@ -23,6 +23,7 @@ const [failed] = await sql("SELECT e.trace, b.step AS decisive_step FROM episode
 const trace = traceName(failed.trace);
 const addresses = {
   overview: "/", episodes: "/episodes", episode: `/episodes/${trace}?step=${failed.decisive_step}`, failures: "/failures",
+  scene: `/episodes/${trace}?step=${failed.decisive_step}&camera=3d`, comments: `/episodes/${trace}?step=${failed.decisive_step}&comments=1`,
   compare: "/compare?a=oracle&b=planner", confusions: "/failures?tab=confusions", panels: "/panels?page=behaviour", sql: "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family",
   claims: "/claims", attribution: "/failures?tab=attribution", datasets: "/datasets", live: "/live",
 };
@@ -34,7 +35,7 @@ if (process.argv[2] === "--screenshots") {
   mkdirSync(folder, { recursive: true });
   for (const [name, address] of Object.entries(addresses)) {
     for (const dark of [false, true]) {
-      for (const width of [1440, 1024]) {
+      for (const width of [1440, 1024, 390]) {
         const { page, context } = await opened(browser, { dark, width });
         await visit(page, address);
         await page.waitForTimeout(1500);

@@ -3,7 +3,7 @@
 # (installed where it may be) and pages in the binary; what is missing is said, and the rest is skipped.
 #
 #   run.sh [NAME...]           only the tests whose names begin so
-#   run.sh --screenshots DIR   every page, light and dark, 1440 and 1024 wide
+#   run.sh --screenshots DIR   every page, light and dark, 1440, 1024 and 390 wide
 #   run.sh --large             how long pages take over 100,000 synthetic episodes, and whether they keep memory
 #
 # REEL        a binary that is built already (default: cargo builds it)
