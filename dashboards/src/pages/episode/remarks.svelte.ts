@@ -49,6 +49,10 @@ export class EpisodeRemarks {
   get error(): unknown {
     return this.found.error;
   }
+  /** Whether the star that the page shows may be an older one: whoever toggled it would get another than they see. */
+  get stale(): boolean {
+    return this.busy || this.found.busy;
+  }
   readAgain() {
     this.found.again();
   }
@@ -80,8 +84,7 @@ export class EpisodeRemarks {
 
   /** Stores a change, after asking for a name where none is known; false if it was not stored. */
   private async store(work: () => Promise<Change | null>): Promise<boolean> {
-    // What is there may be read again still: a star on top of it would be another than the page shows.
-    if (this.busy || this.found.busy) return false;
+    if (this.busy) return false;
     if (!this.name && !(await this.askName())) return false;
     this.busy = true;
     this.problem = "";
@@ -103,7 +106,7 @@ export class EpisodeRemarks {
   }
 
   toggleStar() {
-    if (!this.all) return;
+    if (!this.all || this.stale) return;
     const own = this.stars.find((star) => this.owns(star));
     void this.store(() => (own ? take(own) : add(this.key("star"))));
   }
