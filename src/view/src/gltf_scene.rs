@@ -1,23 +1,18 @@
 //! An episode as a glTF 2.0 binary: the scene's surfaces once, and where bodies are at every moment
 //! as an animation. Any viewer of glTF opens it; the web pages draw their 3D view from it.
 
-use std::{
-    borrow::Cow,
-    collections::{BTreeMap, BTreeSet, HashMap},
-};
+use std::{borrow::Cow, collections::HashMap};
 
 use gltf::binary::{Glb, Header};
 use reel_sim::{
-    DrawnBody, PreparedTask,
+    DrawnBody,
     geometry::{FOCAL_PX, Pose},
-    held_pose, robot_pose,
 };
 use reel_trace::Trace;
-use reel_world::{
-    FRAME_HEIGHT, FRAME_WIDTH, FrameInstance, InstanceId, InstanceKind, instances,
-    record::{BodyState, RobotState},
-};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, InstanceKind, record::RobotState};
 use serde_json::{Value, json};
+
+use crate::scene_bodies::{Moment, moments, scene_bodies};
 
 /// Numbers of glTF: the types of components and what a buffer view is for.
 const FLOAT: u32 = 5126;
@@ -45,106 +40,34 @@ const Y_UP: [f32; 4] = [
 /// `episode` holds the poses of what moves: 0 s is the start, k + 1 s the end of step k; poses
 /// change in steps. A held object hangs before the robot.
 pub fn glb(trace: &Trace) -> Vec<u8> {
-    let stage = PreparedTask::with_meshes(
-        trace.scene.clone(),
-        trace.task.clone(),
-        trace.meshes.clone(),
-    );
     let mut document = Document::default();
-    let known = instances(&trace.task, &trace.scene);
-    let named: BTreeMap<u16, &FrameInstance> = known.iter().map(|it| (it.id, it)).collect();
-    let wanted: BTreeSet<&InstanceId> = trace.task.goal_objects().map(|it| &it.instance).collect();
-    let goals: BTreeSet<String> = (trace.task.goal_objects())
-        .filter_map(|it| trace.task.goal.receptacle_of(&it.instance))
-        .map(ToString::to_string)
-        .collect();
     let moments = moments(trace);
     let times: Vec<f32> = (0..moments.len()).map(|moment| moment as f32).collect();
     let times = document.accessor(&times, "SCALAR", true);
     let mut children = Vec::new();
-    for body in stage.drawn_bodies() {
-        let Some(known) = named.get(&body.instance) else {
-            continue;
-        };
-        let name = match body.is_door {
-            true => format!("door:{}", known.name),
-            false => known.name.clone(),
-        };
-        let mut extras =
-            json!({"kind": kind(known.kind, body.is_door), "category": known.category});
-        if known.kind == InstanceKind::Object && wanted.contains(&InstanceId::from(&*known.name)) {
-            extras["target"] = json!(true);
+    for body in scene_bodies(trace, &moments) {
+        let mut extras = json!({"kind": body.kind(), "category": body.instance.category});
+        for (fact, holds) in [("target", body.target), ("goal", body.goal)] {
+            if holds {
+                extras[fact] = json!(true);
+            }
         }
-        if known.kind == InstanceKind::Receptacle && goals.contains(&known.name) {
-            extras["goal"] = json!(true);
-        }
-        let mut node = json!({"name": name, "extras": extras});
-        if let Some(mesh) = document.mesh(&body) {
+        let mut node = json!({"name": body.name(), "extras": extras});
+        if let Some(mesh) = document.mesh(&body.drawn) {
             node["mesh"] = json!(mesh);
         }
-        let poses: Option<Vec<Pose>> = match (known.kind, body.is_door) {
-            (InstanceKind::Robot, _) => {
-                Some(moments.iter().map(|it| robot_pose(it.robot)).collect())
-            }
-            (InstanceKind::Object, _) | (_, true) => {
-                Some(moments.iter().map(|it| it.pose(&name)).collect())
-            }
-            _ => None,
-        };
-        if known.kind == InstanceKind::Robot {
+        if body.instance.kind == InstanceKind::Robot {
             let head = document.head(&moments, times);
             node["children"] = json!([head]);
         }
         let index = document.node(node);
-        if let Some(poses) = poses {
+        if let Some(poses) = body.poses {
             document.animate(index, times, &poses);
         }
         children.push(index);
     }
     let root = document.node(json!({"name": "scene", "rotation": Y_UP, "children": children}));
     document.finish(root, trace)
-}
-
-fn kind(kind: InstanceKind, is_door: bool) -> &'static str {
-    match kind {
-        _ if is_door => "door",
-        InstanceKind::Shell => "shell",
-        InstanceKind::Receptacle => "receptacle",
-        InstanceKind::Object => "object",
-        InstanceKind::Robot => "robot",
-    }
-}
-
-/// Where everything is at a moment.
-struct Moment<'a> {
-    robot: &'a RobotState,
-    bodies: BTreeMap<&'a str, &'a BodyState>,
-}
-
-impl<'a> Moment<'a> {
-    fn new(robot: &'a RobotState, bodies: &'a [BodyState]) -> Self {
-        let bodies = bodies.iter().map(|it| (it.body.as_str(), it)).collect();
-        Self { robot, bodies }
-    }
-
-    /// What is in no record is held.
-    fn pose(&self, body: &str) -> Pose {
-        match self.bodies.get(body) {
-            Some(state) => Pose {
-                position: state.position,
-                rotation: state.rotation,
-            },
-            None => held_pose(self.robot),
-        }
-    }
-}
-
-/// The start, and the end of every step.
-fn moments(trace: &Trace) -> Vec<Moment<'_>> {
-    let start = Moment::new(&trace.start.robot, &trace.start.bodies);
-    let steps = trace.steps.iter();
-    let ends = steps.map(|step| Moment::new(&step.robot, &step.bodies));
-    std::iter::once(start).chain(ends).collect()
 }
 
 /// A glTF document in the making.

@@ -10,6 +10,7 @@ mod gltf_scene;
 mod image_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
+mod scene_bodies;
 mod sheet;
 mod side_by_side;
 mod state_text;

@@ -8,40 +8,49 @@ use std::{
 };
 
 use re_sdk::{
-    AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
+    AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
     blueprint::{
         Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
         TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical, components::PanelState,
     },
+    entity_path,
 };
 use re_sdk_types::{
     archetypes::{
-        AnnotationContext, Boxes3D, DepthImage, EncodedImage, Pinhole, Scalars, SegmentationImage,
-        TextDocument, TextLog, Transform3D, ViewCoordinates,
+        AnnotationContext, Boxes3D, DepthImage, EncodedImage, Mesh3D, Pinhole, Points3D, Scalars,
+        SegmentationImage, TextDocument, TextLog, Transform3D, ViewCoordinates,
     },
-    components::{ImageFormat, TextLogLevel},
+    components::{ImageFormat, MeshFaceRendering, TextLogLevel},
     datatypes::{ChannelDatatype, Quaternion, Rgba32},
 };
 use reel_replay::{frames_at, replay_with};
+use reel_sim::{
+    DrawnBody,
+    geometry::{FOCAL_PX, Pose},
+    render::srgb,
+};
 use reel_trace::{FrameLayers, Trace};
 use reel_world::{
-    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task, instances, little_endian,
-    record::{BodyState, RobotState, StepRecord},
+    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, InstanceKind, ObjectInstance, Rect, Task,
+    instances, little_endian,
+    record::{RobotState, StepRecord},
 };
 
-use crate::{ViewError, canvas::encode_png, transcript};
+use crate::{
+    ViewError,
+    canvas::encode_png,
+    scene_bodies::{SceneBody, moments, scene_bodies},
+    transcript,
+};
 
-/// Focal length of the head camera in pixels, as in the trace's camera calibration.
-const FOCAL_PX: f32 = 400.0;
-/// Half of the robot's box in metres: for the eye, not the collider.
-const ROBOT_HALF_M: [f32; 3] = [0.22, 0.22, 0.5];
+/// Radius of the points that carry names, in metres.
+const NAME_M: f32 = 0.015;
 
 const TARGET: Rgba32 = Rgba32::from_rgb(46, 160, 67);
 const DISTRACTOR: Rgba32 = Rgba32::from_rgb(227, 140, 28);
 const OTHER: Rgba32 = Rgba32::from_rgb(120, 132, 150);
 const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
 const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
-const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
 /// The recording, as the content of an `.rrd` file, with a layout for it. Images that the trace
 /// does not hold are drawn again where it can be replayed. Depth shows as a point cloud, too; masks
@@ -79,19 +88,19 @@ pub fn rrd(trace: &Trace, layers: FrameLayers) -> Result<Vec<u8>, ViewError> {
         stream,
         drawn,
         layers: drawn_layers(trace, layers)?,
+        bodies: scene_bodies(trace, &moments(trace)),
     };
     recording.scene()?;
     if layers.masks {
         recording.names()?;
     }
-    recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
+    recording.moment(-1, 0, None, &trace.start.robot)?;
     let mut total = 0.0;
     for record in &trace.steps {
         recording.moment(
             i64::from(record.step),
             record.sim_step,
             Some(record.step),
-            &record.bodies,
             &record.robot,
         )?;
         total += record.reward_total();
@@ -188,6 +197,7 @@ struct Recording<'a> {
     /// Images that the trace does not hold.
     drawn: BTreeMap<Option<u32>, Vec<u8>>,
     layers: BTreeMap<Option<u32>, LayerValues>,
+    bodies: Vec<SceneBody>,
 }
 
 impl Recording<'_> {
@@ -205,45 +215,29 @@ impl Recording<'_> {
     fn scene(&self) -> Result<(), ViewError> {
         let scene = &self.trace.scene;
         self.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
-        let floors = scene.rooms.iter().flat_map(|room| {
-            room.footprint()
-                .into_iter()
-                .map(|rect| (room.name.as_str(), rect))
+        let rooms = scene.rooms.iter().flat_map(|room| {
+            let middle =
+                |rect: &Rect, axis: usize| ((rect.min[axis] + rect.max[axis]) / 2.0) as f32;
+            let first = room.footprint().into_iter().next();
+            first.map(|rect| {
+                (
+                    [middle(&rect, 0), middle(&rect, 1), 0.0],
+                    room.name.as_str(),
+                    OTHER,
+                )
+            })
         });
-        let floors: Vec<_> = floors.collect();
-        let mins = floors
-            .iter()
-            .map(|(_, rect)| [rect.min[0] as f32, rect.min[1] as f32, -0.02]);
-        let sizes = floors.iter().map(|(_, rect)| {
-            [
-                (rect.max[0] - rect.min[0]) as f32,
-                (rect.max[1] - rect.min[1]) as f32,
-                0.02,
-            ]
+        self.names_at("world/names/rooms", rooms)?;
+        let receptacles = scene.receptacles.iter().map(|it| {
+            let middle = |axis: usize| ((it.surface_min[axis] + it.surface_max[axis]) / 2.0) as f32;
+            let place = [middle(0), middle(1), it.surface_height() as f32];
+            let color = if it.door.exists() { DOOR } else { FURNITURE };
+            (place, it.id.as_str(), color)
         });
-        let rooms = Boxes3D::from_mins_and_sizes(mins, sizes)
-            .with_labels(floors.iter().map(|(name, _)| *name));
-        self.log_static("world/rooms", &rooms)?;
-        let mins = scene
-            .receptacles
-            .iter()
-            .map(|it| [it.surface_min[0] as f32, it.surface_min[1] as f32, 0.0]);
-        let size = |axis: usize, it: &reel_world::Receptacle| {
-            (it.surface_max[axis] - it.surface_min[axis]) as f32
-        };
-        let sizes = scene
-            .receptacles
-            .iter()
-            .map(|it| [size(0, it), size(1, it), it.surface_height() as f32]);
-        let furniture = Boxes3D::from_mins_and_sizes(mins, sizes)
-            .with_labels(scene.receptacles.iter().map(|it| it.id.as_str()))
-            .with_colors(
-                scene
-                    .receptacles
-                    .iter()
-                    .map(|it| if it.door.exists() { DOOR } else { FURNITURE }),
-            );
-        self.log_static("world/receptacles", &furniture)?;
+        self.names_at("world/names/receptacles", receptacles)?;
+        for body in &self.bodies {
+            self.body(body)?;
+        }
         let resolution = [FRAME_WIDTH as f32, FRAME_HEIGHT as f32];
         self.log_static(
             "world/camera",
@@ -260,7 +254,6 @@ impl Recording<'_> {
         step: i64,
         sim_step: u64,
         image: Option<u32>,
-        bodies: &[BodyState],
         robot: &RobotState,
     ) -> Result<(), ViewError> {
         self.stream.set_time_sequence("step", step);
@@ -290,14 +283,58 @@ impl Recording<'_> {
             "world/camera",
             &Transform3D::from_translation_mat3x3(robot.camera, world_from_camera(robot)),
         )?;
-        let base = [robot.base[0], robot.base[1], ROBOT_HALF_M[2]];
-        let (sin, cos) = (robot.yaw / 2.0).sin_cos();
-        let body = Boxes3D::from_centers_and_half_sizes([base], [ROBOT_HALF_M])
-            .with_quaternions([Quaternion::from_xyzw([0.0, 0.0, sin, cos])])
-            .with_labels(["robot"])
-            .with_colors([ROBOT]);
-        self.log("world/robot", &body)?;
-        self.log("world/objects", &objects(&self.trace.task, bodies))
+        for body in &self.bodies {
+            self.moved(body, (step + 1) as usize)?;
+        }
+        Ok(())
+    }
+
+    /// Names in the scene, which a viewer hides with one click.
+    fn names_at<'b>(
+        &self,
+        entity: &str,
+        names: impl Iterator<Item = ([f32; 3], &'b str, Rgba32)>,
+    ) -> Result<(), ViewError> {
+        let names: Vec<_> = names.collect();
+        let points = Points3D::new(names.iter().map(|(place, ..)| *place))
+            .with_labels(names.iter().map(|(_, name, _)| *name))
+            .with_colors(names.iter().map(|(.., color)| *color))
+            .with_radii([NAME_M]);
+        self.log_static(entity, &points)
+    }
+
+    /// The surfaces of a body; objects have an outline that tells their part in the task, too.
+    fn body(&self, body: &SceneBody) -> Result<(), ViewError> {
+        if let Some(mesh) = mesh(&body.drawn) {
+            self.log_static(entity(body), &mesh)?;
+        }
+        let task = &self.trace.task;
+        let object = match body.instance.kind {
+            InstanceKind::Object => task.object(&InstanceId::from(&*body.instance.name)),
+            _ => None,
+        };
+        let Some(object) = object else {
+            return Ok(());
+        };
+        let half = object.size.map(|side| (side / 2.0) as f32);
+        let outline = Boxes3D::from_half_sizes([half])
+            .with_labels([object.category.as_str()])
+            .with_colors([color_of(task, object)]);
+        self.log_static(entity(body).join(&entity_path!("outline")), &outline)
+    }
+
+    /// Where a body is from this moment on; a body that stays is not told again.
+    fn moved(&self, body: &SceneBody, moment: usize) -> Result<(), ViewError> {
+        let Some(poses) = &body.poses else {
+            return Ok(());
+        };
+        if moment > 0 && poses[moment] == poses[moment - 1] {
+            return Ok(());
+        }
+        let Pose { position, rotation } = poses[moment];
+        let there =
+            Transform3D::from_translation_rotation(position, Quaternion::from_xyzw(rotation));
+        self.log(entity(body), &there)
     }
 
     fn told(&self, record: &StepRecord, total: f64) -> Result<(), ViewError> {
@@ -325,51 +362,81 @@ impl Recording<'_> {
             *components.entry(&term.component).or_default() += term.value;
         }
         for (component, value) in components {
-            self.log(&format!("reward/{component}"), &Scalars::single(value))?;
+            self.log(format!("reward/{component}"), &Scalars::single(value))?;
         }
         self.log("return", &Scalars::single(total))
     }
 
-    fn log(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
+    fn log(&self, entity: impl Into<EntityPath>, what: &dyn AsComponents) -> Result<(), ViewError> {
         self.stream
             .log(entity, what)
             .map_err(|error: RecordingStreamError| failed(&error))
     }
 
-    fn log_static(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
+    fn log_static(
+        &self,
+        entity: impl Into<EntityPath>,
+        what: &dyn AsComponents,
+    ) -> Result<(), ViewError> {
         self.stream
             .log_static(entity, what)
             .map_err(|error: RecordingStreamError| failed(&error))
     }
 }
 
-/// Every object whose body is in the world; a held one is not.
-fn objects(task: &Task, bodies: &[BodyState]) -> Boxes3D {
-    let known = bodies
-        .iter()
-        .filter_map(|body| Some((body, task.object(&InstanceId::from(body.body.as_str()))?)));
-    let known: Vec<_> = known.collect();
-    let colour = |object: &reel_world::ObjectInstance| {
-        let like_target = task
-            .object(&task.target)
-            .is_some_and(|target| target.category == object.category);
-        match () {
-            () if object.instance == task.target => TARGET,
-            () if like_target || task.object_distractors.contains(&object.asset) => DISTRACTOR,
-            () => OTHER,
+/// Where a body stands in the recording.
+fn entity(body: &SceneBody) -> EntityPath {
+    let name = body.instance.name.as_str();
+    match body.kind() {
+        "object" => entity_path!("world", "objects", name),
+        "receptacle" => entity_path!("world", "receptacles", name),
+        "door" => entity_path!("world", "doors", name),
+        _ => entity_path!("world", name),
+    }
+}
+
+/// The surfaces of a body; none where nothing of it is drawn. Faces are flat, so that triangles share
+/// no corner.
+fn mesh(drawn: &DrawnBody) -> Option<Mesh3D> {
+    let (mut corners, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+    for surface in &drawn.surfaces {
+        for (triangle, color) in surface.triangles.iter().zip(&surface.colors) {
+            let [a, b, c] = triangle.map(|corner| surface.corners[corner as usize]);
+            let [red, green, blue] = srgb(*color);
+            corners.extend([a, b, c]);
+            normals.extend([facing(a, b, c); 3]);
+            colors.extend([Rgba32::from_rgb(red, green, blue); 3]);
         }
-    };
-    let halves = known
+    }
+    let mesh = Mesh3D::new(corners).with_vertex_normals(normals);
+    let mesh = mesh
+        .with_vertex_colors(colors)
+        .with_face_rendering(MeshFaceRendering::Front);
+    drawn
+        .surfaces
         .iter()
-        .map(|(_, object)| object.size.map(|side| (side / 2.0) as f32));
-    Boxes3D::from_centers_and_half_sizes(known.iter().map(|(body, _)| body.position), halves)
-        .with_quaternions(
-            known
-                .iter()
-                .map(|(body, _)| Quaternion::from_xyzw(body.rotation)),
-        )
-        .with_labels(known.iter().map(|(_, object)| object.category.as_str()))
-        .with_colors(known.iter().map(|(_, object)| colour(object)))
+        .any(|it| !it.triangles.is_empty())
+        .then_some(mesh)
+}
+
+/// Where a triangle faces, as a vector of length 1; of one without an area, nowhere.
+fn facing(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> [f32; 3] {
+    let side = |to: [f32; 3]| [to[0] - a[0], to[1] - a[1], to[2] - a[2]];
+    let ([ux, uy, uz], [vx, vy, vz]) = (side(b), side(c));
+    let across = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+    let length = across.iter().map(|it| it * it).sum::<f32>().sqrt();
+    across.map(|it| if length > 0.0 { it / length } else { 0.0 })
+}
+
+/// What tells the target from what is like it and from the rest.
+fn color_of(task: &Task, object: &ObjectInstance) -> Rgba32 {
+    let target = task.object(&task.target);
+    let like_target = target.is_some_and(|target| target.category == object.category);
+    match () {
+        () if object.instance == task.target => TARGET,
+        () if like_target || task.object_distractors.contains(&object.asset) => DISTRACTOR,
+        () => OTHER,
+    }
 }
 
 /// Columns: right, down and forward of the camera in the world.

@@ -40,6 +40,8 @@ mod making;
 #[cfg(feature = "analytics")]
 mod meshes;
 mod moments;
+#[cfg(all(feature = "analytics", feature = "service"))]
+mod moved;
 #[cfg(feature = "analytics")]
 mod packs;
 mod pages;

@@ -32,6 +32,11 @@ use textured::MeshSurface;
 
 pub use overlay::{overlay, overlay_tinted};
 
+/// A colour of linear light, from 0 to 1, as images have it.
+pub fn srgb(linear: [f32; 3]) -> [u8; 3] {
+    shade::LINEAR_TO_SRGB.encode(linear)
+}
+
 /// Parts or a mesh to draw with one pose and one entity id.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawable<'a> {

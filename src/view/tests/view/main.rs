@@ -223,8 +223,71 @@ fn a_recording_is_what_rerun_accepts() {
     let Some(python) = reel_vectors::python("rerun_sdk") else {
         return;
     };
-    let mut rerun = std::process::Command::new(python.with_file_name("rerun"));
-    reel_vectors::run(rerun.args(["rrd", "verify"]).arg(&path));
+    let rerun = python.with_file_name("rerun");
+    let command = || std::process::Command::new(&rerun);
+    reel_vectors::run(command().args(["rrd", "verify"]).arg(&path));
+
+    // What Rerun itself prints of each body is where the glTF of the same episode has it, at every moment.
+    let scene = Scene::of(&trace);
+    let bodies = [
+        (
+            "clock_white_7_on_table_1_at_t",
+            "objects/clock_white_7_on_table_1_at_t",
+        ),
+        ("mug_1_on_table_1_at_t", "objects/mug_1_on_table_1_at_t"),
+        ("door:cabinet_1", "doors/cabinet_1"),
+        ("robot", "robot"),
+    ];
+    for (body, entity) in bodies {
+        let printed = command()
+            .args([
+                "rrd",
+                "print",
+                "-vvv",
+                "--entity",
+                &format!("/world/{entity}"),
+            ])
+            .arg(&path)
+            .output()
+            .unwrap();
+        let printed = String::from_utf8(printed.stdout).unwrap();
+        assert!(printed.contains("Mesh3D:vertex_positions"), "{printed}");
+        let told = told_poses(&printed);
+        for (at, (position, rotation)) in scene.poses(body).into_iter().enumerate() {
+            let (_, newest) = told.range(..at as i64).next_back().unwrap();
+            assert_eq!(*newest, (position, rotation), "{body}, moment {at}");
+        }
+        let rests = scene
+            .poses(body)
+            .windows(2)
+            .filter(|two| two[0] == two[1])
+            .count();
+        assert_eq!(told.len(), trace.steps.len() + 1 - rests, "{body}");
+    }
+}
+
+/// The poses in Rerun's print of an entity, by the step from which on they hold.
+#[cfg(feature = "rerun")]
+fn told_poses(printed: &str) -> std::collections::BTreeMap<i64, Pose> {
+    let rows = printed.lines().filter_map(|line| {
+        let cells: Vec<&str> = line
+            .split('┆')
+            .map(|cell| cell.trim_matches(['│', ' ']))
+            .collect();
+        let [_, _, step, rotation, position] = cells[..] else {
+            return None;
+        };
+        let numbers = |cell: &str| -> Vec<f32> {
+            let inside = cell.trim_matches(['[', ']']).split(", ");
+            inside.filter_map(|number| number.parse().ok()).collect()
+        };
+        let position = numbers(position).try_into().ok()?;
+        Some((
+            step.parse().ok()?,
+            (position, numbers(rotation).try_into().ok()?),
+        ))
+    });
+    rows.collect()
 }
 
 /// A glTF file, read by another library.
