@@ -120,7 +120,9 @@ export async function labels_are_given_blind(browser) {
   const author = `blind ${Date.now()}`;
   await onPage(browser, async (page) => {
     await page.addInitScript((author) => localStorage.setItem("reel-author", author), author);
-    await visit(page, "/failures?tab=label");
+    await visit(page, "/failures");
+    // The keys are the panel's, though the link of the tab was pressed last.
+    await page.getByRole("navigation", { name: "Parts of this page" }).getByRole("link", { name: "Label" }).click();
     await page.getByRole("heading", { name: "Why did it fail?" }).waitFor();
     const rule = page.getByRole("region", { name: "What the rule says" });
     const told = async () => (await rule.count()) + (await page.locator(".tag", { hasText: "decisive" }).count()) + (await page.locator(".list .seen").count()) +
@@ -148,8 +150,10 @@ export async function labels_are_given_blind(browser) {
     await page.keyboard.press("n");
     await until(() => parameter(page, "episode") !== first.episode_id, "the next episode");
     const next = parameter(page, "episode");
-    for (const key of ["1", "Enter"]) await page.keyboard.press(key);
-    await undo.click();
+    // Taken back before it is in the tables.
+    for (const key of ["1", "Enter", "u"]) await page.keyboard.press(key);
+    await until(async () => (await page.getByText("Storing …").count()) > 0, "that the label is on its way");
+    await until(async () => !(await page.getByText("Storing …").count()), "that it is there and gone");
     await until(async () => (await labelsBy(author)).every(({ episode_id }) => episode_id !== next), "the deletion");
     assert((await labelsBy(author)).length === 1, "a label of another episode is gone");
     await until(async () => (await told()) === 0, "the rule hidden again");

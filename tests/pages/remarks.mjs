@@ -25,10 +25,16 @@ async function forget(...authors) {
   }
 }
 const button = (page, name) => page.getByRole("button", { name, exact: true });
-const said = (page, text) => page.getByRole("status").getByText(text).first().waitFor();
+/** The page shows a change at once; here it is in the tables, too. */
+const stored = (page) => until(async () => !(await page.getByText("Storing …").count()), "the change stored");
+async function said(page, text) {
+  await page.getByRole("status").getByText(text).first().waitFor();
+  await stored(page);
+}
 async function undo(page) {
   await button(page, "Undo").click();
   await until(async () => !(await button(page, "Undo").count()), "the change taken back");
+  await stored(page);
 }
 async function clean(page) {
   const found = await findings(page);
@@ -99,6 +105,60 @@ export async function an_episode_is_starred_and_tagged(browser) {
   }
 }
 
+/** Nothing that is done while the tables are written gets lost: it shows at once and is stored in its order. */
+export async function remarks_wait_for_nobody(browser) {
+  const author = `fast ${Date.now()}`;
+  try {
+    await onPage(browser, async (page) => {
+      await visit(page, pageOf(FIRST, "?step=1"));
+      const star = page.locator("button[aria-pressed]", { hasText: "Star" });
+      await star.waitFor();
+      const pressed = async () => (await star.getAttribute("aria-pressed")) === "true";
+      // The star waits for the name, and so does the tag.
+      await page.keyboard.press("s");
+      await page.getByLabel("Your name").waitFor();
+      await page.getByRole("button", { name: "Add a tag" }).click();
+      await page.getByLabel("New tag").fill("at once");
+      await page.keyboard.press("Enter");
+      await page.getByLabel("Your name").fill(author);
+      await page.keyboard.press("Enter");
+      await page.getByText("Storing …").first().waitFor();
+      assert(await pressed(), "the star waits for the tables");
+      await button(page, "Remove tag at once").click();
+      await button(page, "Undo").click();
+      await page.getByLabel("New tag").fill("another");
+      await page.keyboard.press("Enter");
+      assert(await page.getByText("Storing …").count(), "it was stored before the test could be faster");
+      await page.locator("h1").click();
+      for (const on of [false, true, false]) {
+        await page.keyboard.press("s");
+        await until(async () => (await pressed()) === on, `star ${on} at once`);
+      }
+      await stored(page);
+      const texts = (await by(author)).map(({ text }) => text).sort();
+      assert(texts.join() === "another,at once", texts.join());
+      const tags = page.getByRole("list", { name: "Tags" });
+      for (const text of texts) await tags.getByRole("link", { name: text }).waitFor();
+      assert(!(await pressed()), "the star is back");
+    });
+    // What the service refuses is taken back on the page, and kept to be tried again.
+    await onPage(browser, async (page) => {
+      await page.addInitScript((author) => localStorage.setItem("reel-author", author), author);
+      await page.route("**/api/remarks", (route) => (route.request().method() === "POST" ?
+        route.fulfill({ status: 507, json: { error: { code: "disk", message: "the disk is full" } } }) : route.continue()));
+      await visit(page, pageOf(FIRST, "?step=1&comments=1"));
+      const field = page.getByLabel("New comment");
+      await field.fill("Lost?");
+      await button(page, "Comment").click();
+      await page.getByRole("alert").getByText("the disk is full").waitFor();
+      await until(async () => (await field.inputValue()) === "Lost?", "the comment in its field");
+      assert(!(await page.getByRole("article", { name: `Comment of ${author}` }).count()), "what was refused shows");
+    }, { expected: ["507"] });
+  } finally {
+    await forget(author);
+  }
+}
+
 /** A comment on a step shows in the transcript and leads there; its author changes and deletes it, nobody else. */
 export async function an_episode_is_commented(browser) {
   const [author, other] = [`comment ${Date.now()}`, `other ${Date.now()}`];
@@ -118,7 +178,10 @@ export async function an_episode_is_commented(browser) {
         assert(!(await changes.count()), "another's comment can be changed");
         const field = page.getByLabel("New comment");
         await field.fill("The kettle hides it");
-        await page.keyboard.press("Control+Enter");
+        await button(page, "Transcript").click();
+        await page.getByRole("button", { name: /^Comments/ }).click();
+        assert((await field.inputValue()) === "The kettle hides it", "the draft is gone");
+        await field.press("Control+Enter");
         await said(page, "Comment stored.");
         await until(async () => (await field.inputValue()) === "", "an empty field");
         assert((await by(author))[0].step === 3, JSON.stringify(await by(author)));
@@ -134,6 +197,7 @@ export async function an_episode_is_commented(browser) {
         await field.fill("Worth a look");
         await button(page, "Comment").click();
         await page.getByText("whole episode", { exact: true }).waitFor();
+        await stored(page);
         await clean(page);
         await page.reload();
         await comment(author).nth(1).waitFor();

@@ -47,51 +47,55 @@ export async function usedTags(signal?: AbortSignal): Promise<string[]> {
 }
 
 /** Stores a remark, and remembers its author: with tokens, the service says who that is. */
-export async function putRemark({ episode_id, author: by, kind, text, step }: RemarkKey): Promise<RemarkKey> {
+export async function putRemark({ episode_id, author: by, kind, text, step }: RemarkKey): Promise<void> {
   const body = { episode: episode_id, author: by, kind, text, step };
   const stored = (await post("/api/remarks", body)) as unknown as { author?: string };
-  const own = { episode_id, author: stored.author ?? by, kind, text, step };
-  author.set(own.author);
-  return own;
+  author.set(stored.author ?? by);
 }
 
-export function dropRemark({ episode_id, author, kind, text, step }: RemarkKey): Promise<void> {
+function dropRemark({ episode_id, author, kind, text, step }: RemarkKey): Promise<void> {
   return remove(link(`/api/remarks/${encodeURIComponent(episode_id)}`, { author, kind, text, step }));
 }
 
-/** A change that was stored: what was done, in words, and how it is taken back. */
+/** A change of remarks: what it does, in words, and what is there afterwards that was not, and the other way round. */
 export interface Change {
   done: string;
-  undo: () => Promise<unknown>;
+  adds: RemarkKey[];
+  drops: RemarkKey[];
 }
 
-export async function add(remark: RemarkKey): Promise<Change> {
-  const stored = await putRemark(remark);
+export function adding(remark: RemarkKey): Change {
   const done = { star: "Starred.", tag: `Tagged “${remark.text}”.`, comment: "Comment stored." }[remark.kind];
-  return { done, undo: () => dropRemark(stored) };
+  return { done, adds: [remark], drops: [] };
 }
-
-export async function take(remark: RemarkKey): Promise<Change> {
-  await dropRemark(remark);
+export function taking(remark: RemarkKey): Change {
   const done = { star: "Star removed.", tag: `Tag “${remark.text}” removed.`, comment: "Comment deleted." }[remark.kind];
-  return { done, undo: () => putRemark(remark) };
+  return { done, adds: [], drops: [remark] };
+}
+export function rewording(remark: RemarkKey, text: string): Change {
+  return { done: "Comment changed.", adds: [{ ...remark, text }], drops: [remark] };
+}
+/** What takes a change back. */
+export const opposite = ({ done, adds, drops }: Change): Change => ({ done, adds: drops, drops: adds });
+
+/** Stores a change: what is new comes first, so that a failure loses nothing. */
+export async function storeChange({ adds, drops }: Change): Promise<void> {
+  for (const remark of adds) await putRemark(remark);
+  for (const remark of drops) await dropRemark(remark);
 }
 
-/** Another text for a remark. The new one is stored first, so that a failure loses nothing. */
-export async function edit(remark: RemarkKey, text: string): Promise<Change> {
-  const changed = await putRemark({ ...remark, text });
-  await dropRemark(remark);
-  return {
-    done: "Comment changed.",
-    undo: async () => {
-      await putRemark(remark);
-      await dropRemark(changed);
-    },
-  };
+const same = (a: RemarkKey, b: RemarkKey) =>
+  a.kind === b.kind && a.author === b.author && a.text === b.text && a.step === b.step && a.episode_id === b.episode_id;
+
+/** The remarks as they are after a change. */
+export function changed(remarks: Remark[], { adds, drops }: Change, at_ms: number): Remark[] {
+  const kept = remarks.filter((remark) => !drops.some((drop) => same(drop, remark)));
+  return [...kept, ...adds.filter((add) => !kept.some((remark) => same(add, remark))).map((add) => ({ ...add, at_ms }))];
 }
 
 /** What is wrong with a tag; empty if nothing is. */
 export function tagError(text: string): string {
   if (text.includes(",")) return "A tag has no comma: add one tag after the other.";
+  if (text === "none") return "Lists call episodes without a tag “none”: take another word.";
   return text.length > TAG_LETTERS ? `A tag has at most ${TAG_LETTERS} letters.` : "";
 }

@@ -9,3 +9,6 @@ export const METRICS = {
   CR: "Completion rate: the share of the goal's changes that hold at the end.",
   SPL: "Success weighted by path length: 1 is a success by the shortest way, 0 a failure.",
 } as const;
+
+/** What a short name means, for a tooltip; nothing where it is none of them. */
+export const termTitle = (name: string): string | undefined => FAMILIES[name] ?? (METRICS as Readonly<Record<string, string>>)[name];

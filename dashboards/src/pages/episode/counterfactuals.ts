@@ -94,7 +94,7 @@ export function bySteps(rows: Counterfactual[], steps: number, completion: numbe
 
 const FAILED: Record<Rescue, string> = {
   call: "rescued: this one call, then the agent's own calls",
-  planner: "rescued: this call, then a competent agent",
+  planner: "savable still: this call, then a competent agent",
   part: "partly: more of the goal than the episode reached",
   nothing: "nothing helps",
   none: "no other call was plausible",
@@ -142,11 +142,10 @@ export function summary(steps: StepCalls[], { episode }: Recording): string {
     return `No plausible call would have rescued it at any of its ${all}.${more}`;
   }
   const end = steps.findLastIndex(({ rescue }) => rescue === "call" || rescue === "planner");
-  const nothing = end < steps.length - 1 ? `; after step ${end} nothing does` : "";
+  const last = end < steps.length - 1 ? `, at step ${end} for the last time` : "";
   if (!alone) {
-    return `One other call would have rescued it only with a competent agent after it, at ${helped} of ` +
-      `${all}${nothing}.`;
+    return `No other call alone would have rescued it; a competent agent who took over would have at ${helped} of ${all}${last}.`;
   }
-  const more = helped ? `, and with a competent agent after it at ${helped} more` : "";
-  return `One other call would have rescued it at ${alone} of ${all}${more}${nothing}.`;
+  const more = helped ? `; a competent agent who took over would have at ${helped} more` : "";
+  return `One other call would have rescued it at ${alone} of ${all}${more}${last}.`;
 }

@@ -1,7 +1,7 @@
 /** Stars, tags and comments of the episode that a page shows, and what this browser's author does with them. */
 import { type Asked, asked } from "../../lib/asked.svelte";
 import { author } from "../../lib/labels";
-import { type Change, type Remark, type RemarkKey, add, edit, remarksOf, take } from "../../lib/remarks";
+import { type Change, type Remark, type RemarkKey, adding, changed, opposite, remarksOf, rewording, storeChange, taking } from "../../lib/remarks";
 
 export interface Tag {
   text: string;
@@ -11,13 +11,21 @@ export interface Tag {
 export class EpisodeRemarks {
   /** Whoever remarks in this browser; empty until somebody says so. */
   name = $state(author.get());
-  busy = $state(false);
   problem = $state("");
+  /** A comment that is being written; it stays while the transcript shows. */
+  draft = $state("");
   /** The newest change, which can be taken back. */
   change = $state.raw<Change | null>(null);
   /** Whether somebody has to say who remarks here. */
   naming = $state(false);
-  private named: (known: boolean) => void = () => {};
+  private named: ((known: boolean) => void)[] = [];
+  /** How many changes the service has not taken yet: it gets them one after the other, while the page shows them at once. */
+  private unsent = $state(0);
+  private sending: Promise<unknown> = Promise.resolve();
+  /** Changes that the newest answer of the service does not have yet. */
+  private unread = $state.raw<{ change: Change; at_ms: number }[]>([]);
+  /** What is there since the last change; undefined before the first. */
+  private fresh = $state.raw<Remark[]>();
   readonly stars = $derived.by(() => this.of("star"));
   readonly comments = $derived.by(() => this.of("comment"));
   readonly tags = $derived.by((): Tag[] => {
@@ -44,14 +52,15 @@ export class EpisodeRemarks {
 
   /** All remarks in the order of time; undefined until they are known. */
   get all(): Remark[] | undefined {
-    return this.found.value;
+    const read = this.fresh ?? this.found.value;
+    return read && this.unread.reduce((all, { change, at_ms }) => changed(all, change, at_ms), read);
   }
   get error(): unknown {
     return this.found.error;
   }
-  /** Whether the star that the page shows may be an older one: whoever toggled it would get another than they see. */
-  get stale(): boolean {
-    return this.busy || this.found.busy;
+  /** Whether changes are on their way to the tables. */
+  get busy(): boolean {
+    return this.unsent > 0;
   }
   readAgain() {
     this.found.again();
@@ -68,37 +77,55 @@ export class EpisodeRemarks {
 
   /** Asks who remarks here; false if nobody says so. */
   askName(): Promise<boolean> {
-    this.named(false);
     this.naming = true;
-    return new Promise((resolve) => (this.named = resolve));
+    return new Promise((resolve) => this.named.push(resolve));
   }
-  /** Answers it; an empty name is none. */
+  /** Answers it; an empty name is none. Everything that was done meanwhile goes on. */
   answerName(name: string) {
     this.naming = false;
     if (name) {
       this.name = name;
       author.set(name);
     }
-    this.named(name !== "");
+    for (const named of this.named.splice(0)) named(name !== "");
   }
 
-  /** Stores a change, after asking for a name where none is known; false if it was not stored. */
-  private async store(work: () => Promise<Change | null>): Promise<boolean> {
-    if (this.busy) return false;
+  /** Shows a change and stores it, after asking for a name where none is known; false if it was not stored. */
+  private async store(make: () => Change | null, undoing = false): Promise<boolean> {
     if (!this.name && !(await this.askName())) return false;
-    this.busy = true;
+    const change = make();
+    if (!change) return false;
+    const shown = { change, at_ms: Date.now() };
+    this.unread = [...this.unread, shown];
+    this.change = undoing ? null : change;
     this.problem = "";
+    this.unsent += 1;
+    const sent = this.sending.then(() => storeChange(change));
+    this.sending = sent.catch(() => {});
     try {
-      this.change = await work();
+      await sent;
       this.name = author.get();
-      this.readAgain();
       return true;
     } catch (error) {
+      this.unread = this.unread.filter((one) => one !== shown);
+      if (this.change === change) this.change = null;
       this.problem = error instanceof Error ? error.message : String(error);
       return false;
     } finally {
-      this.busy = false;
+      this.unsent -= 1;
+      if (!this.unsent) void this.read();
     }
+  }
+
+  /** Reads what is there; what was changed before is in it. */
+  private async read() {
+    const [id, known] = [this.episode(), this.unread];
+    if (id === null) return;
+    // Without an answer the page goes on to show what was stored.
+    const fresh = await remarksOf(id).catch(() => null);
+    if (!fresh || this.unsent) return;
+    this.fresh = fresh;
+    this.unread = this.unread.filter((one) => !known.includes(one));
   }
 
   private key(kind: Remark["kind"], text = "", step: number | null = null): RemarkKey {
@@ -106,28 +133,30 @@ export class EpisodeRemarks {
   }
 
   toggleStar() {
-    if (!this.all || this.stale) return;
-    const own = this.stars.find((star) => this.owns(star));
-    void this.store(() => (own ? take(own) : add(this.key("star"))));
+    if (!this.all) return;
+    void this.store(() => {
+      const own = this.stars.find((star) => this.owns(star));
+      return own ? taking(own) : adding(this.key("star"));
+    });
   }
   tag(text: string): Promise<boolean> {
-    return this.store(() => add(this.key("tag", text)));
+    return this.store(() => adding(this.key("tag", text)));
   }
   untag(text: string) {
     const own = this.of("tag").find((tag) => tag.text === text && this.owns(tag));
-    if (own) void this.store(() => take(own));
+    if (own) void this.store(() => taking(own));
   }
   comment(text: string, step: number | null): Promise<boolean> {
-    return this.store(() => add(this.key("comment", text, step)));
+    return this.store(() => adding(this.key("comment", text, step)));
   }
   reword(comment: Remark, text: string): Promise<boolean> {
-    return this.store(() => edit(comment, text));
+    return this.store(() => rewording(comment, text));
   }
   remove(comment: Remark) {
-    void this.store(() => take(comment));
+    void this.store(() => taking(comment));
   }
   undo() {
     const last = this.change;
-    if (last) void this.store(async () => { await last.undo(); return null; });
+    if (last) void this.store(() => opposite(last), true);
   }
 }

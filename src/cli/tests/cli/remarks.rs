@@ -75,6 +75,7 @@ fn what_is_no_remark_is_refused() {
     let refused = [
         json!({"kind": "tag", "text": "one, two"}),
         json!({"kind": "tag", "text": " "}),
+        json!({"kind": "tag", "text": "none"}),
         json!({"kind": "tag"}),
         json!({"kind": "tag", "text": "x".repeat(61)}),
         json!({"kind": "comment", "text": "x".repeat(4001)}),

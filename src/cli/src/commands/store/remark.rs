@@ -86,6 +86,9 @@ pub fn run(arguments: &Arguments, store: &str, json: bool) -> anyhow::Result<Exi
             if tag.is_empty() || tag.chars().count() > TAG_CHARACTERS || tag.contains(',') {
                 bail!("a tag has 1 to {TAG_CHARACTERS} characters and no comma");
             }
+            if tag == "none" {
+                bail!("lists call episodes without a tag 'none': take another word");
+            }
             keep(store, who.remark(store, "tag", tag, None)?)
         }
         Command::Comment { who, text, step } => {
