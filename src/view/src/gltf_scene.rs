@@ -5,8 +5,8 @@ use std::{borrow::Cow, collections::HashMap};
 
 use gltf::binary::{Glb, Header};
 use reel_sim::{
-    DrawnBody,
     geometry::{FOCAL_PX, Pose},
+    render::TriangleSurface,
 };
 use reel_trace::Trace;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, InstanceKind, record::RobotState};
@@ -53,7 +53,7 @@ pub fn glb(trace: &Trace) -> Vec<u8> {
             }
         }
         let mut node = json!({"name": body.name(), "extras": extras});
-        if let Some(mesh) = document.mesh(&body.drawn) {
+        if let Some(mesh) = document.mesh(&body.surfaces) {
             node["mesh"] = json!(mesh);
         }
         if body.instance.kind == InstanceKind::Robot {
@@ -124,10 +124,10 @@ impl Document {
     }
 
     /// The surfaces of a body as one mesh; none where nothing of it is drawn.
-    fn mesh(&mut self, body: &DrawnBody) -> Option<usize> {
+    fn mesh(&mut self, surfaces: &[TriangleSurface]) -> Option<usize> {
         let mut vertices: Vec<([f32; 3], [u16; 3])> = Vec::new();
         let mut indices: Vec<u32> = Vec::new();
-        for surface in &body.surfaces {
+        for surface in surfaces {
             let mut known: HashMap<(u32, [u16; 3]), u32> = HashMap::new();
             for (triangle, color) in surface.triangles.iter().zip(&surface.colors) {
                 let color = color.map(|it| (it.clamp(0.0, 1.0) * 65_535.0).round() as u16);

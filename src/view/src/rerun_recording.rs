@@ -25,9 +25,8 @@ use re_sdk_types::{
 };
 use reel_replay::{frames_at, replay_with};
 use reel_sim::{
-    DrawnBody,
     geometry::{FOCAL_PX, Pose},
-    render::srgb,
+    render::{TriangleSurface, srgb},
 };
 use reel_trace::{FrameLayers, Trace};
 use reel_world::{
@@ -305,7 +304,7 @@ impl Recording<'_> {
 
     /// The surfaces of a body; objects have an outline that tells their part in the task, too.
     fn body(&self, body: &SceneBody) -> Result<(), ViewError> {
-        if let Some(mesh) = mesh(&body.drawn) {
+        if let Some(mesh) = mesh(&body.surfaces) {
             self.log_static(entity(body), &mesh)?;
         }
         let task = &self.trace.task;
@@ -397,9 +396,9 @@ fn entity(body: &SceneBody) -> EntityPath {
 
 /// The surfaces of a body; none where nothing of it is drawn. Faces are flat, so that triangles share
 /// no corner.
-fn mesh(drawn: &DrawnBody) -> Option<Mesh3D> {
+fn mesh(surfaces: &[TriangleSurface]) -> Option<Mesh3D> {
     let (mut corners, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
-    for surface in &drawn.surfaces {
+    for surface in surfaces {
         for (triangle, color) in surface.triangles.iter().zip(&surface.colors) {
             let [a, b, c] = triangle.map(|corner| surface.corners[corner as usize]);
             let [red, green, blue] = srgb(*color);
@@ -412,8 +411,7 @@ fn mesh(drawn: &DrawnBody) -> Option<Mesh3D> {
     let mesh = mesh
         .with_vertex_colors(colors)
         .with_face_rendering(MeshFaceRendering::Front);
-    drawn
-        .surfaces
+    surfaces
         .iter()
         .any(|it| !it.triangles.is_empty())
         .then_some(mesh)

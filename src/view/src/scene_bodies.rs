@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_sim::{DrawnBody, PreparedTask, geometry::Pose, held_pose, robot_pose};
+use reel_sim::{PreparedTask, geometry::Pose, held_pose, render::TriangleSurface, robot_pose};
 use reel_trace::Trace;
 use reel_world::{
     FrameInstance, InstanceId, InstanceKind, instances,
@@ -21,7 +21,7 @@ pub(crate) struct SceneBody {
     /// Whether the goal wants something on or in this receptacle.
     pub goal: bool,
     /// Its surfaces in its own frame, in metres.
-    pub drawn: DrawnBody,
+    pub surfaces: Vec<TriangleSurface>,
     /// Where it is at each of the [`moments`]; none where it never moves and its frame is the scene's.
     pub poses: Option<Vec<Pose>>,
 }
@@ -71,7 +71,7 @@ pub(crate) fn scene_bodies(trace: &Trace, moments: &[Moment<'_>]) -> Vec<SceneBo
             goal: kind == InstanceKind::Receptacle && goals.contains(&instance.name),
             instance,
             is_door,
-            drawn,
+            surfaces: drawn.surfaces,
             poses: None,
         };
         let name = body.name();
