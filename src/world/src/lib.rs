@@ -31,6 +31,7 @@ mod graph;
 mod id;
 mod plan_text;
 mod primitive;
+mod profile;
 mod scene;
 mod skills;
 mod spaced_json;
@@ -63,11 +64,12 @@ pub use logprobs::{LogprobError, OLD_POLICY, TokenLogprobs};
 pub use mesh::{Assets, Mesh, Meshes, NoAssets};
 pub use outcome::{ErrorClass, ErrorCode, Outcome};
 pub use primitive::Primitive;
+pub use profile::Profile;
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
 pub use spaced_json::spaced_json;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
-pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec, value_text};
+pub use tool::{CallError, Lifecycle, NameSet, Tool, ToolCall, ToolSpec, value_text};
 pub use tool_text::ToolText;
 
 /// One physics step, in seconds (docs/spec.md#episode).
