@@ -279,7 +279,7 @@ def tables(client, episode):
     client.expect(404, "GET", "/api/episodes/{episode}", episode="nothing")
     client.expect(400, "GET", "/api/episodes/{episode}", episode=b"\xff")
 
-    for form in ("json", "csv", "arrow"):
+    for form in ("json", "csv", "arrow", "parquet"):
         client.expect(200, "POST", "/api/sql", {"sql": "SELECT * FROM episodes", "format": form})
         client.expect(200, "GET", "/api/queries/{name}", query={"format": form}, name="overview")
     client.expect(400, "POST", "/api/sql", b"\xff")

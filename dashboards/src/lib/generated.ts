@@ -4,7 +4,7 @@
 export type Answer = { answer: string };
 
 /** How an answer looks. */
-export type AnswerFormat = "json" | "csv" | "arrow";
+export type AnswerFormat = "json" | "csv" | "arrow" | "parquet";
 
 /** What an author says about an answer of the user to `ask`. */
 export type AnswerLabelBody = {
@@ -322,6 +322,7 @@ export type Kind = "table" | "bar" | "line" | "scatter";
 export type LabelBody = {
   adjudicate?: boolean;
   author?: string | null;
+  blind?: boolean | null;
   class?: string | null;
   confidence?: number | null;
   episode: string;

@@ -13,7 +13,12 @@ export interface Label {
   confidence: number | null;
   note: string | null;
   at_ms: number;
+  /** Null: unknown. */
+  blind: boolean | null;
 }
+
+/** In a table, whether a label was given blind. */
+export const blindness = ({ blind }: { blind: boolean | null }) => (blind === null ? "?" : blind ? "yes" : "no");
 
 /** What people say of each episode, for a join: the adjudicated label, else the one on which all agree, else `disputed`. */
 export const PEOPLE = `SELECT episode_id, string_agg(DISTINCT author, ', ' ORDER BY author) AS labelled_by,
@@ -61,6 +66,6 @@ export async function store(label: LabelBody): Promise<Stored> {
   return { label: stored, before, undo };
 }
 
-function bodyOf({ episode_id, author, kind, class: name, sub_class, step, confidence, note }: Label): LabelBody {
-  return { episode: episode_id, author, class: name, sub_class, step, confidence, note, adjudicate: kind === "adjudicated" };
+function bodyOf({ episode_id, author, kind, class: name, sub_class, step, confidence, note, blind }: Label): LabelBody {
+  return { episode: episode_id, author, class: name, sub_class, step, confidence, note, adjudicate: kind === "adjudicated", blind };
 }

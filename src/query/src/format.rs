@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use arrow::{
     array::{Array, ArrayRef, AsArray, RecordBatch},
-    datatypes::{DataType, Float32Type, Float64Type},
+    datatypes::{DataType, Float32Type, Float64Type, SchemaRef},
     error::ArrowError,
     ipc::writer::FileWriter,
     json::{WriterBuilder, writer::JsonArray},
@@ -19,6 +19,9 @@ use datafusion::parquet::{
 
 /// Longest cell of the table form, in characters.
 const CELL_WIDTH_MAX: usize = 100;
+
+/// Rows in a group of a Parquet file: so many are held before they are written.
+const ROWS_PER_GROUP: usize = 65_536;
 
 /// How to print a result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -65,12 +68,48 @@ pub fn parquet_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
     let Some(first) = batches.first() else {
         return Ok(Vec::new());
     };
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        .build();
-    let mut writer = ArrowWriter::try_new(Vec::new(), first.schema(), Some(properties))?;
-    batches.iter().try_for_each(|batch| writer.write(batch))?;
-    Ok(writer.into_inner()?)
+    let mut stream = ParquetStream::new(first.schema())?;
+    let mut file = Vec::new();
+    for batch in batches {
+        file.append(&mut stream.write(batch)?);
+    }
+    file.append(&mut stream.end()?);
+    Ok(file)
+}
+
+/// A Parquet file (zstd) whose bytes are taken as it grows, a row group at a time.
+pub struct ParquetStream(ArrowWriter<Vec<u8>>);
+
+impl ParquetStream {
+    /// A file without rows.
+    ///
+    /// # Errors
+    /// When Parquet has no such column.
+    pub fn new(schema: SchemaRef) -> Result<Self, ArrowError> {
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
+            .build();
+        let writer = ArrowWriter::try_new(Vec::new(), schema, Some(properties))?;
+        Ok(Self(writer))
+    }
+
+    /// Adds rows, and gives the bytes since the last that were given.
+    ///
+    /// # Errors
+    /// When Parquet cannot write a column.
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<Vec<u8>, ArrowError> {
+        self.0.write(batch)?;
+        Ok(std::mem::take(self.0.inner_mut()))
+    }
+
+    /// Ends the file, and gives the rest of its bytes.
+    ///
+    /// # Errors
+    /// When Parquet cannot write a column.
+    pub fn end(self) -> Result<Vec<u8>, ArrowError> {
+        Ok(self.0.into_inner()?)
+    }
 }
 
 fn table(batches: &[RecordBatch]) -> Result<String, ArrowError> {

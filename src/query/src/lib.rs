@@ -28,7 +28,7 @@ use arrow::{
 use reel_tables::Store;
 
 pub use control::{Control, SetLimit, StopReason, TraceAccess};
-pub use format::{Format, arrow_file, format, parquet_file};
+pub use format::{Format, ParquetStream, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use fusion::{RowExpression, fuse};
 pub use limits::Limits;

@@ -21,7 +21,8 @@ use std::{
 use arrow::{array::RecordBatch, error::ArrowError, ipc::writer::StreamWriter};
 use axum::body::Bytes;
 use reel_query::{
-    CacheScope, Format, Limits, Parameters, QueryError, QuerySession, StopReason, format,
+    CacheScope, Format, Limits, Parameters, ParquetStream, QueryError, QuerySession, StopReason,
+    format,
 };
 use reel_tables::{BLOCKING_THREADS, STACK_BYTES};
 use reel_trace::TraceFiles;
@@ -68,6 +69,8 @@ pub(crate) enum AnswerFormat {
     Csv,
     /// An Arrow IPC stream.
     Arrow,
+    /// A Parquet file.
+    Parquet,
 }
 
 /// What a process is asked.
@@ -453,6 +456,7 @@ enum Encoder {
     Json { begun: bool },
     Csv { begun: bool },
     Arrow(Option<Box<StreamWriter<Vec<u8>>>>),
+    Parquet(Option<Box<ParquetStream>>),
 }
 
 impl Encoder {
@@ -461,6 +465,7 @@ impl Encoder {
             AnswerFormat::Json => Encoder::Json { begun: false },
             AnswerFormat::Csv => Encoder::Csv { begun: false },
             AnswerFormat::Arrow => Encoder::Arrow(None),
+            AnswerFormat::Parquet => Encoder::Parquet(None),
         }
     }
 
@@ -507,6 +512,13 @@ impl Encoder {
                 writer.write(batch)?;
                 Ok(std::mem::take(writer.get_mut()).into())
             }
+            Encoder::Parquet(stream) => {
+                let stream = match stream {
+                    Some(stream) => stream,
+                    None => stream.insert(Box::new(ParquetStream::new(batch.schema())?)),
+                };
+                Ok(stream.write(batch)?.into())
+            }
         }
     }
 
@@ -514,7 +526,8 @@ impl Encoder {
     fn end(self) -> Result<Bytes, ArrowError> {
         match self {
             Encoder::Json { begun } => Ok(if begun { "]" } else { "[]" }.into()),
-            Encoder::Csv { .. } | Encoder::Arrow(None) => Ok(Bytes::new()),
+            Encoder::Csv { .. } | Encoder::Arrow(None) | Encoder::Parquet(None) => Ok(Bytes::new()),
+            Encoder::Parquet(Some(stream)) => Ok(stream.end()?.into()),
             Encoder::Arrow(Some(mut writer)) => {
                 writer.finish()?;
                 Ok(std::mem::take(writer.get_mut()).into())

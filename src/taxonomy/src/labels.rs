@@ -13,8 +13,8 @@ use crate::{CLASSES, TaxonomyError};
 pub type LabelSet = BTreeMap<String, LabelRow>;
 
 /// The columns of a label in CSV.
-const COLUMNS: [&str; 9] = reel_world::words! {
-    episode_id author kind class sub_class step confidence note at_ms
+const COLUMNS: [&str; 10] = reel_world::words! {
+    episode_id author kind class sub_class step confidence note at_ms blind
 };
 
 /// What a line that leaves it out says.
@@ -38,6 +38,7 @@ struct LabelLine {
     confidence: Option<f64>,
     note: Option<String>,
     at_ms: Option<i64>,
+    blind: Option<bool>,
 }
 
 /// Reads CSV with a header line; needed are `episode_id` and `class`. `place` is what
@@ -147,6 +148,7 @@ pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<LabelRow>,
         confidence: None,
         note: None,
         at_ms: None,
+        blind: None,
     };
     label
         .checked(
@@ -192,6 +194,7 @@ impl LabelLine {
             confidence: self.confidence,
             note: said(self.note),
             at_ms: self.at_ms.unwrap_or(defaults.at_ms),
+            blind: self.blind,
         })
     }
 }
@@ -297,6 +300,7 @@ mod tests {
             confidence,
             note,
             at_ms,
+            blind: None,
         }
     }
 

@@ -77,6 +77,8 @@ pub(super) struct LabelBody {
     /// Whether this label decides between other labels that disagree.
     #[serde(default)]
     adjudicate: bool,
+    /// Whether the author answered before seeing what the rules and `reel blame` say; null: unknown.
+    blind: Option<bool>,
 }
 
 /// Stores the label of an episode in the tables.
@@ -94,6 +96,7 @@ pub(super) async fn set(
         ("confidence", label.confidence.map(|sure| sure.to_string())),
         ("note", label.note.clone()),
         ("author", Some(author.clone())),
+        ("blind", label.blind.map(|blind| blind.to_string())),
     ];
     let flag = label.adjudicate.then_some("--adjudicate");
     keep(&app, ["label", "set"], &label.episode, &texts, flag).await?;

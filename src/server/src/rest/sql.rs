@@ -92,7 +92,7 @@ impl App {
 /// Asks the tables in SQL.
 #[utoipa::path(post, path = "/api/sql", tag = "tables", request_body = Question,
     responses((status = 200, description = "As the format says",
-            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"))),
+            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"), ("application/vnd.apache.parquet"))),
         (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
 pub(super) async fn ask(
@@ -131,7 +131,7 @@ pub(super) async fn named() -> Json<Vec<NamedQuery>> {
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct NamedOptions {
-    /// json, csv or arrow.
+    /// json, csv, arrow or parquet.
     #[serde(default)]
     #[param(inline)]
     format: AnswerFormat,
@@ -144,7 +144,7 @@ pub(super) struct NamedOptions {
 #[utoipa::path(get, path = "/api/queries/{name}", tag = "tables",
     params(("name" = String, Path), NamedOptions),
     responses((status = 200, description = "As the format says",
-            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"))),
+            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"), ("application/vnd.apache.parquet"))),
         (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
 pub(super) async fn ask_named(
@@ -193,6 +193,7 @@ async fn answer(app: Arc<App>, version: Version, question: Question) -> Result<R
         AnswerFormat::Json => "application/json",
         AnswerFormat::Csv => "text/csv; charset=utf-8",
         AnswerFormat::Arrow => "application/vnd.apache.arrow.stream",
+        AnswerFormat::Parquet => "application/vnd.apache.parquet",
     };
     let place = app.place(&gate::owner()).await?;
     let (sender, mut parts) = mpsc::channel(AHEAD);

@@ -406,6 +406,8 @@ pub(super) const LABELS: &[Column] = columns! {
     may confidence: Float, "from 0 to 1";
     may note: Text, "explanation in free text";
     must at_ms: Long, "time of the label, milliseconds since 1970";
+    may blind: Flag,
+        "whether the author answered before seeing what the rules and `reel blame` say; null: unknown";
 };
 
 pub(super) const ANSWER_LABELS: &[Column] = columns! {
@@ -449,6 +451,7 @@ pub(super) const VERDICTS: &[Column] = columns! {
     must build: Text, "version of Reel that replayed it";
     must verdict: Text, "`exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`; `exact_without_rgb` and `diverged_without_rgb` where no colours were compared";
     must reason: Text, "the finding in words";
+    may at_ms: Long, "time of the replay, milliseconds since 1970; null: before version 0.3";
 };
 
 /// A claim that the record refutes.

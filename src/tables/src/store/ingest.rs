@@ -408,7 +408,7 @@ impl Store {
         if rows.is_empty() {
             return Ok(None);
         }
-        let newest = self.newest(table)?;
+        let newest = self.newest_to_write(table)?;
         let wanted = rows.values().map(|row| {
             let digest = row[column_of(table)].as_string::<i32>();
             digest.value(0).to_owned()
@@ -434,7 +434,7 @@ impl Store {
         if nobody && self.parts(Table::Quarantine).is_empty() {
             return Ok(None);
         }
-        let newest = self.newest(Table::Quarantine)?;
+        let newest = self.newest_to_write(Table::Quarantine)?;
         let before = self.quarantined(&newest)?;
         let mut after = before.clone();
         for batch in &portion.batches {

@@ -139,6 +139,10 @@ pub struct LabelRow {
     /// When it was said, milliseconds since 1970.
     #[serde(default)]
     pub at_ms: i64,
+    /// Whether the author answered before seeing what the rules and `reel blame` say; `None`:
+    /// unknown.
+    #[serde(default)]
+    pub blind: Option<bool>,
 }
 
 /// What somebody says about an answer of the user: a row of `answer_labels`.
@@ -387,7 +391,7 @@ impl Store {
         table: Table,
         rows: impl IntoIterator<Item = R>,
     ) -> Result<(), Refused> {
-        let newest = self.newest(table)?;
+        let newest = self.newest_to_write(table)?;
         let mut actions: Vec<Action> = parts(&newest)
             .into_iter()
             .map(|part| Action::Remove(part.remove))

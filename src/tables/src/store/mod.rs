@@ -25,7 +25,7 @@ use deltalake::{
     DeltaTable, DeltaTableError,
     kernel::transaction::{CommitBuilder, CommitConflictError, TransactionError},
     kernel::{
-        Action, StructType, Transaction, engine::arrow_conversion::TryIntoKernel,
+        Action, StructField, StructType, Transaction, engine::arrow_conversion::TryIntoKernel,
         transaction::CommitProperties,
     },
     operations::create::CreateBuilder,
@@ -428,6 +428,22 @@ impl Store {
         self.runtime.block_on(open(&self.location, table, None))
     }
 
+    /// [`Store::newest`] to write to: with the columns that an earlier version of Reel did not have.
+    fn newest_to_write(&self, table: Table) -> Result<DeltaTable, Refused> {
+        let newest = self.newest(table)?;
+        let schema = newest
+            .snapshot()
+            .map_err(|error| self.delta(error))?
+            .schema();
+        let added = added_columns(&schema, table).map_err(|error| self.delta(error.into()))?;
+        match added {
+            Some(added) if !added.is_empty() => {
+                self.committed(newest.add_columns().with_fields(added).into_future())
+            }
+            _ => Ok(newest),
+        }
+    }
+
     /// Commits to a side table that was just looked at, and says its new version.
     fn commit_side(&self, table: &DeltaTable, actions: Vec<Action>) -> Result<u64, Refused> {
         let version = table.version().unwrap_or_default() as i64 + 1;
@@ -471,8 +487,16 @@ impl Store {
             table.log_store(),
             operation,
         );
-        match self.runtime.block_on(commit.into_future()) {
-            Ok(done) => Ok(done.version()),
+        Ok(self.committed(commit.into_future())?.version())
+    }
+
+    /// Waits for a commit.
+    fn committed<T>(
+        &self,
+        commit: impl Future<Output = Result<T, DeltaTableError>>,
+    ) -> Result<T, Refused> {
+        match self.runtime.block_on(commit) {
+            Ok(done) => Ok(done),
             Err(error) if is_conflict(&error) => Err(Refused::Conflict),
             Err(error) => Err(self.delta(error).into()),
         }
@@ -628,14 +652,32 @@ async fn open(
         None => opened.load().await,
     };
     loaded.map_err(delta)?;
-    let ours: StructType = table.schema().as_ref().try_into_kernel()?;
-    if *opened.snapshot().map_err(delta)?.schema() != ours {
+    let schema = opened.snapshot().map_err(delta)?.schema();
+    let added = added_columns(&schema, table)?;
+    if added.is_none_or(|added| table == Table::Episodes && !added.is_empty()) {
         return Err(StoreError::OtherColumns {
             table: table.name(),
             location: location.to_string(),
         });
     }
     Ok(opened)
+}
+
+/// The columns of a table that a stored schema lacks and that read as null there: an earlier
+/// version of Reel wrote it. None where the stored columns are others than ours.
+fn added_columns(
+    stored: &StructType,
+    table: Table,
+) -> Result<Option<Vec<StructField>>, ArrowError> {
+    let ours: StructType = table.schema().as_ref().try_into_kernel()?;
+    let is_ours = |field: &StructField| ours.field(field.name()) == Some(field);
+    let added: Vec<StructField> = ours
+        .fields()
+        .filter(|field| stored.field(field.name()).is_none())
+        .cloned()
+        .collect();
+    let fits = stored.fields().all(is_ours) && added.iter().all(|field| field.nullable);
+    Ok(fits.then_some(added))
 }
 
 /// Whether somebody else wrote in between.
@@ -647,6 +689,7 @@ fn is_conflict(error: &DeltaTableError) -> bool {
                 | CommitConflictError::ConcurrentAppend
                 | CommitConflictError::ConcurrentDeleteRead
                 | CommitConflictError::ConcurrentDeleteDelete
+                | CommitConflictError::MetadataChanged
         ),
         TransactionError::MaxCommitAttempts(_) | TransactionError::VersionAlreadyExists(_) => true,
         _ => false,

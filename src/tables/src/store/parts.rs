@@ -3,7 +3,11 @@
 
 use std::{collections::BTreeSet, io::Cursor, sync::Arc};
 
-use arrow::array::RecordBatch;
+use arrow::{
+    array::{RecordBatch, new_null_array},
+    datatypes::SchemaRef,
+    error::ArrowError,
+};
 use deltalake::{
     DeltaTable,
     kernel::{Action, Remove},
@@ -246,8 +250,9 @@ impl Store {
         merge: Merge,
     ) -> Result<Vec<Action>, StoreError> {
         let mut writer = self.writer(table, merge.rows_per_group)?;
+        let schema = writer.arrow_schema();
         self.read_parts(table, &parts, None, |_, batch| {
-            self.wait(writer.write(batch))
+            self.wait(writer.write(with_columns_of(&schema, batch)?))
         })?;
         let mut actions = Vec::new();
         for mut add in self.wait(writer.flush())? {
@@ -285,6 +290,18 @@ impl Store {
             .with_writer_properties(properties)
             .with_target_file_size(FILE_BYTES_MAX))
     }
+}
+
+/// Rows of a file with the columns that its table got after it was written: they are null there.
+fn with_columns_of(schema: &SchemaRef, rows: RecordBatch) -> Result<RecordBatch, ArrowError> {
+    let columns = schema
+        .fields()
+        .iter()
+        .map(|field| match rows.column_by_name(field.name()) {
+            Some(column) => Arc::clone(column),
+            None => new_null_array(field.data_type(), rows.num_rows()),
+        });
+    RecordBatch::try_new(Arc::clone(schema), columns.collect())
 }
 
 /// The row groups whose `column` may hold one of some texts. A file without Bloom filters, which an

@@ -187,7 +187,7 @@ impl Store {
     }
 
     fn try_keep(&self, portions: &[RecordBatch], version: &str) -> Result<(), Refused> {
-        let newest = self.newest(Table::Rescored)?;
+        let newest = self.newest_to_write(Table::Rescored)?;
         // what another rescoring, or one that was killed before its last
         // commit, has written meanwhile
         let there = self.versions_in(&newest, version)?;

@@ -2,7 +2,7 @@
 //! the content of a trace, whatever version of the store names it: so these rows are bound to no
 //! version, are only ever added to, and are always read at their newest.
 
-use std::collections::HashSet;
+use std::{collections::HashMap, time::SystemTime};
 
 use deltalake::DeltaTable;
 use reel_world::Digest;
@@ -21,10 +21,13 @@ pub struct TraceVerdict {
     pub build: String,
     pub verdict: String,
     pub reason: String,
+    #[serde(default)]
+    pub at_ms: Option<i64>,
 }
 
 impl TraceVerdict {
-    /// What this build found in a file of that digest. `trace` is none where it holds no trace.
+    /// What this build found just now in a file of that digest. `trace` is none where it holds no
+    /// trace.
     pub fn new(
         file: Digest,
         trace: Option<Digest>,
@@ -39,13 +42,23 @@ impl TraceVerdict {
             build: env!("CARGO_PKG_VERSION").to_owned(),
             verdict,
             reason,
+            at_ms: SystemTime::now()
+                .duration_since(SystemTime::UNIX_EPOCH)
+                .ok()
+                .and_then(|since| i64::try_from(since.as_millis()).ok()),
         }
     }
 
-    /// What makes it another verdict than those that are kept: a build that finds the same adds
-    /// nothing.
-    fn key(&self) -> (&str, u32, &str) {
-        (&self.file_digest, self.sim_version, &self.verdict)
+    /// Which replays its replay repeats: of the same file by the same simulator, comparing as much.
+    fn key(&self) -> (&str, u32, bool) {
+        let without_rgb = self.verdict.ends_with("_without_rgb");
+        (&self.file_digest, self.sim_version, without_rgb)
+    }
+
+    /// Verdicts of one replay after the other. Among those that are older than times, and so in no
+    /// order, what diverged comes last: it must not be hidden.
+    fn in_time(verdicts: &mut [Self]) {
+        verdicts.sort_by_key(|verdict| (verdict.at_ms, verdict.verdict.starts_with("diverged")));
     }
 }
 
@@ -70,12 +83,14 @@ pub struct RefutedClaim {
 }
 
 impl Store {
-    /// Every verdict that was kept, those of other versions of the store too.
+    /// Every verdict that was kept, those of other versions of the store too; the newest last.
     ///
     /// # Errors
     /// When the store cannot be read.
     pub fn verdicts(&self) -> Result<Vec<TraceVerdict>, StoreError> {
-        self.rows_of(&self.newest(Table::Verdicts)?)
+        let mut kept: Vec<TraceVerdict> = self.rows_of(&self.newest(Table::Verdicts)?)?;
+        TraceVerdict::in_time(&mut kept);
+        Ok(kept)
     }
 
     /// Keeps verdicts. The store's version stays what it is.
@@ -86,7 +101,8 @@ impl Store {
         self.append_unbound(Table::Verdicts, verdicts)
     }
 
-    /// Keeps those of the verdicts that are not kept yet.
+    /// Keeps those of the verdicts that say something else than the replay before: one that finds
+    /// the same again adds nothing.
     ///
     /// # Errors
     /// When the store cannot be read or written.
@@ -95,11 +111,15 @@ impl Store {
             return Ok(());
         }
         self.append_with(Table::Verdicts, |newest| {
-            let kept: Vec<TraceVerdict> = self.rows_of(newest)?;
-            let mut known: HashSet<_> = kept.iter().map(TraceVerdict::key).collect();
-            let new = verdicts
+            let mut kept: Vec<TraceVerdict> = self.rows_of(newest)?;
+            TraceVerdict::in_time(&mut kept);
+            let mut last: HashMap<_, &str> = kept
                 .iter()
-                .filter(|verdict| known.insert(verdict.key()));
+                .map(|verdict| (verdict.key(), verdict.verdict.as_str()))
+                .collect();
+            let new = verdicts.iter().filter(|verdict| {
+                last.insert(verdict.key(), &verdict.verdict) != Some(verdict.verdict.as_str())
+            });
             Ok(new.cloned().collect())
         })
     }
@@ -135,15 +155,19 @@ impl Store {
         table: Table,
         rows: impl Fn(&DeltaTable) -> Result<Vec<R>, StoreError>,
     ) -> Result<(), StoreError> {
-        for _ in 0..TRIES_MAX {
-            let newest = self.newest(table)?;
+        let append = || -> Result<(), Refused> {
+            let newest = self.newest_to_write(table)?;
             let rows = rows(&newest)?;
             if rows.is_empty() {
                 return Ok(());
             }
-            let actions = self.write_parts(&newest, vec![Rows::of(table, &rows)?])?;
-            match self.commit_side(&newest, actions) {
-                Ok(_) => return Ok(()),
+            let rows = Rows::of(table, &rows).map_err(StoreError::from)?;
+            let actions = self.write_parts(&newest, vec![rows])?;
+            self.commit_side(&newest, actions).map(drop)
+        };
+        for _ in 0..TRIES_MAX {
+            match append() {
+                Ok(()) => return Ok(()),
                 Err(Refused::Conflict) => {}
                 Err(Refused::Failed(error)) => return Err(error),
             }

@@ -1,7 +1,7 @@
 //! Versions of a store: what a commit names is there, earlier ones stay readable until a vacuum, and
 //! labels belong to one.
 
-use std::fs;
+use std::{collections::BTreeMap, fs, path::Path};
 
 use reel_tables::{LabelRow, Store, StoreError, Table, TraceVerdict};
 use reel_trace::Images;
@@ -133,6 +133,7 @@ fn labels_of_two_at_a_time_stay() {
         confidence: None,
         note: None,
         at_ms: 1,
+        blind: None,
     };
     std::thread::scope(|scope| {
         for author in ["ann", "bob", "cem"] {
@@ -185,6 +186,7 @@ fn verdicts_belong_to_no_version() {
         build: "0".into(),
         verdict: "exact".into(),
         reason: "it is".into(),
+        at_ms: None,
     };
     std::thread::scope(|scope| {
         for writer in 0..3 {
@@ -213,6 +215,177 @@ fn verdicts_belong_to_no_version() {
         (12, 1, version)
     );
     assert_eq!(store.verdicts().unwrap().len(), 12);
+}
+
+#[test]
+fn of_the_replays_of_a_file_the_newest_counts() {
+    let dir = TempDir::new().unwrap();
+    let store = Store::open_or_create(dir.path().join("store")).unwrap();
+    let mut at_ms = 0;
+    let mut replayed = |verdict: &str, sim_version| {
+        at_ms += 1;
+        let verdict = TraceVerdict {
+            file_digest: "a file".into(),
+            trace_digest: "a trace".into(),
+            sim_version,
+            build: "0".into(),
+            verdict: verdict.into(),
+            reason: String::new(),
+            at_ms: Some(at_ms),
+        };
+        store.append_new_verdicts(&[verdict]).unwrap();
+        store.verdicts().unwrap().len()
+    };
+    assert_eq!(replayed("exact", 1), 1);
+    assert_eq!(replayed("exact", 1), 1, "it says what is known");
+    assert_eq!(replayed("diverged", 1), 2);
+    assert_eq!(replayed("exact", 1), 3, "another than the one before");
+    assert_eq!(replayed("exact_without_rgb", 1), 4, "compares less");
+    assert_eq!(replayed("exact", 1), 4, "as the last of its kind");
+    assert_eq!(replayed("exact", 2), 5, "another simulator");
+    let said: Vec<String> = store
+        .verdicts()
+        .unwrap()
+        .into_iter()
+        .map(|one| one.verdict)
+        .collect();
+    assert_eq!(
+        said,
+        ["exact", "diverged", "exact", "exact_without_rgb", "exact"]
+    );
+}
+
+/// Makes of a table one of an earlier version of Reel, which did not have a column: in its schema
+/// and in its files.
+fn without_column(folder: &Path, column: &str) {
+    use parquet::arrow::{ArrowWriter, arrow_reader::ParquetRecordBatchReaderBuilder};
+    let mut sizes = BTreeMap::new();
+    for file in fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+    {
+        if file.is_dir() {
+            continue;
+        }
+        let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&file).unwrap());
+        let batches: Vec<_> = reader
+            .unwrap()
+            .build()
+            .unwrap()
+            .map(Result::unwrap)
+            .collect();
+        let mut narrow: Vec<_> = batches.into_iter().collect();
+        for batch in &mut narrow {
+            batch.remove_column(batch.schema().index_of(column).unwrap());
+        }
+        let mut writer =
+            ArrowWriter::try_new(fs::File::create(&file).unwrap(), narrow[0].schema(), None)
+                .unwrap();
+        narrow.iter().for_each(|batch| writer.write(batch).unwrap());
+        writer.close().unwrap();
+        let name = file.file_name().unwrap().to_str().unwrap().to_owned();
+        sizes.insert(name, fs::metadata(&file).unwrap().len());
+    }
+    for log in fs::read_dir(folder.join("_delta_log")).unwrap() {
+        let log = log.unwrap().path();
+        let narrow = |line: &str| {
+            let mut action: serde_json::Value = serde_json::from_str(line).unwrap();
+            if let Some(text) = action["metaData"]["schemaString"].as_str() {
+                let mut schema: serde_json::Value = serde_json::from_str(text).unwrap();
+                let fields = schema["fields"].as_array_mut().unwrap();
+                fields.retain(|field| field["name"] != column);
+                action["metaData"]["schemaString"] = schema.to_string().into();
+            }
+            if let Some(path) = action["add"]["path"].as_str() {
+                action["add"]["size"] = sizes[path].into();
+            }
+            action
+                .as_object_mut()
+                .unwrap()
+                .retain(|_, action| !action.is_null());
+            action.to_string() + "\n"
+        };
+        let lines: String = fs::read_to_string(&log)
+            .unwrap()
+            .lines()
+            .map(narrow)
+            .collect();
+        fs::write(&log, lines).unwrap();
+    }
+}
+
+#[test]
+fn columns_that_an_earlier_version_lacked_read_as_null_and_are_added_by_the_next_writer() {
+    let dir = TempDir::new().unwrap();
+    let folder = &dir.path().join("store");
+    let label = |author: &str, blind| LabelRow {
+        episode_id: "an episode".into(),
+        author: author.into(),
+        kind: "human".into(),
+        class: "Other".into(),
+        sub_class: None,
+        step: None,
+        confidence: None,
+        note: None,
+        at_ms: 1,
+        blind,
+    };
+    let verdict = |file: &str, at_ms| TraceVerdict {
+        file_digest: file.into(),
+        trace_digest: "a trace".into(),
+        sim_version: 1,
+        build: "0".into(),
+        verdict: "exact".into(),
+        reason: String::new(),
+        at_ms,
+    };
+    let mut store = Store::open_or_create(folder).unwrap();
+    store.change_labels(|_| vec![label("ann", None)]).unwrap();
+    store.append_verdicts(&[verdict("first", None)]).unwrap();
+    without_column(&folder.join("labels"), "blind");
+    without_column(&folder.join("verdicts"), "at_ms");
+
+    let mut store = Store::open(folder).unwrap();
+    assert_eq!(store.labels().unwrap(), [label("ann", None)]);
+    assert_eq!(store.verdicts().unwrap(), [verdict("first", None)]);
+    store
+        .change_labels(|mut before| {
+            before.push(label("bob", Some(true)));
+            before
+        })
+        .unwrap();
+    // two who write at a time
+    std::thread::scope(|scope| {
+        for file in ["second", "third"] {
+            let store = &store;
+            scope.spawn(move || store.append_verdicts(&[verdict(file, Some(7))]).unwrap());
+        }
+    });
+    let mut store = Store::open(folder).unwrap();
+    assert_eq!(
+        store.labels().unwrap(),
+        [label("ann", None), label("bob", Some(true))]
+    );
+    let times = |store: &Store| {
+        store
+            .verdicts()
+            .unwrap()
+            .iter()
+            .map(|one| one.at_ms)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(times(&store), [None, Some(7), Some(7)]);
+    // files of both kinds are merged
+    assert!(store.compact().unwrap().files_after < 4);
+    assert_eq!(times(&store), [None, Some(7), Some(7)]);
+    let version = store.version();
+    assert_eq!(
+        Store::open_at(folder, version - 1)
+            .unwrap()
+            .labels()
+            .unwrap(),
+        [label("ann", None)]
+    );
 }
 
 #[test]

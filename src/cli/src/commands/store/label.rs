@@ -100,6 +100,10 @@ struct Set {
     /// Mark the label as the decision between disagreeing authors
     #[arg(long)]
     adjudicate: bool,
+    /// The author answered before seeing what the rules and `reel blame` say (`--blind=false`: after);
+    /// left out, it is unknown
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true", require_equals = true)]
+    blind: Option<bool>,
 }
 
 #[derive(clap::Args)]
@@ -269,6 +273,7 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         confidence: set.confidence,
         note: set.note.clone(),
         at_ms,
+        blind: set.blind,
     })
 }
 

@@ -28,6 +28,9 @@ pub(super) struct Arguments {
         default_value = "agreed"
     )]
     set: String,
+    /// Of those, only labels whose author answered before seeing what the rules and `reel blame` say
+    #[arg(long)]
+    blind: bool,
     /// What is compared: `rules`, or labels of another set, e.g. `judge`
     #[arg(
         long = "prediction",
@@ -56,7 +59,12 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let session = QuerySession::new(inputs::store(&arguments.store, None)?)?;
     let labels = session.store().labels()?;
-    let truth = label_set(&labels, &arguments.set);
+    let reference: Vec<LabelRow> = labels
+        .iter()
+        .filter(|label| !arguments.blind || label.blind == Some(true))
+        .cloned()
+        .collect();
+    let truth = label_set(&reference, &arguments.set);
     let found = match arguments.of.as_str() {
         "rules" => classes_of(&session, &arguments.store)?,
         set => {
@@ -91,13 +99,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             .filter_map(|found| Some((truth.get(&found.episode_id)?, found)))
             .collect();
         if both.is_empty() {
-            let sets: BTreeSet<&str> = labels
+            let sets: BTreeSet<&str> = reference
                 .iter()
                 .flat_map(|label| [label.author.as_str(), label.kind.as_str()])
                 .collect();
             let sets: Vec<&str> = sets.into_iter().collect();
             bail!(
-                "no episode of '{name}' has a label of '{}'; there are labels of: {}",
+                "no episode of '{name}' has a {}label of '{}'; there are labels of: {}",
+                if arguments.blind { "blind " } else { "" },
                 arguments.set,
                 sets.join(", ")
             );

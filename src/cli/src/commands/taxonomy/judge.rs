@@ -305,5 +305,6 @@ fn label(verdict: &JudgedCase, reading: JudgeReading) -> LabelRow {
         confidence: Some(opinion.confidence),
         note: Some(format!("{}{proposal}{standing}", opinion.comment)),
         at_ms: (RealClock.now_ns() / 1_000_000) as i64,
+        blind: None,
     }
 }
