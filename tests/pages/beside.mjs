@@ -2,7 +2,7 @@
 import { assert, findings, moment, onPage, parameter, sql, traceName, until, url, visit } from "./kit.mjs";
 
 const calls = (page) => page.getByRole("region", { name: "Calls of both episodes" });
-const row = (page, at) => calls(page).locator(`tr[data-row="${at}"]`);
+const button = (page, name) => page.getByRole("button", { name, exact: true });
 const stepsOf = async (trace) => (await fetch(`${url}/api/traces/${encodeURIComponent(trace)}/steps?limit=1000`)).json();
 const callText = ({ input: { call } }) => !call.name && !Object.keys(call.arguments ?? {}).length ? "no call" :
   `${call.name}(${Object.entries(call.arguments ?? {}).map(([key, value]) => `${key}=${typeof value === "string" ? value : JSON.stringify(value)}`).join(", ")})`;
@@ -14,18 +14,20 @@ const quiet = async (page) => {
   await page.waitForLoadState("networkidle");
 };
 
-/** The rows as the table shows them: the steps of both sides, from the calls in them, and how they compare. */
+/** The rows as the table shows them: the steps of both sides, from the calls in them, and how they compare. Every call names its step. */
 async function rowsOf(page, a, b) {
-  const shown = await calls(page).locator("tbody tr").evaluateAll((rows) => rows.map((row) => ({
+  const shown = await calls(page).locator("tbody tr[data-row]").evaluateAll((rows) => rows.map((row) => ({
     match: row.dataset.match,
-    cells: [...row.querySelectorAll("td")].map((cell) => cell.querySelector(".mono")?.lastChild.textContent.replace(/^✕ /, "") ?? null),
+    cells: [...row.querySelectorAll("td")].map((cell) => cell.querySelector(".mono")?.textContent.replace(/^✕ /, "") ?? null),
+    steps: [...row.querySelectorAll("td")].map((cell) => /^step (\d+)/.exec(cell.innerText)?.[1] ?? null),
   })));
   const next = [0, 0];
-  return shown.map(({ match, cells }, at) => {
+  return shown.map(({ match, cells, steps: named }, at) => {
     const sides = cells.length === 1 ? [cells[0], cells[0]] : cells;
     const steps = sides.map((text, side) => {
       if (text === null) return null;
       const step = next[side]++;
+      assert(named.at(cells.length === 1 ? 0 : side) === String(step), `row ${at} names step ${named[side]} of side ${side}, not ${step}`);
       assert(callText([a, b][side][step]) === text, `row ${at} has ${text} of side ${side}, whose step ${step} is ${callText([a, b][side][step])}`);
       return step;
     });
@@ -51,7 +53,7 @@ export async function two_episodes_of_a_task_are_aligned(browser) {
       assert(match === "one" ? !both : match === "call" ? both && !same : same, `${match}: ${steps}`);
     }
     const heads = await page.locator(".side h2").allInnerTexts();
-    assert(heads.join() === "oracle,planner", heads.join());
+    assert(heads.join() === "A oracle,B planner", heads.join());
     // Each side shows its last step at or before the row.
     const at = (side, row) => rows.slice(0, row + 1).map(({ steps }) => steps[side]).filter((step) => step !== null).at(-1) ?? null;
     await page.locator("body").press("Home");
@@ -62,11 +64,19 @@ export async function two_episodes_of_a_task_are_aligned(browser) {
       const expected = [at(0, row), at(1, row)].map((step) => (step === null ? null : String(step)));
       await until(async () => JSON.stringify(await cards(page)) === JSON.stringify(expected), `steps ${expected} at row ${row}`);
       assert(parameter(page, "step") === expected[0] && parameter(page, "row") === String(row), page.url());
+      // The clock names the step of each, and the images are what each robot saw when it chose the call; a side without a call stays where it was.
+      const { steps } = rows[row];
+      const clock = await moment(page);
+      assert(steps.every((step, side) => clock.includes(`${"AB"[side]} ${step === null ? "no call" : `step ${step}`}`)), `${clock}, not ${steps}`);
+      const images = expected.map((step, side) => `What the head camera shows ${step === null ? "before the first call" : `${steps[side] === null ? "after" : "before"} step ${step}`}`);
+      await until(async () => (await page.locator(".view img").evaluateAll((all) => all.map(({ alt }) => alt))).join() === images.join(), images.join());
     }
-    // The images are those of the two steps.
-    const alts = await page.locator(".view img").evaluateAll((images) => images.map(({ alt }) => alt));
-    assert(alts.join() === [a, b].map(({ length }) => `What the head camera shows after step ${length - 1}`).join(), alts.join());
     assert((await page.locator("figure svg").count()) === 2, "not two maps");
+    // A line marks where they part.
+    const first = rows.findIndex(({ match }) => match !== "same");
+    const parting = calls(page).locator("tr.parting");
+    assert((await parting.count()) === (first > 0 ? 1 : 0), "no line where they part");
+    if (first > 0) assert((await parting.locator("+ tr").getAttribute("data-row")) === String(first), "they part elsewhere");
     // From difference to difference, to the last one.
     const different = rows.flatMap(({ match }, row) => (["call", "one", "outcome"].includes(match) ? [row] : []));
     assert(different.length > 0, "nothing differs");
@@ -77,18 +87,19 @@ export async function two_episodes_of_a_task_are_aligned(browser) {
     }
     assert(await page.getByRole("button", { name: "Next difference" }).isDisabled(), "there is a difference after the last one");
     await quiet(page);
-    for (const [chart, names] of [["Reward up to every row", heads], ["Cost to go of", heads]]) {
+    for (const chart of ["Reward up to every row", "Cost to go of"]) {
       const label = await page.getByRole("img", { name: chart }).getAttribute("aria-label");
-      assert(names.every((name) => label.includes(name)), label);
+      assert(["A (oracle)", "B (planner)"].every((name) => label.includes(name)), label);
     }
     const found = await findings(page);
     assert(!found.length, found.join("; "));
     // Exchanged, they have the same rows, and the clock stands where it stood.
-    const before = await moment(page);
+    const clock = async () => (await moment(page)).split("\n")[0];
+    const before = await clock();
     const exchange = page.getByRole("button", { name: "Exchange the sides" });
     await exchange.click();
-    await until(async () => (await page.locator(".side h2").allInnerTexts()).join() === "planner,oracle", "the sides are exchanged");
-    assert((await moment(page)) === before, `${before} is now ${await moment(page)}`);
+    await until(async () => (await page.locator(".side h2").allInnerTexts()).join() === "A planner,B oracle", "the sides are exchanged");
+    assert((await clock()) === before, `${before} is now ${await clock()}`);
     assert(await exchange.evaluate((button) => button === document.activeElement), "the focus is lost");
     const back = await rowsOf(page, b, a);
     assert(JSON.stringify(back.map(({ steps }) => steps.toReversed())) === JSON.stringify(rows.map(({ steps }) => steps)), "other rows");
@@ -100,13 +111,18 @@ export async function two_episodes_of_a_task_are_aligned(browser) {
   });
 }
 
-/** Episodes of different tasks stand call by call; the page says that they are not aligned. */
+/** Episodes of different tasks stand call by call; the page says that they are not aligned, and what differs. */
 export async function episodes_of_different_tasks_are_not_aligned(browser) {
-  const [one, other] = await sql("SELECT task_id, trace, length FROM episodes WHERE policy = 'oracle' ORDER BY task_id");
+  const [one, other] = await sql(`SELECT a.* FROM (SELECT task_id, trace, length, instruction, family, seed FROM episodes
+    WHERE policy = 'oracle' AND parent_trace IS NULL ORDER BY task_id) a`);
   await onPage(browser, async (page) => {
     await visit(page, `/episodes/${traceName(one.trace)}?beside=${traceName(other.trace)}&step=2`);
     await page.getByRole("note").getByText("These episodes play different tasks").waitFor();
-    const shown = await calls(page).locator("tbody tr").count();
+    const differs = (await page.getByRole("note").innerText()).split("What differs:")[1];
+    for (const [name, unlike] of [["instruction", one.instruction !== other.instruction], ["family", one.family !== other.family], ["seed", one.seed !== other.seed]]) {
+      assert(differs?.includes(name) === unlike, `${name}: ${differs}`);
+    }
+    const shown = await calls(page).locator("tbody tr[data-row]").count();
     assert(shown === Math.max(one.length, other.length), `${shown} rows of ${one.length} and ${other.length} calls`);
     await shows(page, 2);
     assert((await cards(page)).join() === "2,2", (await cards(page)).join());
@@ -115,7 +131,7 @@ export async function episodes_of_different_tasks_are_not_aligned(browser) {
   });
 }
 
-/** Runs are compared as policies are; a flip opens with the episode that failed first, at its decisive step. */
+/** Runs are compared as policies are; a pair keeps A left and B right, and opens at the decisive step of the one that failed. */
 export async function runs_are_compared(browser, { trace, step }) {
   const [failed] = await sql(`SELECT run_id, task_id FROM episodes WHERE trace LIKE '%/${trace}.mcap'`);
   const [{ run_id, n }] = await sql(`SELECT run_id, count(*) AS n FROM episodes WHERE policy = 'oracle' AND end_reason IS NOT NULL AND parent_trace IS NULL
@@ -126,7 +142,7 @@ export async function runs_are_compared(browser, { trace, step }) {
     await page.locator("table tbody tr").first().waitFor();
     assert((await page.locator("option").allInnerTexts()).includes(`${run_id} (${n} episodes)`), "the run is not offered");
     assert(!(await page.locator("option", { hasText: "branch" }).count()), "a branch is a run");
-    // The run that solved the task as A: the failed episode stands first nevertheless.
+    // The run that solved the task is A, and stands left.
     await visit(page, `/compare?of=run&a=${encodeURIComponent(run_id)}&b=${encodeURIComponent(failed.run_id)}&pair=name`);
     const pairs = page.locator("table tbody tr");
     await pairs.first().waitFor();
@@ -137,12 +153,20 @@ export async function runs_are_compared(browser, { trace, step }) {
     assert(!found.length, found.join("; "));
     await page.getByRole("row", { name: failed.task_id }).getByRole("link", { name: "Side by side" }).click();
     await calls(page).waitFor();
-    const first = decodeURIComponent(new URL(page.url()).pathname.split("/").at(-1));
+    const second = parameter(page, "beside");
     const [{ success, decisive }] = await sql(`SELECT e.success, b.step AS decisive FROM episodes e LEFT JOIN blame b ON b.trace_digest = e.trace_digest
-      WHERE e.trace LIKE '%/${first}.mcap'`);
-    assert(!success && parameter(page, "step") === String(decisive), `${page.url()}: success ${success}, decisive step ${decisive}`);
-    assert((await page.locator(".side .tag").allInnerTexts()).map((text) => text[0]).join() === "✕,✓", "not the failed one beside the other");
-    assert(first !== trace || decisive === step, "the step of another episode");
+      WHERE e.trace LIKE '%/${second}.mcap'`);
+    assert(!success && parameter(page, "beside_step") === String(decisive), `${page.url()}: success ${success}, decisive step ${decisive}`);
+    assert((await page.locator(".side .tag").allInnerTexts()).map((text) => text[0]).join() === "✓,✕", "not A beside B");
+    await until(async () => (await moment(page)).includes(`B step ${decisive}`), `step ${decisive} of B`);
+    assert((await button(page, "Before the call").getAttribute("aria-pressed")) === "true", "not what the robot saw when it chose the call");
+    assert(second !== trace || decisive === step, "the step of another episode");
+    // From a row without a step of A, closing leads to where A stands.
+    await page.keyboard.press("ArrowRight");
+    await until(() => parameter(page, "beside_step") === null, "an address of the row");
+    const stood = (await cards(page))[0];
+    await page.getByRole("button", { name: "Close the comparison" }).click();
+    await until(async () => (await moment(page)).startsWith(stood === null ? "start" : `step ${stood}`), `step ${stood} of A`);
     await visit(page, "/compare?of=checkpoint");
     await page.getByRole("heading", { name: /checkpoints yet to compare|Tasks solved/ }).waitFor();
   });
@@ -163,10 +187,13 @@ export async function two_selected_episodes_stand_side_by_side(browser) {
     await page.getByText("3 selected").waitFor();
     assert(!(await link.count()), "three episodes side by side");
     await boxes.nth(2).uncheck();
-    const traces = (await page.locator("a.open").evaluateAll((links) => links.slice(0, 2).map(({ pathname }) => pathname.split("/").at(-1)))).map(decodeURIComponent);
+    // The one that was selected first is A.
+    await boxes.nth(0).uncheck();
+    await boxes.nth(0).check();
+    const [second, first] = (await page.locator("a.open").evaluateAll((links) => links.slice(0, 2).map(({ pathname }) => pathname.split("/").at(-1)))).map(decodeURIComponent);
     await link.click();
     await calls(page).waitFor();
-    assert(page.url().includes(`/episodes/${encodeURIComponent(traces[0])}?`) && parameter(page, "beside") === traces[1], page.url());
+    assert(page.url().includes(`/episodes/${encodeURIComponent(first)}?`) && parameter(page, "beside") === second, page.url());
   });
 }
 
@@ -181,6 +208,13 @@ export async function a_branch_stands_beside_its_parent(browser, { trace, step }
     await visit(page, `/episodes/${trace}?branch=${branch}`);
     await calls(page).waitFor();
     const rows = await rowsOf(page, await stepsOf(trace), await stepsOf(branch));
+    assert((await page.getByRole("note").innerText()).includes(`B is a branch of A, from step ${step} on.`), "the page does not say that it is a branch");
+    const parting = calls(page).locator("tr.parting");
+    assert((await parting.count()) === (step > 0 ? 1 : 0), "no line where the branch begins");
+    if (step > 0) {
+      assert((await parting.innerText()).startsWith(`B branches from A before step ${step}`), await parting.innerText());
+      assert((await parting.locator("+ tr").getAttribute("data-row")) === String(step), "the branch begins elsewhere");
+    }
     assert(rows.slice(0, step).every(({ steps: [a, b], match }, at) => a === at && b === at && match === "same"), "the calls before the branch are not shared");
     await page.keyboard.press("d");
     await shows(page, rows.findIndex(({ steps }) => steps[0] === step));

@@ -365,13 +365,53 @@ export async function a_phone_shows_the_list_first(browser) {
       assert(box.x >= 0 && box.x + box.width <= 390, `${title} leaves the screen: ${box.x} to ${box.x + box.width}`);
       await page.keyboard.press("Escape");
     }
-    await page.locator("summary", { hasText: "Filters" }).click();
-    await page.getByRole("complementary", { name: "Filters" }).locator(".value").first().click();
+    const fold = page.locator("summary", { hasText: "Filters" });
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    assert(!(await filters.getByLabel("WHERE").isVisible()), "the filters are open");
+    await fold.click();
+    await filters.locator(".value").first().click();
     await page.getByRole("button", { name: "Clear filters" }).first().waitFor();
+    await filters.getByLabel("WHERE").fill("length > 3");
+    await filters.getByRole("button", { name: "Filter", exact: true }).click();
+    await until(async () => (await fold.innerText()).startsWith("Filters (2)"), "the number of the filters");
     await until(async () => !(await page.locator("[aria-busy=true]").count()), "the list is there");
     const found = await findings(page);
     assert(!found.length, found.join("; "));
   }, { width: 390, height: 844 });
+}
+
+/** Selected episodes are exported by the form of the page Datasets, into the folder that it names. */
+export async function a_selection_is_exported(browser) {
+  await onPage(browser, async (page) => {
+    const form = page.locator("form", { hasText: "New training set" });
+    const fields = async () => Promise.all([/^Of /, /^Format/, "Share for validation"].map((label) => form.getByLabel(label).inputValue()));
+    await visit(page, "/datasets?new=1");
+    const usual = await fields();
+    await visit(page, "/episodes?outcome=success");
+    await page.getByRole("checkbox", { name: /^Select/ }).nth(1).check();
+    await page.getByRole("button", { name: "Export…" }).click();
+    await page.getByRole("heading", { name: "New training set of 1 selected episode" }).waitFor();
+    assert(String(await fields()) === String(usual), `${await fields()}, not ${usual} as on Datasets`);
+    const name = `selected-${Date.now()}`;
+    await form.getByLabel("Name").fill(name);
+    await page.getByText(`exports/${name}`).waitFor();
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    await page.getByRole("button", { name: "Start the export" }).click();
+    await page.locator("main").getByRole("region", { name: /^Job \d+/ }).getByText("done", { exact: true }).waitFor();
+    const sets = await (await fetch(`${url}/api/exports`)).json();
+    assert(sets.find((set) => set.name === name)?.manifest.format === usual[1], JSON.stringify(sets.map((set) => [set.name, set.manifest.format])));
+  });
+}
+
+/** The overview counts tasks, and says where several have one name. */
+export async function tasks_are_counted_by_what_they_are(browser) {
+  await onPage(browser, async (page) => {
+    const [{ tasks, names }] = await sql("SELECT count(DISTINCT task_digest) AS tasks, count(DISTINCT task_id) AS names FROM episodes WHERE parent_trace IS NULL");
+    await visit(page, "/");
+    const told = (await page.locator(".figures").innerText()).replace(/\s+/g, " ");
+    assert(told.includes(tasks > names ? `${tasks} tasks of ${names} names` : `${tasks} tasks`), told);
+  });
 }
 
 /** Playing has a speed, which the address keeps, and the image fills the screen while the keys go on. */

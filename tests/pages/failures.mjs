@@ -40,12 +40,56 @@ export async function sankey_counts_the_choice(browser) {
     const told = new Set();
     for (let at = 6; at < height; at += 6) {
       await page.mouse.move(x + (width - 185) / 2, y + at);
-      for (const text of await page.locator("[role=img] > div:not(:has(canvas))").allInnerTexts()) told.add(text.trim());
+      // What the class means stands below.
+      for (const text of await page.locator("[role=img] > div:not(:has(canvas))").allInnerTexts()) told.add(text.trim().split("\n")[0]);
     }
     for (const { family, class: klass, n, all_n } of counts.filter((one) => one.family === shared.family)) {
       assert(told.has(`${klass}: ${n} of ${all_n}`), `the chart does not say that ${n} of ${all_n} ${klass} are of ${family}, only ${[...told].join(" | ")}`);
     }
   });
+}
+
+/** Classes, sub-classes and causes are explained where they stand, and in a list of all of them. */
+export async function terms_are_explained(browser) {
+  await onPage(browser, async (page) => {
+    const rows = await sql(`SELECT DISTINCT c.class, c.sub_class, b.cause FROM episodes e JOIN classes c USING (trace_digest)
+      LEFT JOIN blame b USING (trace_digest) WHERE NOT e.success AND e.parent_trace IS NULL`);
+    const explained = async (locator, what) => {
+      const title = await locator.first().getAttribute("title");
+      assert(title?.endsWith("."), `${what} is explained by ${title}`);
+    };
+    await visit(page, "/");
+    for (const row of await page.getByRole("region", { name: "Why episodes fail" }).locator("li a").all()) await explained(row, await row.innerText());
+    await visit(page, "/failures");
+    await page.locator("summary", { hasText: "What the classes mean" }).click();
+    const list = page.getByRole("region", { name: "What the classes mean" });
+    const terms = await list.locator("dt").allInnerTexts();
+    const meanings = await list.locator("dd").allInnerTexts();
+    assert(meanings.length === terms.length && meanings.every((meaning) => meaning.trim().endsWith(".")), meanings.join("; "));
+    for (const { sub_class, cause } of rows) {
+      for (const term of [sub_class, cause]) assert(term === null || terms.includes(term.replaceAll("_", " ")), `${term} is not in the list`);
+    }
+    const found = await findings(page);
+    assert(!found.length, found.join("; "));
+    await page.keyboard.press("Escape");
+    await list.waitFor({ state: "hidden" });
+    const table = page.getByRole("region", { name: "Failed episodes" });
+    for (const { class: klass, sub_class, cause } of rows) {
+      for (const term of [klass, sub_class, cause].filter(Boolean)) await explained(table.getByRole("cell", { name: term.replaceAll("_", " "), exact: true }), term);
+    }
+    await explained(table.getByRole("button", { name: "Cause" }), "the column");
+    await visit(page, "/episodes");
+    const filters = page.getByRole("complementary", { name: "Filters" });
+    for (const { sub_class } of rows.slice(0, 3)) await explained(filters.locator(".value", { hasText: sub_class.replaceAll("_", " ") }), sub_class);
+    // Panels explain the columns of the named query that they ask.
+    await visit(page, "/panels?panel=questions");
+    await explainedColumn(page, "asked", "share of the episodes with a question");
+  });
+}
+
+async function explainedColumn(page, column, meaning) {
+  const button = page.getByRole("columnheader", { name: column, exact: true }).getByRole("button");
+  await until(async () => (await button.getAttribute("title")) === meaning, `the meaning of ${column}`);
 }
 
 /** A filter of Failures holds on every tab and can be removed on each; confusions are those of the choice, and scroll. */
@@ -92,7 +136,7 @@ export async function failures_keep_their_filter(browser) {
   }
 }
 
-const labelsBy = (author) => sql(`SELECT episode_id, class, sub_class, step, confidence, note FROM labels WHERE author = '${author}'`);
+const labelsBy = (author) => sql(`SELECT episode_id, class, sub_class, step, confidence, note, blind FROM labels WHERE author = '${author}'`);
 
 /** A label given by keys is in the tables, and there when the page comes back. */
 export async function labels_persist(browser) {
@@ -107,6 +151,7 @@ export async function labels_persist(browser) {
     await page.keyboard.press("Enter");
     await until(async () => (await labelsBy(author)).length === 1, "the label in the tables");
     const [kept] = await labelsBy(author);
+    assert(kept.blind === false, "the rule was seen");
     await visit(page, `/failures?tab=label&episode=${kept.episode_id}`);
     await page.locator(".tag", { hasText: "labelled" }).waitFor();
     const chosen = await page.locator("button[aria-pressed=true]").allInnerTexts();
@@ -136,7 +181,7 @@ export async function labels_are_given_blind(browser) {
     const undo = page.getByRole("button", { name: "Undo", exact: true });
     await undo.waitFor();
     const [first] = await labelsBy(author);
-    assert(first.sub_class === "missing_open" && first.step === 1, JSON.stringify(first));
+    assert(first.sub_class === "missing_open" && first.step === 1 && first.blind === true, JSON.stringify(first));
     for (const dark of [false, true]) {
       await page.emulateMedia({ colorScheme: dark ? "dark" : "light" });
       const found = await findings(page);
@@ -144,9 +189,11 @@ export async function labels_are_given_blind(browser) {
     }
     for (const key of ["3", "a", "Enter"]) await page.keyboard.press(key);
     await until(async () => (await labelsBy(author))[0].sub_class === "oscillation", "the other answer");
+    assert((await labelsBy(author))[0].blind === false, "who has seen the rule's answer is not blind any more");
     await undo.waitFor();
     await page.keyboard.press("u");
     await until(async () => (await labelsBy(author))[0].sub_class === "missing_open", "the answer before");
+    assert((await labelsBy(author))[0].blind === true, "the answer before was blind");
     await page.keyboard.press("n");
     await until(() => parameter(page, "episode") !== first.episode_id, "the next episode");
     const next = parameter(page, "episode");

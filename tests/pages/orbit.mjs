@@ -239,6 +239,29 @@ export async function orbit_fills_a_call(browser) {
   throw new Error("no episode has markers");
 }
 
+/** The image that fills the screen is whole, and names its step, its call and whether it is from before or after. */
+export async function fullscreen_names_the_step(browser, { trace, step }) {
+  const steps = await stepsOf(trace);
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    const caption = page.locator(".view .caption");
+    assert(!(await caption.isVisible()), "the caption is in the page, too");
+    await page.locator("body").press("f");
+    await caption.waitFor();
+    const says = (wanted) => until(async () => (await caption.innerText()).replace(/\s+/g, " ").startsWith(wanted), wanted);
+    await says(`Step ${step} / ${steps.length - 1} ${steps[step].input.call.name}(`);
+    await caption.getByText(`What the head camera shows before step ${step}`).waitFor();
+    await page.keyboard.press("b");
+    await caption.getByText(`What the head camera shows after step ${step}`).waitFor();
+    await page.keyboard.press("Home");
+    await says("Start What the head camera shows before the first call");
+    const { width, height, y } = await page.locator(".view img").boundingBox();
+    assert(height <= 900 && y >= 0 && width <= 1440, `the image is ${width} x ${height} on a screen of 1440 x 900`);
+    await page.keyboard.press("f");
+    await caption.waitFor({ state: "hidden" });
+  });
+}
+
 /** Without WebGL the page says so and leads to the free camera. */
 export async function orbit_without_webgl(browser, { trace, step }) {
   await onPage(browser, async (page) => {

@@ -324,3 +324,61 @@ export async function a_selection_is_tagged(browser) {
     await forget(author);
   }
 }
+
+/** Whoever stars and goes on at once is told on the next page, by the episode's name, whether the star was stored. */
+export async function the_next_page_tells_what_became_of_a_change(browser) {
+  const list = "policy=injected";
+  const named = await sql("SELECT episode_id, trace FROM episodes WHERE policy = 'injected'");
+  const author = `next ${Date.now()}`;
+  const starred = async () => (await (await fetch(`${url}/api/remarks`)).json()).filter((remark) => remark.author === author);
+  await onPage(browser, async (page) => {
+    let refuse = false;
+    let release = null;
+    await page.route("**/api/remarks", async (route) => {
+      if (route.request().method() !== "POST") return route.continue();
+      await new Promise((go) => (release = go));
+      if (!refuse) return route.continue();
+      return route.fulfill({ status: 500, contentType: "application/json", body: JSON.stringify({ error: { code: "internal", message: "The disk is full." } }) });
+    });
+    const next = page.getByRole("link", { name: "Next →" });
+    const previous = page.getByRole("link", { name: "← Previous" });
+    await visit(page, `/episodes/${traceName(named[0].trace)}?list=${encodeURIComponent(list)}`);
+    await next.or(previous).first().waitFor();
+    const key = (await next.count()) ? "n" : "p";
+    const back = key === "n" ? "p" : "n";
+    for (const [direction, refused] of [[key, false], [back, true]]) {
+      refuse = refused;
+      const here = decodeURIComponent(new URL(page.url()).pathname.split("/").at(-1));
+      await page.locator("button[aria-pressed]", { hasText: "Star" }).waitFor();
+      await (direction === "n" ? next : previous).waitFor();
+      await page.locator("body").press("s");
+      if (!refused) {
+        await page.getByLabel("Your name").fill(author);
+        await page.keyboard.press("Enter");
+        await page.getByText("Storing …").waitFor();
+      }
+      await page.locator("body").press(direction);
+      await until(() => !page.url().includes(`/${encodeURIComponent(here)}`), "the next page");
+      await page.getByRole("status").getByText(`Starred. Being stored for ${here}.`).waitFor();
+      await until(() => release, "the request");
+      release();
+      release = null;
+      if (refused) {
+        const alert = page.getByRole("alert").filter({ hasText: `Not stored for ${here}` });
+        await alert.getByText("The disk is full.").waitFor();
+        const found = await findings(page);
+        assert(!found.length, found.join("; "));
+        await alert.getByRole("button", { name: "Dismiss" }).click();
+        await alert.waitFor({ state: "hidden" });
+      } else {
+        await page.getByRole("status").getByText(`Starred. Stored for ${here}.`).waitFor();
+        const { episode_id } = named.find(({ trace }) => traceName(trace) === here);
+        const all = await starred();
+        assert(all.length === 1 && all[0].episode_id === episode_id, JSON.stringify(all));
+      }
+    }
+  }, { expected: ["500"] });
+  for (const { episode_id } of await starred()) {
+    await fetch(`${url}/api/remarks/${episode_id}?${new URLSearchParams({ author, kind: "star", text: "" })}`, { method: "DELETE" });
+  }
+}

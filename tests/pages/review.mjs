@@ -207,6 +207,45 @@ export async function find_leads_anywhere(browser, { trace }) {
   });
 }
 
+/** `?` lists the keys of the page that is open, as does a button; Escape gives the focus back. */
+export async function keys_are_listed(browser, { trace }) {
+  for (const { dark, width } of [{ dark: false, width: 1440 }, { dark: true, width: 390 }]) {
+    await onPage(browser, async (page) => {
+      const dialog = page.getByRole("dialog", { name: "Keys" });
+      const ofPage = { "/": [], "/episodes": ["List", "Selection"], "/failures?tab=label": ["Labels"], [`/episodes/${trace}`]: ["Episode", "Image"], "/sql": ["Editor"] };
+      for (const [address, groups] of Object.entries(ofPage)) {
+        await visit(page, address);
+        await page.locator("main h1").first().waitFor({ state: "attached" });
+        await page.keyboard.press("?");
+        await dialog.waitFor();
+        const shown = await dialog.getByRole("heading", { level: 3 }).allInnerTexts();
+        for (const group of [...groups, "Every page"]) assert(shown.includes(group), `${address} lists ${shown}`);
+        // Nothing goes on beside the box.
+        const box = dialog.getByRole("region", { name: "Keys of this page" });
+        assert(await box.evaluate((one) => one.scrollWidth <= one.clientWidth), `keys of ${address} are cut off`);
+        // Keys of the page are at rest.
+        const before = page.url();
+        await page.keyboard.press("j");
+        assert(page.url() === before, "a key of the page is heard below the dialog");
+        const found = await findings(page);
+        assert(!found.length, `${address}: ${found.join("; ")}`);
+        await page.keyboard.press("Escape");
+        await dialog.waitFor({ state: "hidden" });
+      }
+      await visit(page, "/episodes");
+      const search = page.getByRole("searchbox", { name: "Search episodes" });
+      await search.press("?");
+      assert((await search.inputValue()) === "?" && !(await dialog.isVisible()), "in a field it is a letter");
+      const button = page.getByRole("button", { name: "Keys", exact: true });
+      await button.click();
+      await dialog.waitFor();
+      await page.keyboard.press("Escape");
+      await dialog.waitFor({ state: "hidden" });
+      assert(await button.evaluate((one) => one === document.activeElement), "the focus is not back on the button");
+    }, { dark, width });
+  }
+}
+
 /** What is chosen is saved under a title, comes back from the menu and from Find, and can be replaced and deleted. */
 export async function a_view_is_saved(browser) {
   const title = "Failures of two policies";

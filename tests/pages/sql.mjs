@@ -209,6 +209,9 @@ export async function the_whole_answer_is_downloaded(browser) {
     assert(csv.name === "answer.csv" && lines.length === 2501 && lines.at(-1) === "2500", `${csv.name}: ${lines.length} lines`);
     const arrow = await saved("Arrow");
     assert(arrow.name === "answer.arrows" && arrow.bytes.readUInt32LE(0) === 0xffffffff && arrow.bytes.length > 2500 * 8, `${arrow.name}: ${arrow.bytes.length} bytes`);
+    const parquet = await saved("Parquet");
+    const ends = [parquet.bytes.subarray(0, 4), parquet.bytes.subarray(-4)].map(String);
+    assert(parquet.name === "answer.parquet" && ends.every((end) => end === "PAR1"), `${parquet.name}: ${ends}`);
     const found = await findings(page);
     assert(!found.length, found.join("; "));
     // More rows than an answer may have.

@@ -94,6 +94,22 @@ export async function plausible_calls_are_tried_and_played(browser) {
     const alone = new Set(rows.filter((row) => row.with_recorded_success).map(({ step }) => step)).size;
     const summary = await page.getByText(/would have rescued it/).innerText();
     assert(!alone || summary.includes(`at ${alone} of ${episode.steps} steps`), `${summary} ${alone}`);
+    // One line relates the steps at which it was lost, and leads to each.
+    const blame = await json(`/api/traces/${episode.trace}/blame`);
+    const helps = rows.filter((row) => row.with_recorded_success || row.with_planner_success).map(({ step }) => step);
+    const points = page.locator("p", { has: page.locator("b", { hasText: "Decisive step" }) });
+    const lost = blame.point_of_no_return;
+    for (const [name, step] of [["Decisive step", blame.decisive.step], ["Point of no return", lost], ["Last rescue", helps.length ? Math.max(...helps) : null]]) {
+      const text = await points.innerText();
+      if (step === null) {
+        assert(!text.includes(`${name} step`), `${name}: ${text}`);
+        continue;
+      }
+      assert(text.includes(`${name} step ${step}`), `${name} ${step}: ${text}`);
+      await points.locator("b", { hasText: name }).locator("+ button").click();
+      await until(() => parameter(page, "step") === String(step), `step ${step}, the ${name}`);
+    }
+    if (lost !== null) await page.getByText(`point of no return: step ${lost}`).waitFor();
     // Each cell stands below its tick.
     const lefts = (locator) => locator.evaluateAll((all) => all.map((one) => one.getBoundingClientRect().left));
     const [ticks, below] = [await lefts(page.locator(".ticks .tick")), await lefts(cells(page))];
@@ -133,5 +149,28 @@ export async function a_success_has_no_strip(browser) {
     await visit(page, `/episodes/${traceName(trace)}?step=1`);
     await page.getByRole("heading", { name: "Cost to go" }).waitFor();
     assert(!(await start(page).count()) && !(await strip(page).count()), "a success is offered to be rescued");
+  });
+}
+
+/** The head says who determined the decisive step and why, and numbers below zero have a true minus. */
+export async function the_decisive_step_is_explained(browser) {
+  const episodes = await sql(`SELECT e.trace, e.total_reward, b.step, b.harm, c.rule FROM episodes e JOIN blame b USING (trace_digest) JOIN classes c USING (trace_digest)
+    WHERE NOT e.success AND e.parent_trace IS NULL AND b.step IS NOT NULL ORDER BY e.total_reward`);
+  assert(episodes.length && episodes[0].total_reward < 0, "no failed episode has a reward below zero");
+  const said = {
+    world: "first change of the world that left more to do", ending: "ended the episode while success was still possible", time: "lost the most time",
+  };
+  await onPage(browser, async (page) => {
+    for (const { trace, total_reward, step, harm, rule } of Object.values(Object.fromEntries(episodes.map((one) => [one.harm, one]))).concat(episodes[0])) {
+      await visit(page, `/episodes/${traceName(trace)}?step=${step}`);
+      const badge = page.getByRole("button", { name: `Step ${step} decided` });
+      await page.getByText(`The evidence of rule ${rule} is`).waitFor();
+      const [text, title] = [await badge.locator("..").innerText(), await badge.getAttribute("title")];
+      for (const part of [`Measured by reel blame.`, said[harm]]) assert(text.includes(part) && title.includes(part), `${part}: ${text}`);
+      const reward = `${total_reward < -0.005 ? "−" : ""}${Math.abs(total_reward).toFixed(2)}`;
+      const shown = await page.locator("dd").first().innerText();
+      assert(shown === reward, `${shown}, not ${reward}`);
+      await page.getByText(`${reward} in all`).waitFor();
+    }
   });
 }

@@ -43,7 +43,7 @@ export const COLUMNS: Column[] = [
   { key: "dest", title: "Destination", show: text("dest") },
   { key: "cause", title: "Cause", show: plain("cause") },
   { key: "wasted_steps", title: "Wasted steps", number: true, show: digits("wasted_steps") },
-  { key: "point_of_no_return", title: "No return from", number: true, show: digits("point_of_no_return") },
+  { key: "point_of_no_return", title: "Point of no return", number: true, show: digits("point_of_no_return") },
   { key: "asks", title: "Asks", number: true, show: digits("asks") },
   { key: "spl", title: "SPL", number: true, show: digits("spl", 2) },
   { key: "discounted_return", title: "Discounted return", number: true, show: digits("discounted_return", 2) },

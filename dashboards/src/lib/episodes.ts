@@ -31,6 +31,16 @@ export interface Episode {
 /** The class of a failure, from `episodes e` and `classes c`. */
 export const CLASS = "CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END";
 
+/** When a replay was last found to be so; those of before version 0.3 have no time, and come first. */
+const last = (verdict: string) => `max(coalesce(at_ms, 0)) FILTER (WHERE verdict ${verdict})`;
+
+/** What replays found of each trace: `diverged` where none that compared as much was exact since. */
+export const VERDICTS = `SELECT trace_digest, CASE
+      WHEN ${last("= 'diverged'")} >= coalesce(${last("= 'exact'")}, 0) THEN 'diverged'
+      WHEN ${last("= 'diverged_without_rgb'")} >= coalesce(${last("LIKE 'exact%'")}, 0) THEN 'diverged'
+      ELSE min(verdict) FILTER (WHERE verdict NOT LIKE 'diverged%') END AS verdict
+    FROM verdicts GROUP BY trace_digest`;
+
 /** Episodes with their class, decisive step, verdict and remarks, as `listed`. Rows of an older file of the same trace do not count. */
 const listed = (condition: string) => `WITH listed AS (
   SELECT
@@ -45,10 +55,7 @@ const listed = (condition: string) => `WITH listed AS (
   FROM episodes e
   LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   LEFT JOIN blame b ON b.trace_digest = e.trace_digest
-  LEFT JOIN (
-    SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
-    FROM verdicts GROUP BY trace_digest
-  ) v ON v.trace_digest = e.trace_digest
+  LEFT JOIN (${VERDICTS}) v ON v.trace_digest = e.trace_digest
   LEFT JOIN (${PEOPLE}) l ON l.episode_id = e.episode_id
   LEFT JOIN (${REMARKED}) r ON r.episode_id = e.episode_id
   WHERE ${condition}

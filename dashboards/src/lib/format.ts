@@ -7,9 +7,10 @@ export function percent(share: number | null | undefined, digits = 0): string {
 export function number(value: number | null | undefined, digits = 0): string {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   // As `toLocaleString("en")` has it, which takes 15 ms to get ready.
-  const [whole, part] = value.toFixed(digits).split(".");
+  const written = Math.abs(value).toFixed(digits);
+  const [whole, part] = written.split(".");
   const grouped = whole!.replace(/\B(?=(\d{3})+$)/g, ",");
-  return part ? `${grouped}.${part}` : grouped;
+  return `${value < 0 && Number(written) !== 0 ? "−" : ""}${part ? `${grouped}.${part}` : grouped}`;
 }
 
 export function signed(value: number | null | undefined, digits = 2): string {

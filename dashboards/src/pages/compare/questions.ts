@@ -129,11 +129,9 @@ export function side(pair: Pair): Side {
   return a ? (b ? "both" : "only_a") : b ? "only_b" : "neither";
 }
 
-/** Both episodes side by side. Where one failed and its decisive step is known, it stands first, at that step. */
+/** Both episodes side by side, A left and B right, at the decisive step of A where A failed, else at that of B. */
 export function besideLink(pair: Pair): string {
-  const a = { trace: traceName(pair.trace_a), failed: pair.success_a <= 0.5, step: pair.step_a };
-  const b = { trace: traceName(pair.trace_b), failed: pair.success_b <= 0.5, step: pair.step_b };
-  const decided = ({ failed, step }: typeof a) => failed && step !== null;
-  const [first, second] = (b.failed && !a.failed) || (decided(b) && !decided(a)) ? [b, a] : [a, b];
-  return link(`/episodes/${encodeURIComponent(first.trace)}`, { beside: second.trace, step: decided(first) ? first.step : null });
+  const step = pair.success_a <= 0.5 ? pair.step_a : null;
+  const beside_step = step === null && pair.success_b <= 0.5 ? pair.step_b : null;
+  return link(`/episodes/${encodeURIComponent(traceName(pair.trace_a))}`, { beside: traceName(pair.trace_b), step, beside_step });
 }

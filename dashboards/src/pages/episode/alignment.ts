@@ -1,9 +1,9 @@
 /** Two episodes on one clock. A row has a call of each where the calls match, or a call of only one. */
 import type { Comparison } from "../../lib/generated";
-import { START, callText, rewardOf, type Episode, type Recording, type Step } from "../../lib/trace";
+import { START, callText, rewardOf, shortName, type Episode, type Recording, type Step } from "../../lib/trace";
 import { momentOf } from "./camera";
 
-/** `a` is the episode of the page, `b` the one beside it. */
+/** `a` is the episode of the page and stands left, `b` the one beside it. */
 export type Side = "a" | "b";
 
 /** How the calls of a row compare. `state`: nothing that the agent is told differs, but the state of the simulator does. */
@@ -21,11 +21,27 @@ export interface Alignment {
   rows: Row[];
   /** So many first rows are the same in every respect. */
   shared: number;
+  /** The side that branches from the other, before this step. */
+  branch: Branching | null;
+  /** The first row below the line that separates what both have in common: where the branch begins, else where the calls differ first. */
+  parting: number | null;
   /** Inputs known before the first call that differ, besides the policy. */
   inputs: string[];
   sameStart: boolean;
   /** False if the episodes play different tasks: row n then has call n of each. */
   sameTask: boolean;
+}
+
+export interface Branching {
+  side: Side;
+  step: number;
+}
+
+function branching(a: Episode, b: Episode): Branching | null {
+  const from = (branch: Episode, parent: Episode) =>
+    branch.header.parent?.trace === parent.digest ? branch.header.parent.call : null;
+  const [own, other] = [from(a, b), from(b, a)];
+  return own !== null ? { side: "a", step: own } : other !== null ? { side: "b", step: other } : null;
 }
 
 export function sameTask(a: Recording, b: Recording): boolean {
@@ -43,8 +59,12 @@ export function aligned(a: Recording, b: Recording, comparison: Comparison, exch
     if (row.same_outcome) return { ...calls, match: "same" };
     return { ...calls, match: sameResult(a.steps[calls.a]!, b.steps[calls.b]!) ? "state" : "outcome" };
   });
+  const all = [...shared, ...rows];
+  const branch = branching(a.episode, b.episode);
+  const begins = branch ? all.findIndex(({ a, b }) => Math.max(a ?? START, b ?? START) >= branch.step) : shared.length;
   return {
-    rows: [...shared, ...rows], shared: shared.length, inputs: comparison.inputs, sameStart: comparison.same_start, sameTask: true,
+    rows: all, shared: shared.length, branch, parting: all[begins] && begins > 0 ? begins : null, inputs: comparison.inputs,
+    sameStart: comparison.same_start, sameTask: true,
   };
 }
 
@@ -53,7 +73,7 @@ export function numbered(a: Recording, b: Recording): Alignment {
   const call = ({ steps }: Recording, index: number) => (index < steps.length ? index : null);
   const rows = Array.from({ length: Math.max(a.steps.length, b.steps.length) }, (_, index): Row =>
     ({ a: call(a, index), b: call(b, index), match: null }));
-  return { rows, shared: 0, inputs: [], sameStart: false, sameTask: false };
+  return { rows, shared: 0, branch: null, parting: null, inputs: [], sameStart: false, sameTask: false };
 }
 
 /** Whether the agent was told the same, the world graphs changed alike and the reward is the same as far as it is shown. */
@@ -88,10 +108,11 @@ export function rowOf(rows: Row[], side: Side, step: number): number {
   return row < 0 ? rows.length - 1 : row;
 }
 
-/** The row that an address asks for, by itself or by a step of this episode. */
+/** The row that an address asks for, by itself, by a step of the other episode (`beside_step`) or by one of this episode. */
 export function rowOfAddress(query: URLSearchParams, rows: Row[]): number {
-  const row = Number.parseInt(query.get("row") ?? "", 10);
-  return Number.isNaN(row) ? rowOf(rows, "a", momentOf(query)) : Math.min(rows.length - 1, Math.max(START, row));
+  const [row, other] = [query.get("row"), query.get("beside_step")].map((text) => Number.parseInt(text ?? "", 10));
+  if (!Number.isNaN(row!)) return Math.min(rows.length - 1, Math.max(START, row!));
+  return Number.isNaN(other!) ? rowOf(rows, "a", momentOf(query)) : rowOf(rows, "b", other!);
 }
 
 /** A value of one side at the start and at every row, up to its last call. */
@@ -103,15 +124,43 @@ export function alongRows(rows: Row[], side: Side, start: number | null, values:
   })];
 }
 
-/** What tells the two apart: the policy, else its checkpoint, the run or the seed. */
+/** The sides by letter, with what tells the two apart: the policy, else its checkpoint, the run or the seed. */
 export function sideNames(a: Episode, b: Episode): [string, string] {
   const [one, other] = [a.header, b.header];
-  const both = (name: (header: Episode["header"]) => string): [string, string] => [name(one), name(other)];
+  const both = (name: (header: Episode["header"]) => string): [string, string] => [`A (${name(one)})`, `B (${name(other)})`];
   if (one.policy.name !== other.policy.name) return both(({ policy }) => policy.name);
   if (one.policy.checkpoint !== other.policy.checkpoint) return both(({ policy }) => `${policy.name}, ${policy.checkpoint ?? "no checkpoint"}`);
   if (one.run_id !== other.run_id) return both(({ policy, run_id }) => `${policy.name}, run ${run_id}`);
   if (one.seed !== other.seed) return both(({ policy, seed }) => `${policy.name}, seed ${seed}`);
-  return ["this episode", "the other episode"];
+  return both(({ policy }) => policy.name);
+}
+
+/** The step that each side has in a row. */
+export function rowSteps({ a, b }: Row): string {
+  const text = (letter: string, step: number | null) => `${letter} ${step === null ? "no call" : `step ${step}`}`;
+  return `${text("A", a)}, ${text("B", b)}`;
+}
+
+/** In what two tasks differ, as far as their traces tell. */
+export function taskDifferences(a: Episode, b: Episode): string[] {
+  const short = (digest: string) => digest.slice(0, 8);
+  const unlike = (of: (episode: Episode) => unknown) => JSON.stringify(of(a)) !== JSON.stringify(of(b));
+  const values = (name: string, of: (episode: Episode) => string) => (unlike(of) ? [`${name} (${of(a)} and ${of(b)})`] : []);
+  const named = (name: string, of: (episode: Episode) => unknown) => (unlike(of) ? [name] : []);
+  const scene = values("scene", ({ header }) => header.scene_id);
+  const found = [
+    ...values("family", ({ header }) => header.family),
+    ...named("instruction", ({ task }) => task.instruction),
+    ...values("target", ({ task }) => shortName(task.target)),
+    ...values("source", ({ task }) => task.src),
+    ...values("destination", ({ task }) => task.dest),
+    ...named("distractors", ({ task }) => [task.object_distractors, task.src_distractors, task.dest_distractors]),
+    ...named("goal", ({ task }) => task.goal),
+    ...(scene.length ? scene : values("scene digest", ({ header }) => short(header.scene_digest))),
+    ...named("start state", ({ start }) => start.graphs),
+    ...values("seed", ({ header }) => String(header.seed)),
+  ];
+  return found.length ? found : values("task digest", ({ header }) => short(header.task_digest));
 }
 
 /** The call of a side at a row, or that it has none. */

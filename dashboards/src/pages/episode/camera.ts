@@ -19,14 +19,19 @@ export function besideName(query: URLSearchParams): string {
   return query.get("beside") ?? query.get("branch") ?? "";
 }
 
-/** Whether the image shows what came of the call, instead of what the robot saw when it chose it. Episodes are compared by what came. */
+/** Whether the image shows what came of the call, instead of what the robot saw when it chose it. */
 export function showsAfter(query: URLSearchParams): boolean {
-  return (query.get("show") ?? (besideName(query) ? "after" : "before")) === "after";
+  return query.get("show") === "after";
 }
 
 /** The moment whose image is shown: that of a step is recorded after its call. */
 export function frameMoment(moment: number, after: boolean): number {
   return after ? moment : Math.max(START, moment - 1);
+}
+
+/** When an image was taken, in words. */
+export function whenText(moment: number, after: boolean): string {
+  return moment === START ? "before the first call" : `${after ? "after" : "before"} step ${moment}`;
 }
 
 /** The meshes and poses of a trace: one file for all its moments. */

@@ -93,8 +93,8 @@ export function bySteps(rows: Counterfactual[], steps: number, completion: numbe
 }
 
 const FAILED: Record<Rescue, string> = {
-  call: "rescued: this one call, then the agent's own calls",
-  planner: "savable still: this call, then a competent agent",
+  call: "rescued alone: this one call, then the agent's own calls",
+  planner: "rescued with help: this call, then a competent agent",
   part: "partly: more of the goal than the episode reached",
   nothing: "nothing helps",
   none: "no other call was plausible",
@@ -131,6 +131,12 @@ export function markedThing(steps: Step[], at: number, { arguments: given }: Cal
 
 const stepsText = (count: number) => (count === 1 ? "1 step" : `${count} steps`);
 
+/** The last step at which another call, played in its place, led to success; null if none did. */
+export function lastRescue(steps: StepCalls[]): number | null {
+  const last = steps.findLastIndex(({ rescue }) => rescue === "call" || rescue === "planner");
+  return last < 0 ? null : last;
+}
+
 /** At how many steps another call would have changed the end, and after which none does. */
 export function summary(steps: StepCalls[], { episode }: Recording): string {
   const count = (wanted: Rescue) => steps.filter(({ rescue }) => rescue === wanted).length;
@@ -141,8 +147,8 @@ export function summary(steps: StepCalls[], { episode }: Recording): string {
     const more = partly ? ` At ${stepsText(partly)} one reaches more of the goal.` : "";
     return `No plausible call would have rescued it at any of its ${all}.${more}`;
   }
-  const end = steps.findLastIndex(({ rescue }) => rescue === "call" || rescue === "planner");
-  const last = end < steps.length - 1 ? `, at step ${end} for the last time` : "";
+  const end = lastRescue(steps);
+  const last = end === null || end === steps.length - 1 ? "" : `, at step ${end} for the last time`;
   if (!alone) {
     return `No other call alone would have rescued it; a competent agent who took over would have at ${helped} of ${all}${last}.`;
   }

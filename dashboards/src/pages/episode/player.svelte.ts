@@ -26,7 +26,7 @@ export function branchPlayer() {
     try {
       const branch = await post(`/api/traces/${encodeURIComponent(trace)}/branches`, body, leaving.signal);
       if (!leaving.signal.aborted) {
-        route.choose({ beside: branch.trace, branch: null, step: at, row: null, whatif: null }, true);
+        route.choose({ beside: branch.trace, branch: null, step: at, row: null, beside_step: null, whatif: null }, true);
       }
     } catch (error) {
       if (!leaving.signal.aborted) problem = (error as Error).message;

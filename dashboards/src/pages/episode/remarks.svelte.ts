@@ -1,7 +1,9 @@
 /** Stars, tags and comments of the episode that a page shows, and what this browser's author does with them. */
+import { onDestroy } from "svelte";
 import { type Asked, asked } from "../../lib/asked.svelte";
 import { author } from "../../lib/labels";
 import { type Change, type Remark, type RemarkKey, adding, changed, opposite, remarksOf, rewording, storeChange, taking } from "../../lib/remarks";
+import { EarlierChange, takeOver } from "./earlier.svelte";
 
 export interface Tag {
   text: string;
@@ -41,13 +43,35 @@ export class EpisodeRemarks {
   });
   readonly starred = $derived.by(() => this.stars.some((star) => this.owns(star)));
   private readonly found: Asked<Remark[]>;
+  /** Everything that was changed on this page. */
+  private readonly made: EarlierChange[] = [];
+  /** Whether the star is to be turned as soon as it is known. */
+  private starWanted = $state(false);
 
-  /** To be made while a component is made; `episode` is null until the tables may be asked. */
-  constructor(private readonly episode: () => string | null) {
+  /** To be made while a component is made; `trace` names the episode to people, and `episode` is null until the tables may be asked. */
+  constructor(private readonly trace: string, private readonly episode: () => string | null) {
     this.found = asked((signal) => {
       const id = episode();
       return id === null ? null : remarksOf(id, signal);
     });
+    $effect(() => {
+      if (!this.starWanted || !this.all) return;
+      this.starWanted = false;
+      this.toggleStar();
+    });
+    onDestroy(() => this.leave());
+  }
+
+  /** The next page tells what this one cannot any more. */
+  private leave() {
+    const lost = this.starWanted ? "The page was left before it knew the stars of the episode."
+      : this.naming ? "Nobody said under which name." : "";
+    if (lost) {
+      const change = new EarlierChange(this.trace, this.starWanted ? "Star turned." : "Change.");
+      change.end(lost);
+      this.made.push(change);
+    }
+    takeOver(this.made);
   }
 
   /** All remarks in the order of time; undefined until they are known. */
@@ -100,16 +124,20 @@ export class EpisodeRemarks {
     this.change = undoing ? null : change;
     this.problem = "";
     this.unsent += 1;
+    const fate = new EarlierChange(this.trace, undoing ? `Undone: ${change.done}` : change.done);
+    this.made.push(fate);
     const sent = this.sending.then(() => storeChange(change));
     this.sending = sent.catch(() => {});
     try {
       await sent;
       this.name = author.get();
+      fate.end();
       return true;
     } catch (error) {
       this.unread = this.unread.filter((one) => one !== shown);
       if (this.change === change) this.change = null;
       this.problem = error instanceof Error ? error.message : String(error);
+      fate.end(this.problem);
       return false;
     } finally {
       this.unsent -= 1;
@@ -133,7 +161,10 @@ export class EpisodeRemarks {
   }
 
   toggleStar() {
-    if (!this.all) return;
+    if (!this.all) {
+      this.starWanted = !this.starWanted;
+      return;
+    }
     void this.store(() => {
       const own = this.stars.find((star) => this.owns(star));
       return own ? taking(own) : adding(this.key("star"));

@@ -113,15 +113,17 @@ export function calls(episode: string, signal: AbortSignal): Promise<Call[]> {
 export interface Pair {
   author: string;
   kind: string;
+  /** Null: unknown. */
+  blind: boolean | null;
   labelled: string;
   found: string | null;
   episodes: number;
   same: number;
 }
 
-export const PAIRS = `SELECT l.author, l.kind, l.class AS labelled, c.class AS found,
+export const PAIRS = `SELECT l.author, l.kind, l.blind, l.class AS labelled, c.class AS found,
   count(*) AS episodes, count(*) FILTER (WHERE l.sub_class = c.sub_class) AS same
 FROM labels l
 JOIN episodes e ON e.episode_id = l.episode_id
 LEFT JOIN classes c ON c.trace_digest = e.trace_digest
-GROUP BY l.author, l.kind, l.class, c.class ORDER BY l.author, l.kind`;
+GROUP BY l.author, l.kind, l.blind, l.class, c.class ORDER BY l.author, l.kind, l.blind DESC NULLS LAST`;

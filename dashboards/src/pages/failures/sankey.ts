@@ -2,6 +2,7 @@
 import type { EChartsCoreOption } from "echarts/core";
 import { words } from "../../lib/format";
 import { palette } from "../../lib/palette";
+import { termTitle } from "../../lib/terms";
 import type { Flow } from "./questions";
 
 export type Part = "family" | "class" | "sub_class";
@@ -70,6 +71,13 @@ export function sankey(flows: Flow[], chosen: Chosen, dark: boolean): EChartsCor
       formatter: ({ data }: { data: Piece }) => {
         const box = document.createElement("div");
         box.textContent = `${data.shown}: ${counted(data)}`;
+        const meaning = termTitle(data.parts.sub_class ?? data.parts.class ?? data.parts.family);
+        if (meaning) {
+          const told = document.createElement("div");
+          told.textContent = meaning;
+          told.style.cssText = "max-width: 320px; white-space: normal; font-size: 12px; opacity: 0.8";
+          box.append(told);
+        }
         return box;
       },
     },

@@ -1,14 +1,17 @@
 /** What the overview asks the tables. Episodes whose trace breaks off count nowhere but in the totals, branches nowhere. */
+import { VERDICTS } from "../../lib/episodes";
 
 export interface Totals {
   episodes: number;
+  /** Different tasks; those of one name differ in scene, objects or wording. */
   tasks: number;
+  names: number;
   policies: number;
   runs: number;
   steps: number | null;
 }
 
-export const TOTALS = `SELECT count(*) AS episodes, count(DISTINCT task_digest) AS tasks, count(DISTINCT policy) AS policies,
+export const TOTALS = `SELECT count(*) AS episodes, count(DISTINCT task_digest) AS tasks, count(DISTINCT task_id) AS names, count(DISTINCT policy) AS policies,
   count(DISTINCT run_id) AS runs, sum(length) AS steps FROM episodes WHERE parent_trace IS NULL`;
 
 /** A policy in a family, or in all (`family` is null and `whole` is 1). */
@@ -59,10 +62,7 @@ export interface Sound {
 }
 
 export const HEALTH = `SELECT coalesce(v.verdict, 'unverified') AS verdict, count(*) AS episodes
-FROM episodes e LEFT JOIN (
-  SELECT trace_digest, CASE WHEN bool_or(verdict LIKE 'diverged%') THEN 'diverged' ELSE min(verdict) END AS verdict
-  FROM verdicts GROUP BY trace_digest
-) v ON v.trace_digest = e.trace_digest
+FROM episodes e LEFT JOIN (${VERDICTS}) v ON v.trace_digest = e.trace_digest
 WHERE e.parent_trace IS NULL GROUP BY v.verdict`;
 
 export interface LeftOut {

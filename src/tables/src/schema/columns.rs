@@ -361,7 +361,8 @@ pub(super) const BLAME: &[Column] = columns! {
     may explanation: Text, "explanation in a sentence";
     may advised_call: Text, "call that a competent agent makes at this step";
     must wasted_steps: Int, "total number of wasted decisions";
-    may point_of_no_return: Int, "step after which success was out of reach";
+    may point_of_no_return: Int,
+        "last step before which success was certain, and after it not; null: there is none";
     must repairable_at_end: Flag, "whether success was still possible before the last step";
     must perception: Float,
         "share of the permanent loss due to it; the five add up to 1";
