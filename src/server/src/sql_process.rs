@@ -69,7 +69,7 @@ pub(crate) enum AnswerFormat {
     Csv,
     /// An Arrow IPC stream.
     Arrow,
-    /// A Parquet file.
+    /// A Parquet file, compressed by zstd.
     Parquet,
 }
 
