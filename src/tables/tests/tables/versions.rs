@@ -3,6 +3,7 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
+use arrow::{array::RecordBatch, error::ArrowError};
 use reel_tables::{LabelRow, Store, StoreError, Table, TraceVerdict};
 use reel_trace::Images;
 use reel_world::Family;
@@ -268,16 +269,12 @@ fn without_column(folder: &Path, column: &str) {
             continue;
         }
         let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&file).unwrap());
-        let batches: Vec<_> = reader
-            .unwrap()
-            .build()
-            .unwrap()
-            .map(Result::unwrap)
-            .collect();
-        let mut narrow: Vec<_> = batches.into_iter().collect();
-        for batch in &mut narrow {
+        let without = |batch: Result<RecordBatch, ArrowError>| {
+            let mut batch = batch.unwrap();
             batch.remove_column(batch.schema().index_of(column).unwrap());
-        }
+            batch
+        };
+        let narrow: Vec<_> = reader.unwrap().build().unwrap().map(without).collect();
         let mut writer =
             ArrowWriter::try_new(fs::File::create(&file).unwrap(), narrow[0].schema(), None)
                 .unwrap();
