@@ -13,7 +13,7 @@ export interface Label {
   confidence: number | null;
   note: string | null;
   at_ms: number;
-  /** Null: unknown. */
+  /** Whether it was given before the rule's answer was seen; null where nobody recorded that. */
   blind: boolean | null;
 }
 

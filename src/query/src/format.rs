@@ -81,7 +81,7 @@ pub fn parquet_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
 pub struct ParquetStream(ArrowWriter<Vec<u8>>);
 
 impl ParquetStream {
-    /// A file without rows.
+    /// Begins a file that has no rows yet.
     ///
     /// # Errors
     /// When Parquet has no such column.

@@ -113,7 +113,7 @@ export function calls(episode: string, signal: AbortSignal): Promise<Call[]> {
 export interface Pair {
   author: string;
   kind: string;
-  /** Null: unknown. */
+  /** Whether these labels were given before the rule's answer was seen; null where nobody recorded that. */
   blind: boolean | null;
   labelled: string;
   found: string | null;

@@ -139,8 +139,8 @@ pub struct LabelRow {
     /// When it was said, milliseconds since 1970.
     #[serde(default)]
     pub at_ms: i64,
-    /// Whether the author answered before seeing what the rules and `reel blame` say; `None`:
-    /// unknown.
+    /// Whether the author answered before seeing what the rules and `reel blame` say; `None` if
+    /// nobody recorded that.
     #[serde(default)]
     pub blind: Option<bool>,
 }

@@ -26,8 +26,8 @@ pub struct TraceVerdict {
 }
 
 impl TraceVerdict {
-    /// What this build found just now in a file of that digest. `trace` is none where it holds no
-    /// trace.
+    /// What this build found just now in a file of that digest. `trace` is none where the file
+    /// holds no trace.
     pub fn new(
         file: Digest,
         trace: Option<Digest>,
