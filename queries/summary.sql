@@ -55,7 +55,7 @@ statements AS (
   SELECT 2, 0, 'successes left an object elsewhere that the goal does not move', left_elsewhere, succeeded, leaving FROM counts
   UNION ALL
   SELECT
-    3, -episodes, 'classified failures are ' || replace(sub_class, '_', ' ') || ' (' || class || coalesce(', a matter of ' || only_cause, '') || ')',
+    3, -episodes, 'classified failures are ' || replace(sub_class, '_', ' ') || ' (' || class || coalesce('; cause: ' || only_cause, '') || ')',
     episodes, (SELECT classified FROM counts), traces
   FROM kinds
   UNION ALL

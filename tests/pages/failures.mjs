@@ -79,8 +79,14 @@ export async function terms_are_explained(browser) {
     }
     await explained(table.getByRole("button", { name: "Cause" }), "the column");
     await visit(page, "/episodes");
-    const filters = page.getByRole("complementary", { name: "Filters" });
-    for (const { sub_class } of rows.slice(0, 3)) await explained(filters.locator(".value", { hasText: sub_class.replaceAll("_", " ") }), sub_class);
+    const filter = page.getByRole("complementary", { name: "Filters" }).getByRole("region", { name: "sub-class" });
+    await filter.locator(".value").first().waitFor();
+    // Only the most frequent values are shown at first.
+    const more = filter.getByRole("button", { name: / more$/ });
+    if (await more.count()) await more.click();
+    for (const { sub_class } of rows) {
+      if (sub_class) await explained(filter.locator(".value", { hasText: sub_class.replaceAll("_", " ") }), sub_class);
+    }
     // Panels explain the columns of the named query that they ask.
     await visit(page, "/panels?panel=questions");
     await explainedColumn(page, "asked", "share of the episodes with a question");

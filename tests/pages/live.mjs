@@ -124,10 +124,14 @@ export async function preferences_are_exported(browser) {
     await visit(page, "/datasets?new=1");
     await page.getByLabel("Name").fill("corrected");
     await page.locator("form").getByLabel(/^Of /).selectOption("preferences");
+    await page.getByLabel(/^Only episodes where/).fill("family = 'SUL'");
     await until(async () => (await page.locator("form").getByLabel(/^Format/).count()) === 0, "a form without a format");
     await page.getByRole("button", { name: "Start the export" }).click();
     const job = page.locator("main").getByRole("region", { name: /^Job \d+/ });
     await job.getByText("done", { exact: true }).waitFor();
+    const [{ failed }] = await sql("SELECT count(*) AS failed FROM episodes WHERE NOT success AND family = 'SUL'");
+    const { report } = (await (await fetch(`${url}/api/jobs`)).json()).find(({ work }) => work.name === "corrected");
+    assert(report.at(-1).failed === failed, `${JSON.stringify(report)} of ${failed} failed episodes of SUL`);
   });
 }
 
@@ -216,6 +220,13 @@ export async function a_waiting_question_is_seen_everywhere(browser) {
       await until(async () => !(await page.title()).startsWith("("), "a title without a number");
       await page.goto(followed);
       await page.getByAltText(/What the agent of .* after 2 steps/).waitFor();
+      // What it called is there while it plays on, and its next call comes by itself.
+      const calls = page.getByRole("region", { name: "Calls", exact: true });
+      await calls.getByText("nav_to(nowhere)").waitFor();
+      await calls.getByText("The left one.").waitFor();
+      await call(session, "nav_to", { receptacle_name: "elsewhere" });
+      await calls.getByText("nav_to(elsewhere)").waitFor();
+      await page.getByText("In view").waitFor();
       const found = await findings(page);
       assert(!found.length, found.join("; "));
       await call(session, "finish", {});

@@ -353,10 +353,12 @@ def sessions(client, agent, task):
 
     client.expect(200, "GET", "/api/sessions")
     client.expect(200, "GET", path, session=session)
-    client.expect(200, "GET", path + "/frame", session=session)
+    for of_now in ("/frame", "/calls"):
+        client.expect(200, "GET", path + of_now, session=session)
     client.expect(204, "DELETE", path, session=session)
-    client.expect(404, "GET", path + "/frame", session=session)
-    client.expect(400, "GET", path + "/frame", session=b"\xff")
+    for of_now in ("/frame", "/calls"):
+        client.expect(404, "GET", path + of_now, session=session)
+        client.expect(400, "GET", path + of_now, session=b"\xff")
     for method in ("GET", "DELETE"):
         client.expect(404, method, path, session=session)
         client.expect(400, method, path, session=b"\xff")
@@ -364,7 +366,9 @@ def sessions(client, agent, task):
     lease = {"worker": "one", "task_id": task, "rollouts": 2}
     client.expect(201, "POST", "/api/leases", lease)
     # Nothing is at play there yet.
-    client.expect(409, "GET", path + "/frame", session=client.expect(200, "GET", "/api/sessions")[0]["session"])
+    ended = client.expect(200, "GET", "/api/sessions")[0]["session"]
+    for of_now in ("/frame", "/calls"):
+        client.expect(409, "GET", path + of_now, session=ended)
     client.expect(409, "POST", "/api/leases", {**lease, "seed": 1})
     for worker in ("", "..", "a/b", "x" * 63):
         client.expect(400, "POST", "/api/leases", {**lease, "worker": worker})
@@ -464,7 +468,7 @@ def narrow_server(folder, seen, made, episodes):
         asking = threading.Thread(target=lambda: admin.expect(422, "POST", "/api/sql", endless))
         asking.start()
         time.sleep(1)
-        others = {"/readyz", "/api/leases", "/api/sessions/{session}/frame"}
+        others = {"/readyz", "/api/leases", "/api/sessions/{session}/frame", "/api/sessions/{session}/calls"}
         waiting = [key for key in operations_with(seen, 503) if key[1] not in others]
         together(lambda key: admin.expect(503, *key, bodies.get(key[1]), **{**nothing, "name": "overview"}), waiting)
         asking.join()
@@ -477,9 +481,12 @@ def narrow_server(folder, seen, made, episodes):
         Agent(server, worker="one", headers=clients["actor"].headers).call("finish")
         looking = [clients["hasty"], clients["reader"]] * 50
         session = admin.expect(200, "GET", "/api/sessions")[0]["session"]
-        looks = together(lambda one: one.send("GET", "/api/sessions/{session}/frame", session=session)[0], looking)
-        if not {200, 503} <= set(looks):
-            seen.complain(f"a hundred who look at a session get {collections.Counter(looks)}")
+        looks = [(one, "/api/sessions/{session}/" + what) for one in looking for what in ("frame", "calls")]
+        got = together(lambda look: (look[1], look[0].send("GET", look[1], session=session)[0]), looks)
+        for what in sorted({what for what, _ in got}):
+            statuses = collections.Counter(status for path, status in got if path == what)
+            if not {200, 503} <= set(statuses):
+                seen.complain(f"a hundred who ask for {what} get {statuses}")
 
         (data / "definitions").rename(data / "elsewhere")
         (data / "definitions").write_text("no folder")

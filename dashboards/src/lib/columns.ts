@@ -1,6 +1,6 @@
 /** The columns that lists of episodes can show and sort by. */
 import type { Episode } from "./episodes";
-import { number, percent, words } from "./format";
+import { dateTime, number, percent, words } from "./format";
 
 export interface Column {
   /** Its name in `listed`, and in addresses. */
@@ -12,7 +12,6 @@ export interface Column {
   show(row: Episode): string;
 }
 
-const date = new Intl.DateTimeFormat("en", { dateStyle: "medium", timeStyle: "short" });
 const text = (key: string) => (row: Episode) => (row[key] === null || row[key] === undefined ? "–" : String(row[key]));
 const plain = (key: string) => (row: Episode) => words(row[key] as string | null);
 const digits = (key: string, many = 0) => (row: Episode) => number(row[key] as number | null, many);
@@ -33,7 +32,7 @@ export const COLUMNS: Column[] = [
   { key: "starred_by", title: "★ Starred by", show: text("starred_by") },
   { key: "tags", title: "Tags", show: text("tags") },
   { key: "comments", title: "Comments", number: true, show: digits("comments") },
-  { key: "trace_modified_ns", title: "Recorded", show: (row) => date.format(Number(row["trace_modified_ns"]) / 1e6) },
+  { key: "trace_modified_ns", title: "Recorded", show: (row) => dateTime(Number(row["trace_modified_ns"]) / 1e6) },
   { key: "family", title: "Family", show: text("family") },
   { key: "run_id", title: "Run", show: text("run_id") },
   { key: "seed", title: "Seed", number: true, show: text("seed") },

@@ -13,6 +13,16 @@ export function number(value: number | null | undefined, digits = 0): string {
   return `${value < 0 && Number(written) !== 0 ? "−" : ""}${part ? `${grouped}.${part}` : grouped}`;
 }
 
+const MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
+
+/** A time in milliseconds where its reader is, as `Nov 28, 04:55`; with its year if that is another one. `Intl` takes 25 to 45 ms to get ready. */
+export function dateTime(ms: number): string {
+  const time = new Date(ms);
+  const year = time.getFullYear() === new Date().getFullYear() ? "" : `, ${time.getFullYear()}`;
+  const clock = [time.getHours(), time.getMinutes()].map((part) => String(part).padStart(2, "0")).join(":");
+  return `${MONTHS[time.getMonth()]} ${time.getDate()}${year}, ${clock}`;
+}
+
 export function signed(value: number | null | undefined, digits = 2): string {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   const written = Math.abs(value).toFixed(digits);

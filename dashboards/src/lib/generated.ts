@@ -143,6 +143,16 @@ export type Comparison = {
   same_start: boolean;
 };
 
+/** One decision of the robot and what came of it. */
+export type Decision = {
+  arguments: string[];
+  error: string | null;
+  reasoning: string | null;
+  step: number;
+  text: string;
+  tool: string;
+};
+
 /** The decisive step. */
 export type Decisive = {
   advised_call: Call;
@@ -421,12 +431,7 @@ export type Observed = {
 
 /** A question and what led to it, for the person who answers; holds the goal. */
 export type OpenQuestion = {
-  decisions: ({ arguments: string[];
-  error: string | null;
-  reasoning: string | null;
-  step: number;
-  text: string;
-  tool: string })[];
+  decisions: Decision[];
   instruction: string;
   question: string;
   session: string;
@@ -572,6 +577,9 @@ export type Session = {
   task_id: string | null;
   trace: string | null;
 };
+
+/** What the agent of a session called so far, and what its robot has before it. */
+export type SessionCalls = { decisions: Decision[]; in_view: string[] };
 
 /** How the last episode of a session ended. */
 export type SessionEnd = { reason: string; success: boolean; total_reward: number };
@@ -726,6 +734,7 @@ export type GetAnswer<P extends string> =
   P extends `/api/traces/${string}/compare/${string}${Query}` ? Comparison :
   P extends `/api/exports/${string}/examples${Query}` ? Examples :
   P extends `/api/exports/${string}/lint${Query}` ? Lint :
+  P extends `/api/sessions/${string}/calls${Query}` ? SessionCalls :
   P extends `/api/sessions/${string}/question${Query}` ? OpenQuestion :
   P extends `/api/traces/${string}/blame${Query}` ? Blame :
   P extends `/api/traces/${string}/episode${Query}` ? TraceEpisode :

@@ -19,7 +19,7 @@ use tokio::{
 };
 
 use crate::{
-    Lease, LiveError, Owner, Session, SessionStatus, Setup, check_name,
+    Lease, LiveError, Owner, Session, SessionStatus, Setup, Situation, check_name,
     turns::{Turn, Turns},
 };
 
@@ -256,6 +256,20 @@ impl SessionPool {
             session.render_frame()
         });
         looked.await.unwrap_or(Err(LiveError::Closing))
+    }
+
+    /// What there is to know at the step where a session is; the episode stays as it is, awake or
+    /// not, and the session counts as unused.
+    ///
+    /// # Errors
+    /// When there is no such session, nothing runs in it, or somebody else used it for too long.
+    pub async fn situation(&self, name: &str) -> Result<Situation, LiveError> {
+        let slot = self.found(name)?;
+        let patience = self.limits.worker_timeout;
+        let session = tokio::time::timeout(patience, slot.session.lock()).await;
+        session
+            .map_err(|_| LiveError::Busy(patience.as_secs()))?
+            .situation()
     }
 
     /// Waits until nobody else uses a session and a worker has time.

@@ -28,7 +28,7 @@ pub use handler::{
 };
 pub use methods::{VERSIONS, agreed_version, refusal};
 pub use policy_output::policy_output;
-pub use questions::{Decision, OpenQuestion, Question, Questions, Wish, Withdrawn};
+pub use questions::{Decision, OpenQuestion, Question, Questions, SessionCalls, Wish, Withdrawn};
 pub use response::{Response, refuse, task_ids, tool_result};
 pub use router::{Worker, router, stdio, streamable_http};
 pub use waiting::WaitingSessions;

@@ -7,7 +7,7 @@ use std::{
 };
 
 use reel_live::Situation;
-use reel_world::{ReceptacleId, Scene, record::StepRecord};
+use reel_world::{InstanceId, ReceptacleId, Scene, record::StepRecord};
 use serde::Serialize;
 use tokio::{sync::oneshot, time::Instant};
 
@@ -51,6 +51,15 @@ pub struct OpenQuestion {
     pub decisions: Vec<Decision>,
 }
 
+/// What a session's robot decided so far and has before it; nothing that its policy may not know.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct SessionCalls {
+    /// What the robot decided so far in its episode.
+    pub decisions: Vec<Decision>,
+    /// The objects in its image.
+    pub in_view: Vec<InstanceId>,
+}
+
 /// What the user wants: which object, from where, to where.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Wish {
@@ -79,6 +88,17 @@ pub struct Decision {
     pub text: String,
     /// Code of the error, if the call failed.
     pub error: Option<&'static str>,
+}
+
+impl From<&Situation> for SessionCalls {
+    fn from(situation: &Situation) -> Self {
+        let decisions = situation.steps.iter().map(Decision::of).collect();
+        let in_view = match situation.steps.last() {
+            Some(step) => step.visible.iter().map(|it| it.object.clone()).collect(),
+            None => situation.seen_at_start.clone(),
+        };
+        Self { decisions, in_view }
+    }
 }
 
 impl Decision {

@@ -60,6 +60,8 @@ async function withBranches(rows: Episode[], columns: Column[], signal: AbortSig
   const below = new Map<string, Episode[]>();
   for (let parents = rows; parents.length;) {
     const digests = parents.map((row) => `'${row.trace_digest}'`).join(", ");
+    // Few have branches, and a look at one column is enough to know that none has.
+    if (!(await sql(`SELECT DISTINCT parent_trace FROM episodes WHERE parent_trace IN (${digests})`, {}, signal)).length) break;
     const text = `${BRANCHES} SELECT ${selected(columns)} FROM listed WHERE parent_trace IN (${digests}) ORDER BY parent_call, trace`;
     parents = await sql<Episode>(text, {}, signal);
     for (const row of parents) below.set(row.parent_trace!, [...(below.get(row.parent_trace!) ?? []), row]);
@@ -83,24 +85,24 @@ export async function counts(chosen: Chosen, signal: AbortSignal): Promise<Count
 alike AS (
   SELECT ${FACETS.map((facet) => `${facetValue(facet)} AS ${facet}`).join(", ")}, count(*) AS episodes
   FROM listed WHERE ${conditionOf({ ...chosen, choice: others })} GROUP BY ${FACETS.map((_, at) => at + 1).join(", ")}
-),
-valued AS (SELECT *, ${holds()} AS holds, ${FACETS.map((facet) => `${holds(facet)} AS holds_${facet}`).join(", ")} FROM alike)
-SELECT ${FACETS.map((facet) => `${facet}, grouping(${facet}) AS g_${facet}, sum(episodes) FILTER (WHERE holds_${facet}) AS n_${facet}`).join(", ")},
-  sum(episodes) FILTER (WHERE holds) AS total
-FROM valued GROUP BY GROUPING SETS (${FACETS.map((facet) => `(${facet})`).join(", ")}, ())`;
+)
+SELECT ${FACETS.join(", ")}, sum(episodes) FILTER (WHERE ${holds()}) AS chosen
+  ${[...new Set(own.map(({ facet }) => facet))].map((facet) => `, sum(episodes) FILTER (WHERE ${holds(facet)}) AS but_${facet}`).join("")}
+FROM alike GROUP BY GROUPING SETS (${FACETS.map((facet) => `(${facet})`).join(", ")}, ())`;
   const got = await sql<Record<string, string | number | null>>(text, parametersOf(chosen), signal);
   const found: Counts = { total: 0, counts: [] };
   // Several values of an episode come as one text; each counts for itself.
   const sums = new Map<string, Count>();
   for (const row of got) {
-    const facet = FACETS.find((facet) => row[`g_${facet}`] === 0);
+    // A row of a facet has its value alone; the row of all has none.
+    const facet = FACETS.find((facet) => row[facet] !== null);
     if (!facet) {
-      found.total = Number(row["total"]);
+      found.total = Number(row["chosen"]);
       continue;
     }
     for (const value of facetValues(facet, String(row[facet]))) {
       const count = sums.get(`${facet} ${value}`) ?? { facet, value, episodes: 0 };
-      count.episodes += Number(row[`n_${facet}`]);
+      count.episodes += Number(row[`but_${facet}`] ?? row["chosen"]);
       sums.set(`${facet} ${value}`, count);
     }
   }

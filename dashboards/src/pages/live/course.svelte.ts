@@ -4,11 +4,11 @@ import { asked, type Asked } from "../../lib/asked.svelte";
 import { course, type Course, type Entry } from "./entry";
 
 /** To be called while a component is made. */
-export function following(entry: () => Entry, waits: () => boolean): Asked<Course> {
-  // Every poll brings a new object: only a new state changes what is asked for.
-  const moment = $derived(`${waits()} ${entry().session} ${entry().state} ${entry().episodes} ${entry().task_id} ${entry().trace}`);
+export function following(entry: () => Entry): Asked<Course> {
+  // Every poll brings a new object: only a new step or state changes what is asked for.
+  const moment = $derived(`${entry().session} ${entry().state} ${entry().episodes} ${entry().steps} ${entry().task_id} ${entry().trace}`);
   return asked((signal) => {
     void moment;
-    return untrack(() => course(entry(), waits(), signal));
+    return untrack(() => course(entry(), signal));
   });
 }

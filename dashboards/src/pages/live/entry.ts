@@ -1,35 +1,25 @@
 /** Live sessions, the questions that they ask people, and what the service tells of a session's course. */
 import { get } from "../../lib/api";
-import type { OpenQuestion, Session as Entry, Step } from "../../lib/generated";
+import type { Decision, Session as Entry, Step } from "../../lib/generated";
 import { shortName } from "../../lib/trace";
 
-export type { Question, Session as Entry } from "../../lib/generated";
-export type Decision = OpenQuestion["decisions"][number];
+export type { Decision, Question, Session as Entry } from "../../lib/generated";
 
 export interface Course {
   decisions: Decision[];
-  /** What the robot sees, as far as a call or the trace names it. */
+  /** The objects in the image. */
   inView: string[];
 }
 
-/** What was told last, by session and episode: a session tells its calls only while a question waits and after the end. */
-const courses = new Map<string, Course>();
-
-export async function course(entry: Entry, waits: boolean, signal: AbortSignal): Promise<Course> {
-  const path = `/api/sessions/${encodeURIComponent(entry.session)}` as const;
-  const key = `${entry.session} ${entry.episodes}`;
-  if (waits) {
-    const { decisions } = await get(`${path}/question`, signal);
-    courses.set(key, { decisions, inView: listed(decisions) });
-  } else if (entry.state === "ended" && entry.trace) {
-    const trace = `/api/traces/${encodeURIComponent(entry.trace)}` as const;
-    const steps = await get(`${trace}/steps`, signal);
-    courses.set(key, {
-      decisions: steps.map(decision),
-      inView: steps.at(-1)?.visible.map(({ object }) => shortName(object)) ?? [],
-    });
+/** What the service tells of a session: of its episode while it is at play, and of the trace after the end. */
+export async function course(entry: Entry, signal: AbortSignal): Promise<Course> {
+  if (["playing", "suspended"].includes(entry.state)) {
+    const { decisions, in_view } = await get(`/api/sessions/${encodeURIComponent(entry.session)}/calls`, signal);
+    return { decisions, inView: in_view.map(shortName) };
   }
-  return courses.get(key) ?? { decisions: [], inView: [] };
+  if (entry.state !== "ended" || !entry.trace) return { decisions: [], inView: [] };
+  const steps = await get(`/api/traces/${encodeURIComponent(entry.trace)}/steps`, signal);
+  return { decisions: steps.map(decision), inView: steps.at(-1)?.visible.map(({ object }) => shortName(object)) ?? [] };
 }
 
 function decision({ step, input, reply, outcome }: Step): Decision {
@@ -37,12 +27,6 @@ function decision({ step, input, reply, outcome }: Step): Decision {
     step, tool: input.call.name, arguments: Object.values(input.call.arguments ?? {}).map(String), reasoning: input.policy?.reasoning || null,
     text: reply?.text ?? outcome.text.trim(), error: outcome.error ?? null,
   };
-}
-
-/** The latest result that lists what is in view, one numbered thing a line. */
-function listed(decisions: Decision[]): string[] {
-  const latest = decisions.findLast(({ text }) => text.includes("in view"))?.text ?? "";
-  return [...latest.matchAll(/^\s*\d+: (.+)$/gm)].map(([, name]) => name!);
 }
 
 /** Names of the finished traces of a session, the oldest first. */

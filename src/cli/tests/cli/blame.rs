@@ -160,6 +160,15 @@ fn failures_become_preferences_and_value_targets() {
     assert!(
         complaint(folder, 2, "export preferences --store store --out pairs").contains("not empty")
     );
+    let of_others = reel!(
+        folder,
+        "export preferences --store store --out none --json --where | success OR family = 'none'"
+    );
+    let of_others: Value = serde_json::from_str(&of_others).unwrap();
+    assert_eq!(
+        (&of_others["failed"], &of_others["pairs"]),
+        (&0.into(), &0.into())
+    );
 }
 
 /// The short form of `make eval-preferences`.

@@ -109,7 +109,7 @@ topics AS (
   SELECT 6, 'failures have no class yet: run reel taxonomy', class IS NULL, NOT success, trace, length, episode_id FROM facts
   UNION ALL
   SELECT
-    3, 'classified failures are ' || replace(kind, '_', ' ') || ' (' || class || ifnull(', a matter of ' || same_cause, '') || ')', same, NOT success AND classed, trace,
+    3, 'classified failures are ' || replace(kind, '_', ' ') || ' (' || class || ifnull('; cause: ' || same_cause, '') || ')', same, NOT success AND classed, trace,
     length, episode_id
   FROM (
     SELECT k.kind, k.class, k.same_cause, facts.class IS NOT NULL AS classed, facts.success, facts.trace, facts.length, facts.episode_id,

@@ -182,6 +182,7 @@ fn documented(app: Option<&Arc<App>>) -> Routes {
         .for_role(Read, routes!(sessions::show))
         .for_role(Admin, routes!(sessions::close))
         .for_role(Read, routes!(sessions::frame))
+        .for_role(Read, routes!(sessions::calls))
         .for_role(Read, routes!(sessions::questions))
         .for_role(Admin, routes!(sessions::question))
         .for_role(Admin, routes!(sessions::answer))

@@ -9,7 +9,7 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use reel_live::{Lease, LiveError, SessionEntry, check_name};
-use reel_mcp::Worker;
+use reel_mcp::{SessionCalls, Worker};
 use reel_trace::encode_png_fastest;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, Serialize};
@@ -66,6 +66,20 @@ pub(super) async fn frame(
         png,
     )
         .into_response())
+}
+
+/// What the agent of a session called so far in its episode, what it was told, and what its robot has
+/// before it. Looking counts as no use of the session.
+#[utoipa::path(get, path = "/api/sessions/{session}/calls", operation_id = "session_calls", tag = "sessions",
+    params(("session" = String, Path)),
+    responses((status = 200, body = ref("#/components/schemas/SessionCalls")), (status = 400, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn calls(
+    State(app): State<Arc<App>>,
+    PathParams(session): PathParams<String>,
+) -> Result<Json<Value>, ApiError> {
+    let situation = app.pool.situation(&session).await?;
+    Ok(Json(json!(SessionCalls::from(&situation))))
 }
 
 /// Closes a session: its episode ends as aborted, and its trace is whole.

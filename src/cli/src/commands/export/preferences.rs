@@ -18,6 +18,7 @@ use reel_tables::Store;
 use reel_trace::{Trace, TraceFiles};
 use serde_json::{Value, json};
 
+use super::shared::StoreSource;
 use crate::{ExitStatus, inputs, progress};
 
 /// Discount of the value targets (paper, Full POMDP Definition).
@@ -41,11 +42,8 @@ const GAMMA: f64 = 0.99;
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The store: a folder or s3://bucket/folder
-    #[arg(long, value_name = "STORE", default_value = "store")]
-    store: String,
     #[command(flatten)]
-    assets: inputs::Assets,
+    source: StoreSource,
     /// Folder of the dataset; the traces of the chosen futures lie in its folder `traces`
     #[arg(long, value_name = "DIR", default_value = "preferences")]
     out: PathBuf,
@@ -85,8 +83,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let traces = out.join("traces");
     fs::create_dir_all(&traces)
         .with_context(|| format!("cannot make the folder {}", traces.display()))?;
-    let store = arguments.assets.store(&arguments.store, None)?;
-    let failed = store.failed_traces()?;
+    let store = arguments.source.open()?;
+    let failed = arguments.source.failed_traces()?;
     let bar = progress::bar(failed.len(), "prefer");
     let pool = inputs::pool(arguments.jobs)?;
     let one = |path: &String| {

@@ -1,5 +1,5 @@
-//! What `reel export sft` and `reel export rl` share: the store, the words, the images, the
-//! parts, the run and the telling.
+//! What the exports of training sets share: the store, the words, the images, the parts, the run
+//! and the telling.
 
 use std::{
     collections::BTreeSet,
@@ -42,20 +42,33 @@ impl StoreSource {
 
     /// The episodes that fulfil the condition; `None` if there is no condition.
     pub fn episodes(&self) -> anyhow::Result<Option<BTreeSet<String>>> {
+        self.chosen("episode_id")
+    }
+
+    /// The traces of the failed episodes that fulfil the condition, in the order of the store.
+    pub fn failed_traces(&self) -> anyhow::Result<Vec<String>> {
+        let mut failed = self.open()?.failed_traces()?;
+        if let Some(chosen) = self.chosen("trace")? {
+            failed.retain(|trace| chosen.contains(trace));
+        }
+        Ok(failed)
+    }
+
+    /// What this column of `episodes` says where the condition holds; `None` if there is no
+    /// condition.
+    fn chosen(&self, column: &str) -> anyhow::Result<Option<BTreeSet<String>>> {
         let Some(condition) = &self.condition else {
             return Ok(None);
         };
         let batches = QuerySession::new(self.open()?)?
-            .run(&format!(
-                "SELECT episode_id FROM episodes WHERE {condition}"
-            ))
+            .run(&format!("SELECT {column} FROM episodes WHERE {condition}"))
             .with_context(|| format!("--where {condition}"))?;
         let mut found = BTreeSet::new();
         for batch in &batches {
             found.extend(
                 reel_tables::rows_from::<(String,)>(batch)?
                     .into_iter()
-                    .map(|(episode,)| episode),
+                    .map(|(value,)| value),
             );
         }
         Ok(Some(found))
