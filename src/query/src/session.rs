@@ -35,7 +35,7 @@ use crate::{
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
     sort_keys::precompute_sort_keys,
-    tables::{StepFields, step_fields},
+    tables::{StepFields, reads_steps, step_fields},
 };
 use answer::{AHEAD, Part};
 use catalog::all_views;
@@ -246,14 +246,15 @@ impl Inner {
         parameters: &Parameters,
         to: mpsc::Sender<Part>,
     ) -> Result<CacheScope, QueryError> {
-        let (context, plan) = self.plan(sql, parameters).await?;
-        let lasting = lasting(&plan)?;
-        let plan = if self.remote_engine.is_some() && opens_traces(&plan)? {
-            partition_by_trace(plan)?
-        } else {
-            plan
-        };
-        self.hand_on(&context, plan, to).await?;
+        let (context, mut question) = self.plan(sql, parameters).await?;
+        let lasting = lasting(&question.plan)?;
+        if self.remote_engine.is_some() {
+            question.optimized = None;
+            if opens_traces(&question.plan)? {
+                question.plan = partition_by_trace(question.plan)?;
+            }
+        }
+        self.hand_on(&context, question, to).await?;
         Ok(lasting)
     }
 
@@ -261,7 +262,7 @@ impl Inner {
         &self,
         sql: &str,
         parameters: &Parameters,
-    ) -> Result<(SessionContext, LogicalPlan), QueryError> {
+    ) -> Result<(SessionContext, Question), QueryError> {
         let statements = DFParser::parse_sql(sql)?;
         if statements.len() != 1 {
             return Err(QueryError::ReadOnly {
@@ -274,16 +275,20 @@ impl Inner {
         if matches!(plan, LogicalPlan::DescribeTable(_))
             || sql.to_ascii_lowercase().contains("information_schema")
         {
-            return Ok((context, plan));
+            return Ok((context, plan.into()));
         }
-        match step_fields(&context.state().optimize(&plan)?)? {
-            StepFields::All => Ok((context, plan)),
+        let optimized = context.state().optimize(&plan)?;
+        let fields = step_fields(&optimized)?;
+        if fields != StepFields::All
+            && reads_steps(&optimized)?
+            && let Ok((context, narrow)) = self.planned(sql, parameters, &fields).await
             // an answer without rows reads nothing, and has its columns all the same
-            fields => match self.planned(sql, parameters, &fields).await {
-                Ok(narrow) if columns(&narrow.1).eq(columns(&plan)) => Ok(narrow),
-                _ => Ok((context, plan)),
-            },
+            && columns(&narrow).eq(columns(&plan))
+        {
+            return Ok((context, narrow.into()));
         }
+        let optimized = Some(optimized);
+        Ok((context, Question { plan, optimized }))
     }
 
     async fn planned(
@@ -309,6 +314,20 @@ impl Inner {
             self.allow_traces(&context).await?;
         }
         Ok((context, plan))
+    }
+}
+
+/// What is asked, planned.
+struct Question {
+    plan: LogicalPlan,
+    /// The same as the optimizer left it, where it was asked already.
+    optimized: Option<LogicalPlan>,
+}
+
+impl From<LogicalPlan> for Question {
+    fn from(plan: LogicalPlan) -> Self {
+        let optimized = None;
+        Self { plan, optimized }
     }
 }
 

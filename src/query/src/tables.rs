@@ -304,6 +304,21 @@ pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
     })
 }
 
+/// Whether a table of an optimized plan reads the steps at all.
+pub(crate) fn reads_steps(plan: &LogicalPlan) -> Result<bool> {
+    let mut reads = false;
+    plan.apply_with_subqueries(|node| {
+        if let LogicalPlan::TableScan(scan) = node {
+            reads = reads
+                || scan
+                    .projected_schema
+                    .has_column_with_unqualified_name(STEPS);
+        }
+        Ok(TreeNodeRecursion::Continue)
+    })?;
+    Ok(reads)
+}
+
 struct Reader {
     list: DataType,
     step: DataType,

@@ -11,14 +11,11 @@ use arrow::{
     datatypes::{Field, Schema},
     error::ArrowError,
 };
-use datafusion::{
-    error::DataFusionError, logical_expr::LogicalPlan, physical_plan::execute_stream,
-    prelude::SessionContext,
-};
+use datafusion::{error::DataFusionError, physical_plan::execute_stream, prelude::SessionContext};
 use futures_util::StreamExt as _;
 use tokio::sync::mpsc;
 
-use super::{CacheScope, Inner, QueryError};
+use super::{CacheScope, Inner, QueryError, Question};
 use crate::{control::StopReason, estimate, limits, tables::plain, watched::watched};
 
 /// How often a running query is looked at.
@@ -104,14 +101,20 @@ impl Inner {
     pub(super) async fn hand_on(
         &self,
         context: &SessionContext,
-        plan: LogicalPlan,
+        question: Question,
         to: mpsc::Sender<Part>,
     ) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
-        let frame = context.execute_logical_plan(plan.clone()).await?;
-        let columns = Arc::new(frame.schema().as_arrow().clone());
-        let tasks = Arc::new(frame.task_ctx());
-        let physical = frame.create_physical_plan().await?;
+        let state = context.state();
+        let columns = Arc::new(question.plan.schema().as_arrow().clone());
+        let tasks = state.task_ctx();
+        let physical = match &question.optimized {
+            Some(plan) => {
+                let planner = state.query_planner();
+                planner.create_physical_plan(plan, &state).await?
+            }
+            None => state.create_physical_plan(&question.plan).await?,
+        };
         if self.remote_engine.is_none()
             && context.copied_config().batch_size() == estimate::BATCH_ROWS
             && let Some(rows) = estimate::batch_rows(&physical)?
@@ -123,7 +126,7 @@ impl Inner {
                 let options = state.config_mut().options_mut();
                 options.set("datafusion.execution.batch_size", &rows.to_string())?;
             }
-            return Box::pin(self.hand_on(context, plan, to)).await;
+            return Box::pin(self.hand_on(context, question, to)).await;
         }
         let physical = match &self.remote_engine {
             Some(_) => physical,
