@@ -35,6 +35,6 @@ SELECT
   wilson_high(count(*) FILTER (WHERE l.opinions = 1 AND l.label = 'faithful'), count(*) FILTER (WHERE l.opinions = 1)) AS high
 FROM steps s
 LEFT JOIN said l ON l.episode_id = s.episode_id AND l.step = s.step
-WHERE s.tool = 'ask' AND s.error_code IS NULL AND s.reply IS NOT NULL
+WHERE s.tool = 'ask' AND s.error_code IS NULL AND s.reply IS NOT NULL AND s.parent_trace IS NULL
 GROUP BY s.reply_source
 ORDER BY s.reply_source

@@ -26,6 +26,7 @@ WITH counts AS (
     sequence_count(steps, '_[failed]') AS failed,
     sequence_count(steps, '_[tool = tool@-1 and arguments = arguments@-1]') AS repeated
   FROM episodes
+  WHERE parent_trace IS NULL
 )
 SELECT
   policy, success,

@@ -17,6 +17,7 @@ WITH counts AS (
     policy, coalesce(end_reason, 'broken off') AS reason, count(*) AS episodes,
     avg(CAST(success AS DOUBLE)) AS success, avg(completion) AS completion, avg(length) AS length
   FROM episodes
+  WHERE parent_trace IS NULL
   GROUP BY policy, end_reason
 )
 SELECT

@@ -18,6 +18,7 @@ WITH found AS (
     sequence_find(steps, $pattern) AS found,
     sequence_count(steps, $pattern) AS times
   FROM episodes
+  WHERE parent_trace IS NULL
 )
 SELECT policy, family, task_id, success, found['first'] AS first, found['last'] AS last, times, episode_id, trace
 FROM found

@@ -14,7 +14,7 @@
 --
 -- Example: reel query --store store --named error_classes
 WITH played AS (
-  SELECT policy, count(*) AS episodes FROM episodes GROUP BY policy
+  SELECT policy, count(*) AS episodes FROM episodes WHERE parent_trace IS NULL GROUP BY policy
 ),
 counts AS (
   SELECT
@@ -24,6 +24,7 @@ counts AS (
     count(*) FILTER (WHERE error_class = 'moderate') AS moderate,
     count(*) FILTER (WHERE error_class = 'severe') AS severe
   FROM steps
+  WHERE parent_trace IS NULL
   GROUP BY GROUPING SETS ((policy, tool), (policy))
 )
 SELECT

@@ -12,6 +12,7 @@
 WITH counts AS (
   SELECT policy, tool, error_code, error_class, count(*) AS calls
   FROM steps
+  WHERE parent_trace IS NULL
   GROUP BY policy, tool, error_code, error_class
 ),
 shares AS (

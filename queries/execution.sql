@@ -28,6 +28,7 @@ timed AS (
   FROM steps s
   LEFT JOIN inferences i ON i.episode_id = s.episode_id AND i.step = s.step
   LEFT JOIN primitives_run p ON p.episode_id = s.episode_id AND p.step = s.step
+  WHERE s.parent_trace IS NULL
 )
 SELECT
   policy,

@@ -35,5 +35,6 @@ SELECT
   min(e.trace) AS example
 FROM changes c
 JOIN episodes e ON e.episode_id = c.episode_id
+WHERE e.parent_trace IS NULL
 GROUP BY c.tool, c.succeeded, c.event, floor
 ORDER BY c.tool, c.succeeded, c.event, floor

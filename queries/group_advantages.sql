@@ -1,7 +1,7 @@
 -- group_advantages
 --
 -- Group-relative advantages of rollouts (paper, GSPO Objective): (J - mean) / (std + eps) over the episodes of a prompt
--- group. Episodes without an end are left out.
+-- group. Episodes without an end are left out. Branches count, for a group may begin at a recorded call.
 --
 -- Columns:
 --   group_id, rollout_index  the prompt group, and which of its rollouts

@@ -1,7 +1,7 @@
 -- groups
 --
 -- Prompt groups of rollouts: whether there is anything to learn from them. Groups in which all returns are equal have
--- advantages of zero.
+-- advantages of zero. Branches count, for a group may begin at a recorded call.
 --
 -- Columns:
 --   group_id   the prompt group

@@ -16,7 +16,7 @@ WITH timed AS (
     policy, episode_id, prompt_tokens, completion_tokens, latency_ns / 1e9 AS latency_s,
     (1.0 * row_number() OVER (PARTITION BY policy ORDER BY latency_ns)) / count(*) OVER (PARTITION BY policy) AS part
   FROM steps
-  WHERE latency_ns IS NOT NULL
+  WHERE latency_ns IS NOT NULL AND parent_trace IS NULL
 )
 SELECT
   policy,

@@ -20,6 +20,7 @@ WITH spent AS (
     episode_id, count(*) AS decisions, count(error_code) AS failed,
     sum(latency_ns) / 1e9 AS latency_s, max(sim_step) / 240.0 AS simulated_s
   FROM steps
+  WHERE parent_trace IS NULL
   GROUP BY episode_id
 ),
 ranked AS (

@@ -11,7 +11,9 @@
 --
 -- Example: reel query --store store "SELECT policy, max(length) AS longest FROM oscillations GROUP BY policy"
 WITH runs AS (
-  SELECT oscillation(steps) AS run, policy, family, task_id, success, episode_id, trace FROM episodes
+  SELECT oscillation(steps) AS run, policy, family, task_id, success, episode_id, trace
+  FROM episodes
+  WHERE parent_trace IS NULL
 )
 SELECT
   run['length'] AS length, run['first'] AS first_step, run['one'] AS one, run['other'] AS other,

@@ -1,6 +1,6 @@
 -- overview
 --
--- What a store holds: one row for each policy and way of recording, the largest first.
+-- What a store holds: one row for each policy and way of recording, the largest first. Branches count.
 --
 -- Columns:
 --   policy, checkpoint  who decided

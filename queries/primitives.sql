@@ -30,7 +30,7 @@ aims AS (
   JOIN episodes e ON e.episode_id = s.episode_id AND e.backend LIKE CAST($backend AS VARCHAR)
   LEFT JOIN named n ON n.episode_id = s.episode_id AND n.step = s.step
   LEFT JOIN markers m ON m.episode_id = s.episode_id AND m.step = s.step AND CAST(m.marker AS VARCHAR) = s.argument
-  WHERE s.tool IN ('open', 'close', 'pick', 'place')
+  WHERE s.tool IN ('open', 'close', 'pick', 'place') AND s.parent_trace IS NULL
 ),
 calls AS (
   SELECT

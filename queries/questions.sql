@@ -19,7 +19,7 @@
 WITH calls AS (
   SELECT episode_id, step, candidate_count, question, reply, reply_source
   FROM steps
-  WHERE tool = 'ask' AND error_code IS NULL
+  WHERE tool = 'ask' AND error_code IS NULL AND parent_trace IS NULL
 ),
 picks AS (
   SELECT q.episode_id, q.step, first_value(s.goal_object ORDER BY s.step) AS right_one

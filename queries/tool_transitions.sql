@@ -11,7 +11,9 @@
 --
 -- Example: reel query --store store "SELECT * FROM tool_transitions WHERE tool = 'place'"
 WITH sequences AS (
-  SELECT policy, array_concat(['(start)'], step_texts(steps, 'tool'), ['(end)']) AS tools FROM episodes
+  SELECT policy, array_concat(['(start)'], step_texts(steps, 'tool'), ['(end)']) AS tools
+  FROM episodes
+  WHERE parent_trace IS NULL
 ),
 pairs AS (
   SELECT policy, unnest(array_pop_back(tools)) AS tool, unnest(array_pop_front(tools)) AS next FROM sequences

@@ -22,8 +22,11 @@ WITH misses AS (
   FROM steps s
   JOIN episodes e ON e.episode_id = s.episode_id
   WHERE
-    (s.match_source = 'words' AND NOT s.query_known)
-    OR (s.match_source IS NOT NULL AND cardinality(s.match_categories) = 0)
+    e.parent_trace IS NULL
+    AND (
+      (s.match_source = 'words' AND NOT s.query_known)
+      OR (s.match_source IS NOT NULL AND cardinality(s.match_categories) = 0)
+    )
 )
 SELECT
   query,

@@ -55,7 +55,7 @@ GROUP BY ALL ORDER BY calls DESC, policy, tool, error;
 CREATE TABLE answer.error_classes AS
 SELECT
   policy, tool, count(*) AS calls,
-  count(*) / (SELECT count(*) FROM episodes WHERE episodes.policy = calls.policy) AS calls_per_episode,
+  count(*) / (SELECT count(*) FROM told WHERE told.policy = calls.policy) AS calls_per_episode,
   tally(call.error_code IS NULL) AS succeeded, tally(call.error_class = 'moderate') AS moderate,
   tally(call.error_class = 'severe') AS severe, share(call.error_code IS NOT NULL) AS failed
 FROM calls, unnest([call.tool, 'all']) AS names(tool) GROUP BY policy, tool ORDER BY policy, tool = 'all', tool;

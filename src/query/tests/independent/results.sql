@@ -5,8 +5,8 @@ SELECT
   policy, checkpoint, backend, profile, preset, sim_version, build,
   count(*) AS episodes, tally(end_reason IS NULL) AS broken_off,
   count(DISTINCT task_digest) AS tasks, count(DISTINCT scene_digest) AS scenes, count(DISTINCT seed) AS seeds,
-  count(DISTINCT run_id) AS runs, sum(length(word)) AS decisions, sum(trace_bytes) / 1e6 AS megabytes
-FROM told GROUP BY ALL
+  count(DISTINCT run_id) AS runs, sum(ifnull(len(steps), 0)) AS decisions, sum(trace_bytes) / 1e6 AS megabytes
+FROM episodes GROUP BY ALL
 ORDER BY episodes DESC, policy, checkpoint, backend, profile, preset, sim_version, build;
 
 CREATE TABLE answer.quarantined AS
@@ -15,9 +15,9 @@ SELECT reason, count(*) AS files, min(trace) AS example FROM quarantine GROUP BY
 CREATE TABLE answer.end_reasons AS
 SELECT
   policy, ifnull(end_reason, 'broken off') AS reason, count(*) AS episodes,
-  count(*) / (SELECT count(*) FROM episodes every WHERE every.policy = episodes.policy) AS share,
+  count(*) / (SELECT count(*) FROM told every WHERE every.policy = told.policy) AS share,
   share(success) AS success, avg(completion) AS completion, avg(length) AS length
-FROM episodes GROUP BY policy, end_reason ORDER BY policy, count(*) DESC, reason;
+FROM told GROUP BY policy, end_reason ORDER BY policy, count(*) DESC, reason;
 
 -- Each episode played to an end twice: under its family and under `all`.
 CREATE VIEW by_family AS

@@ -28,7 +28,7 @@ WITH changes AS (
     unnest(call.changes) AS change
   FROM calls
   UNION ALL
-  SELECT '(start)', true, NULL, episode_id, trace, unnest(start_changes) FROM episodes
+  SELECT '(start)', true, NULL, episode_id, trace, unnest(start_changes) FROM told
 )
 SELECT
   tool, succeeded, change.event AS event, change.receptacle = 'floor' AS floor,
@@ -41,13 +41,13 @@ SELECT
   group_id, min(policy) AS policy, min(task_id) AS task_id, count(*) AS rollouts, tally(success) AS successes,
   count(DISTINCT task_digest) AS tasks, avg(discounted_return) AS mean, stddev_pop(discounted_return) AS std,
   min(discounted_return) AS worst, max(discounted_return) AS best, count(DISTINCT discounted_return) > 1 AS signal
-FROM played WHERE group_id IS NOT NULL GROUP BY group_id ORDER BY group_id;
+FROM ended WHERE group_id IS NOT NULL GROUP BY group_id ORDER BY group_id;
 
 CREATE TABLE answer.group_advantages AS
 SELECT
   group_id, rollout_index, e.policy, e.task_id, success, total_reward, discounted_return,
   (discounted_return - mean) / (std + 1e-6) AS advantage, episode_id, trace
-FROM played e JOIN answer.groups USING (group_id) ORDER BY group_id, rollout_index, episode_id;
+FROM ended e JOIN answer.groups USING (group_id) ORDER BY group_id, rollout_index, episode_id;
 
 CREATE TABLE answer.latency AS
 WITH timed AS (SELECT policy, episode_id, call, call.latency_ns / 1e9 AS s FROM calls WHERE call.latency_ns IS NOT NULL)
@@ -96,7 +96,7 @@ FROM sums ORDER BY policy, success;
 CREATE TABLE answer.tool_transitions AS
 WITH tools AS (
   SELECT policy, episode_id, call.step AS step, call.tool AS tool FROM calls
-  UNION ALL SELECT policy, episode_id, -1, '(start)' FROM episodes
+  UNION ALL SELECT policy, episode_id, -1, '(start)' FROM told
 ),
 pairs AS (
   SELECT policy, tool, lead(tool, 1, '(end)') OVER (PARTITION BY episode_id ORDER BY step) AS next FROM tools

@@ -16,11 +16,13 @@ CREATE MACRO kind(tool) AS (
     WHEN 'pick' THEN 'p' WHEN 'place' THEN 'l' WHEN 'open' THEN 'o' WHEN 'close' THEN 'c' WHEN 'ask' THEN 'a' ELSE 'z'
   END
 );
--- The episodes, each with its calls as one word.
-CREATE VIEW told AS SELECT *, ifnull(array_to_string([letter(call) FOR call IN steps], ''), '') AS word FROM episodes;
-CREATE VIEW played AS FROM told WHERE end_reason IS NOT NULL AND parent_trace IS NULL;
+-- The episodes without the branches, each with its calls as one word.
+CREATE VIEW told AS SELECT *, ifnull(array_to_string([letter(call) FOR call IN steps], ''), '') AS word
+FROM episodes WHERE parent_trace IS NULL;
+CREATE VIEW ended AS FROM episodes WHERE end_reason IS NOT NULL;
+CREATE VIEW played AS FROM told WHERE end_reason IS NOT NULL;
 -- A row a call, beside all of its episode.
-CREATE VIEW calls AS SELECT e.*, call FROM episodes e, unnest(e.steps) AS of_episode(call);
+CREATE VIEW calls AS SELECT e.*, call FROM told e, unnest(e.steps) AS of_episode(call);
 
 -- How often something holds, and in what share of the rows (or of those among them) it does; unknown counts for neither.
 CREATE MACRO tally(holds) AS count(*) FILTER (holds);

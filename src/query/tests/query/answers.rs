@@ -14,7 +14,7 @@ use reel_trace::{
 };
 use reel_world::{
     ErrorCode, Family,
-    record::{Backend, EndReason, PolicyOutput, UserSource},
+    record::{Backend, EndReason, Parent, PolicyOutput, UserSource},
 };
 use tempfile::TempDir;
 
@@ -201,7 +201,9 @@ fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
 /// A store of recorded and synthetic episodes, broken-off and unreadable traces, scored again
 /// under the other preset.
 fn rich_store(dir: &Path) -> Store {
-    let mut store = store(dir, &varied());
+    let mut plays = varied();
+    plays.extend(varied().into_iter().map(as_branch));
+    let mut store = store(dir, &plays);
     let broken_off = Play::new("student", Family::FDP, 19)
         .nav("table_1")
         .find("alarm clock")
@@ -228,8 +230,7 @@ fn rich_store(dir: &Path) -> Store {
 /// Labels of some of the answers, on one of which two authors disagree.
 fn label_answers(store: &mut Store, session: &QuerySession) {
     let labels = ["faithful", "unclear", "unfaithful", "faithful"];
-    let answers =
-        "SELECT episode_id, step FROM steps WHERE reply IS NOT NULL ORDER BY episode_id, step";
+    let answers = "SELECT episode_id, step FROM steps WHERE reply IS NOT NULL AND parent_trace IS NULL ORDER BY episode_id, step";
     let row = |author: &str, answer: &str, label: &str| {
         let (episode, step) = answer.split_once(',').unwrap();
         AnswerLabelRow {
@@ -250,6 +251,16 @@ fn label_answers(store: &mut Store, session: &QuerySession) {
     rows.push(row("ben", &answers[0], "unclear"));
     rows.push(row("ben", &answers[1], "unclear"));
     store.change_answer_labels(|_| rows.clone()).unwrap();
+}
+
+/// The same as a branch. It is no trial: whatever counts it as one counts the episode twice.
+fn as_branch(mut play: Play) -> Play {
+    play.header.episode_id += "-branch";
+    play.header.parent = Some(Parent {
+        trace: play.header.task_digest,
+        call: 1,
+    });
+    play
 }
 
 /// What the recorded traces lack: people and models that answer, time to think, prompt groups, a
@@ -393,6 +404,7 @@ fn varied() -> Vec<Play> {
         Play::new("teacher", Family::FODP, 18)
             .fails("pick", ErrorCode::NoMarkerMap)
             .fails("pick", ErrorCode::NoMarkerMap)
+            .pick(TARGET)
             .finish(),
     ]
 }

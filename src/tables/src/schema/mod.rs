@@ -242,10 +242,10 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
     vec![
         view(
             "steps",
-            "One row a decision: `episode_id, policy, family, task_id, success` and the columns of a step.",
+            "One row a decision: `episode_id, policy, family, task_id, success, parent_trace` and the columns of a step.",
             format!(
-                "SELECT episode_id, policy, family, task_id, success, {} \
-                 FROM (SELECT episode_id, policy, family, task_id, success, unnest(steps) AS s FROM episodes)",
+                "SELECT episode_id, policy, family, task_id, success, parent_trace, {} \
+                 FROM (SELECT episode_id, policy, family, task_id, success, parent_trace, unnest(steps) AS s FROM episodes)",
                 flat("s", &step)
             ),
         ),
