@@ -88,7 +88,7 @@ if [[ ${1:-} == --large ]]; then
     "$reel" taxonomy --store "$store" >/dev/null
   fi
   over large "$data" --store "$store"
-  URL=$url node tests/pages/large.mjs
+  URL=$url REEL=$reel node tests/pages/large.mjs
   exit
 fi
 over empty "$work/empty"

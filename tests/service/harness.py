@@ -73,7 +73,9 @@ class Server:
         with contextlib.closing(connection):
             if isinstance(body, (dict, list)):
                 body, headers = json.dumps(body), {"content-type": "application/json", **(headers or {})}
-            connection.request(method, path, body, headers or {})
+            # What is refused before it is read whole is answered all the same.
+            with contextlib.suppress(BrokenPipeError):
+                connection.request(method, path, body, headers or {})
             answer = connection.getresponse()
             return answer.status, dict(answer.getheaders()), answer.read()
 

@@ -26,6 +26,8 @@ from harness import Agent, Server, environment, reel, until
 # The server is busy, or the disk is full: documented where it can happen, and no break-down.
 EXPECTED_SERVER_ERRORS = {503, 507}
 
+CLAIM = {"of": "true", "holds": "asks = 0", "at_least": 0.5}
+
 # A server with little of everything, so that every limit can be met.
 NARROW = """
 [limits]
@@ -179,6 +181,12 @@ def before_the_tables(client, episode):
     client.expect(404, "GET", "/api/labels")
     client.expect(404, "GET", "/api/episodes/{episode}", episode=episode["episode_id"])
     client.expect(404, "POST", "/api/sql", {"sql": "SELECT 1"})
+    client.expect(404, "GET", "/api/attribution")
+    client.expect(404, "POST", "/api/claims", CLAIM)
+    for path in ("/api/remarks", "/api/counterfactuals"):
+        client.expect(404, "GET", path, query={"episode": episode["episode_id"]})
+    if client.expect(200, "GET", "/api/waiting")["traces"] == []:
+        client.seen.complain("nothing waits for the first ingest")
 
 
 def jobs(client, episode, recording):
@@ -244,20 +252,25 @@ def traces(client, episode, recording):
     client.expect(400, "GET", frames, query={"camera": "free"}, trace=name, step="2")
     client.expect(400, "GET", frames, trace=name, step="now")
     client.expect(404, "GET", frames, trace=name, step="999")
+    client.expect(204, "GET", frames, query={"if_any": "true"}, trace=name, step="999")
     client.expect(400, "GET", steps, query={"from": -1}, trace=name)
     client.expect(400, "GET", path + "/blame", query={"alternative": "maybe"}, trace=name)
     client.expect(422, "GET", reward, query={"preset": "unknown"}, trace=name)
 
-    reads = [("GET", path + rest) for rest in ("/episode", "/scene", "/steps", "/frames/{step}", "/blame", "/reward", "/rrd")]
+    reads = [("GET", path + rest) for rest in (
+        "/episode", "/scene", "/scene.glb", "/instances", "/steps", "/frames/{step}", "/frames/{step}/markers", "/blame", "/reward",
+        "/rrd", "/compare/{other}",
+    )]
+    place = {"step": "start", "other": "branch"}
     for method, rest in [*reads, ("POST", path + "/replay")]:
-        client.expect(200, method, rest, trace=name, step="start")
-        client.expect(422, method, rest, trace="damaged", step="start")
+        client.expect(200, method, rest, trace=name, **place)
+        client.expect(422, method, rest, trace="damaged", **place)
     bodies = {("POST", branches): branch}
     for method, rest in [*reads, ("POST", path + "/replay"), ("POST", branches), ("GET", path), ("DELETE", path)]:
         body = bodies.get((method, rest))
-        client.expect(400, method, rest, body, trace="a b", step="start")
-        client.expect(404, method, rest, body, trace="nothing", step="start")
-        client.expect(409, method, rest, body, trace=recording, step="start")
+        client.expect(400, method, rest, body, trace="a b", **place)
+        client.expect(404, method, rest, body, trace="nothing", **place)
+        client.expect(409, method, rest, body, trace=recording, **place)
 
 
 def tables(client, episode):
@@ -296,6 +309,36 @@ def tables(client, episode):
     client.expect(422, "GET", "/api/queries/{name}", query={"parameters": "unknown=1"}, name="overview")
 
 
+def opinions(client, episode):
+    """What people say of episodes besides the label: answers of the user, stars, tags, comments; and what was measured."""
+    which = episode["episode_id"]
+    label = {"episode": which, "step": 0, "author": "ann", "label": "faithful"}
+    client.expect(400, "POST", "/api/answer-labels", b"{")
+    client.expect(422, "POST", "/api/answer-labels", {**label, "label": "so so"})
+    mine = {"author": "ann"}
+    client.expect(204, "DELETE", "/api/labels/{episode}", query=mine, episode=which)
+    client.expect(422, "DELETE", "/api/labels/{episode}", query=mine, episode=which)
+    client.expect(400, "DELETE", "/api/labels/{episode}", query={"author": "ann", "colour": "red"}, episode=b"\xff")
+
+    path, remark = "/api/remarks", {"episode": which, "author": "ann", "kind": "tag", "text": "door"}
+    client.expect(201, "POST", path, remark)
+    client.expect(400, "POST", path, b"{")
+    client.expect(422, "POST", path, {**remark, "text": "a, b"})
+    said = client.expect(200, "GET", path, query={"episode": which})
+    if [(one["kind"], one["text"]) for one in said] != [("tag", "door")]:
+        client.seen.complain(f"the remarks are not those that were kept: {said}")
+    client.expect(400, "GET", path)
+    tag = {"author": "ann", "kind": "tag", "text": "door"}
+    client.expect(204, "DELETE", path + "/{episode}", query=tag, episode=which)
+    client.expect(422, "DELETE", path + "/{episode}", query=tag, episode=which)
+    client.expect(400, "DELETE", path + "/{episode}", query={"kind": "wink"}, episode=which)
+
+    client.expect(200, "GET", "/api/counterfactuals", query={"episode": which})
+    client.expect(400, "GET", "/api/counterfactuals")
+    if client.expect(200, "GET", "/api/attribution")["measured"] != 0:
+        client.seen.complain("capabilities were measured, though nobody asked for it")
+
+
 def exports(client, data):
     """Training sets: the one that a job made, and one that somebody has broken."""
     path = "/api/exports/{export}"
@@ -315,6 +358,45 @@ def exports(client, data):
     for rest in ("", "/examples", "/lint"):
         client.expect(404, "GET", path + rest, export="nothing")
         client.expect(400, "GET", path + rest, export="../exports")
+
+
+def claims(client, data):
+    """Claims: counted, refused, kept and shown again."""
+    counted = client.expect(200, "POST", "/api/claims", CLAIM)
+    if counted["episodes"] < 1:
+        client.seen.complain(f"a claim about all episodes counts {counted}")
+    client.expect(400, "POST", "/api/claims", b"{")
+    client.expect(422, "POST", "/api/claims", {**CLAIM, "holds": "nonsense > 1"})
+    client.expect(201, "PUT", "/api/definitions/{file}", {"title": "Asks", "claim": CLAIM}, file="asks")
+    path = "/api/claims/{file}"
+    client.expect(200, "GET", path, file="asks")
+    client.expect(404, "GET", path, file="nothing")
+    client.expect(400, "GET", path, file="../asks")
+    (data / "definitions" / "wrong.json").write_text("{")
+    client.expect(422, "GET", path, file="wrong")
+
+
+def environments(client, task, recording):
+    """Episodes of clients of OpenEnv over HTTP."""
+    for path in ("/health", "/metadata", "/schema", "/state"):
+        client.expect(200, "GET", path)
+    begun = client.expect(200, "POST", "/reset", {"task": task, "episode_id": "mine"})
+    if begun["done"]:
+        client.seen.complain(f"an episode is over before it began: {begun}")
+    action = {"name": "walk_around", "arguments": {}}
+    client.expect(200, "POST", "/step", {"action": action, "episode_id": "mine"})
+    if client.expect(200, "GET", "/state", query={"episode_id": "mine"})["step_count"] != 1:
+        client.seen.complain("an episode of one step has another number of them")
+    for method, path, body in (("POST", "/reset", b"{"), ("POST", "/step", b"{")):
+        client.expect(400, method, path, body)
+    client.expect(400, "GET", "/state", query={"episode_id": "../mine"})
+    client.expect(404, "GET", "/state", query={"episode_id": "nobody"})
+    client.expect(404, "POST", "/step", {"action": action, "episode_id": "nobody"})
+    client.expect(409, "POST", "/step", {"action": action})
+    client.expect(422, "POST", "/step", {"action": {}, "episode_id": "mine"})
+    client.expect(422, "POST", "/reset", {"weather": "rain"})
+    client.expect(404, "POST", "/reset", {"trace": "nothing"})
+    client.expect(409, "POST", "/reset", {"trace": recording})
 
 
 def definitions(client, data):
@@ -343,6 +425,8 @@ def sessions(client, agent, task):
     if not until(lambda: client.expect(200, "GET", "/api/questions")):
         client.seen.complain("a question is nowhere to be answered")
     session = client.expect(200, "GET", "/api/questions")[0]["session"]
+    client.expect(200, "GET", path + "/question", session=session)
+    client.expect(400, "GET", path + "/question", session=b"\xff")
     client.expect(422, "POST", path + "/answer", {"answer": 1}, session=session)
     client.expect(400, "POST", path + "/answer", b"", session=session)
     client.expect(204, "POST", path + "/answer", answer, session=session)
@@ -350,12 +434,23 @@ def sessions(client, agent, task):
     if answer["answer"] not in "".join(said):
         client.seen.complain(f"the answer did not arrive: {said}")
     client.expect(404, "POST", path + "/answer", answer, session=session)
+    client.expect(404, "GET", path + "/question", session=session)
 
     client.expect(200, "GET", "/api/sessions")
+    agent.call("walk_around")
     client.expect(200, "GET", path, session=session)
-    for of_now in ("/frame", "/calls"):
-        client.expect(200, "GET", path + of_now, session=session)
+    at_play = [file["trace"] for file in client.expect(200, "GET", "/api/traces", query={"limit": 1000})["traces"] if file["recording"]]
+    client.expect(200, "GET", path + "/frame", session=session)
+    told = client.expect(200, "GET", path + "/calls", session=session)
     client.expect(204, "DELETE", path, session=session)
+    # What was told while it was at play is what the trace says.
+    [trace] = at_play
+    steps = client.expect(200, "GET", "/api/traces/{trace}/steps", trace=trace)
+    visible = sorted(one["object"] for one in steps[-1]["visible"])
+    if not visible or sorted(told["in_view"]) != visible:
+        client.seen.complain(f"in view are said to be {told['in_view']}, recorded are {visible}")
+    if [call["tool"] for call in told["decisions"]] != [step["input"]["call"]["name"] for step in steps]:
+        client.seen.complain(f"the calls are said to be {told['decisions']}, recorded are {steps}")
     for of_now in ("/frame", "/calls"):
         client.expect(404, "GET", path + of_now, session=session)
         client.expect(400, "GET", path + of_now, session=b"\xff")
@@ -401,11 +496,14 @@ def open_server(folder, episodes):
         traces(client, succeeded, recording)
         tables(client, failed)
         exports(client, folder / "data")
+        opinions(client, failed)
         definitions(client, folder / "data")
+        claims(client, folder / "data")
         ingested = client.expect(200, "GET", "/api/episodes")["episodes"]
         if {episode["episode_id"] for episode in episodes} - {episode["episode_id"] for episode in ingested}:
             seen.complain("the tables do not have every episode that was ingested")
         sessions(client, agent, failed["task_id"])
+        environments(client, failed["task_id"], recording)
         seen.end(server)
     return seen
 
@@ -428,8 +526,8 @@ def narrow_server(folder, seen, made, episodes):
     config.write_text(NARROW)
     labelled = next(episode for episode in episodes if not episode["success"])["episode_id"]
     nothing = {"trace": "nothing", "episode": "nothing", "session": "nothing", "worker": "nothing", "name": "nothing",
-               "export": "nothing", "file": "nothing", "id": "999999", "step": "start"}
-    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/definitions/{file}": {"title": "Panel", "sql": "SELECT 1"},
+               "export": "nothing", "file": "nothing", "id": "999999", "step": "start", "other": "nothing"}
+    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/claims": CLAIM, "/api/definitions/{file}": {"title": "Panel", "sql": "SELECT 1"},
               "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
 
     with Bounded("--config", config, "--tasks", folder / "tasks", data=data) as server:
@@ -442,8 +540,8 @@ def narrow_server(folder, seen, made, episodes):
             anybody.expect(403, method, path, headers={"host": "elsewhere.example"}, **nothing)
         for method, path in secured:
             anybody.expect(401, method, path, **nothing)
-            other = "reader" if path.startswith("/api/leases") else "actor"
-            clients[other].expect(403, method, path, **nothing)
+            playing = path.startswith("/api/leases") or not path.startswith(("/api/", "/metrics"))
+            clients["reader" if playing else "actor"].expect(403, method, path, **nothing)
 
         def large(key):
             # A trace is counted while it comes, everything else by what it says of itself.
@@ -468,9 +566,11 @@ def narrow_server(folder, seen, made, episodes):
         asking = threading.Thread(target=lambda: admin.expect(422, "POST", "/api/sql", endless))
         asking.start()
         time.sleep(1)
-        others = {"/readyz", "/api/leases", "/api/sessions/{session}/frame", "/api/sessions/{session}/calls"}
+        others = {"/readyz", "/api/leases", "/reset", "/step", "/state", "/api/sessions/{session}/frame", "/api/sessions/{session}/calls"}
         waiting = [key for key in operations_with(seen, 503) if key[1] not in others]
-        together(lambda key: admin.expect(503, *key, bodies.get(key[1]), **{**nothing, "name": "overview"}), waiting)
+        of = {path: {"episode": labelled} for path in ("/api/counterfactuals", "/api/remarks")}
+        together(lambda key: admin.expect(503, *key, bodies.get(key[1]), query=of.get(key[1], ""), **{**nothing, "name": "overview"}),
+                 waiting)
         asking.join()
 
         lease = {"worker": "one", "task_id": episodes[0]["task_id"], "rollouts": 1}

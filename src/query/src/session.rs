@@ -35,7 +35,7 @@ use crate::{
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
     sort_keys::precompute_sort_keys,
-    tables::{StepFields, reads_steps, step_fields},
+    tables::{StepFields, reads_steps, step_fields, without_empty_tables},
 };
 use answer::{AHEAD, Part};
 use catalog::all_views;
@@ -226,7 +226,7 @@ impl QuerySession {
                 .planned(sql, &Parameters::new(), &StepFields::All)
                 .await?;
             Ok(match step_fields(&context.state().optimize(&plan)?)? {
-                StepFields::All => None,
+                StepFields::Stored | StepFields::All => None,
                 StepFields::Some(fields) => {
                     let planned = self
                         .0
@@ -272,9 +272,12 @@ impl Inner {
         estimate::check_text(&statements[0])?;
         let (context, plan) = self.planned(sql, parameters, &StepFields::All).await?;
         // the columns of the tables are those of the store, not those that are read
+        let text = sql.trim_start().to_ascii_lowercase();
         if matches!(plan, LogicalPlan::DescribeTable(_))
-            || sql.to_ascii_lowercase().contains("information_schema")
+            || text.contains("information_schema")
+            || text.starts_with("show")
         {
+            let (context, plan) = self.planned(sql, parameters, &StepFields::Stored).await?;
             return Ok((context, plan.into()));
         }
         let optimized = context.state().optimize(&plan)?;
@@ -309,7 +312,7 @@ impl Inner {
             .map_err(|error| QueryError::ReadOnly {
                 reason: message(&error),
             })?;
-        let plan = precompute_sort_keys(bind(plan, parameters)?)?;
+        let plan = precompute_sort_keys(without_empty_tables(bind(plan, parameters)?)?)?;
         if opens_traces(&plan)? {
             self.allow_traces(&context).await?;
         }

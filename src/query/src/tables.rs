@@ -1,10 +1,11 @@
 //! The store's tables and views in a DataFusion session: only those that a question names, and of
 //! the nested steps only the fields that it reads. Runs nothing.
 //!
-//! A question is planned twice: once over all fields, to see which fields of `episodes.steps` it
-//! reads, and again over a table that has no others, so that Parquet decodes no others. Where a use
+//! A question is planned over all fields, to see which fields of `episodes.steps` it reads, and if it
+//! reads some, again over a table that has no others, so that Parquet decodes no others. Where a use
 //! is not understood, all are read. Texts that only our own functions on sequences look at are read
-//! as the codes that Parquet keeps them in, and never made texts.
+//! as the codes that Parquet keeps them in, and never made texts; other texts are views, which group
+//! and compare without being copied.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,7 +16,7 @@ use std::{
 use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 use async_trait::async_trait;
 use datafusion::{
-    catalog::{Session, TableProvider},
+    catalog::{Session, TableProvider, default_table_source::source_as_provider},
     common::{
         DFSchema,
         tree_node::{Transformed, TreeNode, TreeNodeRecursion},
@@ -29,7 +30,7 @@ use datafusion::{
         source::DataSourceExec,
     },
     error::Result,
-    logical_expr::{Expr, ExprSchemable, LogicalPlan, TableProviderFilterPushDown},
+    logical_expr::{EmptyRelation, Expr, ExprSchemable, LogicalPlan, TableProviderFilterPushDown},
     physical_plan::ExecutionPlan,
 };
 use reel_tables::{Store, Table};
@@ -44,6 +45,9 @@ const NUMBER: &str = "step";
 /// Fields of the steps that a question reads; all of them where it is not to be seen.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum StepFields {
+    /// All of them, and every column in the form in which the store has it, for a question about the
+    /// schema.
+    Stored,
     All,
     Some(BTreeMap<String, ReadAs>),
 }
@@ -61,7 +65,7 @@ impl StepFields {
     /// Whether a field of the steps is read.
     pub(crate) fn has(&self, field: &str) -> bool {
         match self {
-            StepFields::All => true,
+            StepFields::Stored | StepFields::All => true,
             StepFields::Some(names) => {
                 names.contains_key(field) || (names.is_empty() && field == NUMBER)
             }
@@ -71,7 +75,7 @@ impl StepFields {
     /// These, and the number of the step, which the flat views name whether it is asked for or not.
     pub(crate) fn with_number(&self) -> StepFields {
         match self {
-            StepFields::All => StepFields::All,
+            StepFields::Stored | StepFields::All => self.clone(),
             StepFields::Some(names) => {
                 let mut names = names.clone();
                 names.insert(NUMBER.to_owned(), ReadAs::Values);
@@ -83,7 +87,7 @@ impl StepFields {
     /// These, all as the table says.
     pub(crate) fn as_values(&self) -> StepFields {
         match self {
-            StepFields::All => StepFields::All,
+            StepFields::Stored | StepFields::All => self.clone(),
             StepFields::Some(names) => StepFields::Some(
                 names
                     .keys()
@@ -114,9 +118,10 @@ pub(crate) fn provider(
     table: Table,
     fields: &StepFields,
 ) -> Result<Arc<dyn TableProvider>> {
-    let schema = match table {
-        Table::Episodes => narrowed(&table.schema(), fields),
-        _ => table.schema(),
+    let schema = match (table, fields) {
+        (_, StepFields::Stored) => table.schema(),
+        (Table::Episodes, _) => narrowed(&table.schema(), fields),
+        _ => viewed(&table.schema()),
     };
     let files = store.files(table);
     if files.is_empty() {
@@ -194,28 +199,25 @@ impl TableProvider for Coded {
     }
 }
 
-/// What a question sees of `episodes`: the steps' fields that it reads, and its other texts as
-/// views, which group and compare without being copied.
+/// What a question sees of `episodes`: the steps' fields that it reads, and its other texts as views.
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
-    if *fields == StepFields::All {
-        return schema.clone();
-    }
     let steps = |all: &Fields| {
         all.iter()
             .filter(|field| fields.has(field.name()))
             .map(|field| fields.form(field))
             .collect()
     };
-    let viewed = |field: &Arc<Field>| match field.data_type() {
+    viewed(&with_steps(schema, steps))
+}
+
+/// A schema whose texts are views.
+fn viewed(schema: &SchemaRef) -> SchemaRef {
+    let view = |field: &Arc<Field>| match field.data_type() {
         DataType::Utf8 => Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)),
         _ => field.clone(),
     };
     Arc::new(Schema::new(
-        with_steps(schema, steps)
-            .fields()
-            .iter()
-            .map(viewed)
-            .collect::<Fields>(),
+        schema.fields().iter().map(view).collect::<Fields>(),
     ))
 }
 
@@ -271,6 +273,21 @@ fn step_struct(data_type: &DataType) -> Option<&Fields> {
         },
         _ => None,
     }
+}
+
+/// A plan in which a table without a file is an empty relation: the optimizer does away with it, and
+/// with what is joined with it.
+pub(crate) fn without_empty_tables(plan: LogicalPlan) -> Result<LogicalPlan> {
+    let emptied = plan.transform_up_with_subqueries(|node| match &node {
+        LogicalPlan::TableScan(scan) if source_as_provider(&scan.source)?.is::<EmptyTable>() => Ok(
+            Transformed::yes(LogicalPlan::EmptyRelation(EmptyRelation {
+                produce_one_row: false,
+                schema: scan.projected_schema.clone(),
+            })),
+        ),
+        _ => Ok(Transformed::no(node)),
+    });
+    Ok(emptied?.data)
 }
 
 /// Which fields of the steps an optimized plan reads.

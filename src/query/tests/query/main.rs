@@ -178,7 +178,7 @@ fn the_steps_are_a_flat_view() {
         ["0,nav_to,table_1", "1,show_object_by_category,alarm clock"]
     );
     let columns = session.run("SELECT * FROM steps").unwrap()[0].num_columns();
-    assert_eq!(columns, schema::STEP.len() + 5);
+    assert_eq!(columns, schema::STEP.len() + 6);
 }
 
 #[test]

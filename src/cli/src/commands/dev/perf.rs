@@ -52,9 +52,21 @@ pub struct Arguments {
     /// Folder for the traces of the measurement; removed at the end
     #[arg(long, value_name = "DIR", default_value = "bench-out")]
     out: PathBuf,
+    /// Measure physics steps alone: how fast the machine is, in a moment
+    #[arg(long)]
+    physics: bool,
     /// Print the measurements as one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// Physics steps in one thread.
+#[derive(Serialize)]
+struct PhysicsSpeed {
+    /// Steps per second with our digest of each.
+    physics_steps_per_s: f64,
+    bare_rapier_steps_per_s: f64,
+    physics_to_bare: f64,
 }
 
 /// Everything that `reel dev perf` measures: rates, durations, ratios and sizes.
@@ -62,10 +74,8 @@ pub struct Arguments {
 struct Figures {
     episodes: usize,
     calls_per_episode: f64,
-    /// Steps per second with our digest of each.
-    physics_steps_per_s: f64,
-    bare_rapier_steps_per_s: f64,
-    physics_to_bare: f64,
+    #[serde(flatten)]
+    physics: PhysicsSpeed,
     frame_ms: f64,
     geometry_ms: f64,
     webp_ms: f64,
@@ -89,7 +99,25 @@ struct Figures {
 
 /// Measures and prints the costs; the check fails if a replay is not exact.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let figures = measure(arguments)?;
+    let scene = inputs::scene(None)?;
+    let made = draw(&DrawOptions {
+        scene: &scene,
+        families: &Family::ALL,
+        count: arguments.count,
+        seed: 1,
+    });
+    let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
+    let first = tasks.first().context("no task could be made")?;
+    let speed = physics(&scene, first);
+    if arguments.physics {
+        if arguments.json {
+            println!("{}", serde_json::to_string(&speed)?);
+        } else {
+            print_physics(&speed);
+        }
+        return Ok(ExitStatus::Success);
+    }
+    let figures = measure(arguments, &scene, &tasks, speed)?;
     fs::remove_dir_all(&arguments.out)
         .with_context(|| format!("cannot clear {}", arguments.out.display()))?;
     if arguments.json {
@@ -104,19 +132,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     })
 }
 
-fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
-    let scene = inputs::scene(None)?;
-    let made = draw(&DrawOptions {
-        scene: &scene,
-        families: &Family::ALL,
-        count: arguments.count,
-        seed: 1,
-    });
-    let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
-    let first = tasks.first().context("no task could be made")?;
-
-    let (ours, bare) = physics(&scene, first);
-    let [frame_ms, geometry_ms, webp_ms] = frames(&scene, first);
+fn measure(
+    arguments: &Arguments,
+    scene: &Arc<Scene>,
+    tasks: &[Arc<Task>],
+    physics: PhysicsSpeed,
+) -> anyhow::Result<Figures> {
+    let [frame_ms, geometry_ms, webp_ms] = frames(scene, &tasks[0]);
 
     let play = |name: &str,
                 images: Option<Images>,
@@ -127,7 +149,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
             .with_context(|| format!("cannot make the folder {}", out.display()))?;
         let jobs = tasks.iter().enumerate().map(|(index, task)| {
             job(
-                &scene,
+                scene,
                 task,
                 images.map(|images| (out.join(format!("{index}.mcap")), images)),
             )
@@ -177,9 +199,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
     Ok(Figures {
         episodes: full.len(),
         calls_per_episode: calls as f64 / episodes,
-        physics_steps_per_s: ours,
-        bare_rapier_steps_per_s: bare,
-        physics_to_bare: ours / bare,
+        physics,
         frame_ms,
         geometry_ms,
         webp_ms,
@@ -193,29 +213,36 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
         seek_cached_ms: cached,
         seek_from_start_ms: from_start,
         seek_cached_to_start: cached / from_start,
-        blame_to_replay: blames(&scene, &tasks, &arguments.out.join("failed"))?,
+        blame_to_replay: blames(scene, tasks, &arguments.out.join("failed"))?,
         bytes_full: mean_bytes(&full)?,
         bytes_lean: mean_bytes(&lean)?,
     })
 }
 
+fn row(name: &str, value: String, note: String) {
+    println!("{name:32} {value:>10}   {note}");
+}
+
+fn print_physics(speed: &PhysicsSpeed) {
+    let note = format!(
+        "{:.2} of the bare rapier loop ({:.0})",
+        speed.physics_to_bare, speed.bare_rapier_steps_per_s
+    );
+    row(
+        "physics steps per second",
+        format!("{:.0}", speed.physics_steps_per_s),
+        note,
+    );
+}
+
 fn print(figures: &Figures) {
-    let row = |name: &str, value: String, note: String| println!("{name:32} {value:>10}   {note}");
     let Figures {
         episodes,
         exact,
         calls_per_episode,
         ..
     } = figures;
-    let steps = format!(
-        "{:.2} of the bare rapier loop ({:.0})",
-        figures.physics_to_bare, figures.bare_rapier_steps_per_s
-    );
-    row(
-        "physics steps per second",
-        format!("{:.0}", figures.physics_steps_per_s),
-        steps,
-    );
+    print_physics(&figures.physics);
     row(
         "image",
         format!("{:.2} ms", figures.frame_ms),
@@ -376,7 +403,7 @@ fn seeks(paths: &[PathBuf], folder: &Path) -> anyhow::Result<(f64, f64)> {
 
 /// Steps per second with our digest of every step, and without anything of ours; interleaved, each
 /// the best of its rounds.
-fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
+fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> PhysicsSpeed {
     let simulator = Simulator::new(
         PreparedTask::new(scene.clone(), task.clone()),
         Profile::Paper,
@@ -413,7 +440,11 @@ fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
         bare = bare.max(f64::from(PHYSICS_STEPS) / begun.elapsed().as_secs_f64());
     }
     std::hint::black_box(sum);
-    (ours, bare)
+    PhysicsSpeed {
+        physics_steps_per_s: ours,
+        bare_rapier_steps_per_s: bare,
+        physics_to_bare: ours / bare,
+    }
 }
 
 /// Milliseconds per image, rendered, rendered without shading, and encoded: the medians.
