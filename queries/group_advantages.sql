@@ -1,7 +1,7 @@
 -- group_advantages
 --
 -- Group-relative advantages of rollouts (paper, GSPO Objective): (J - mean) / (std + eps) over the episodes of a prompt
--- group. Episodes without an end are left out. Branches count, for a group may begin at a recorded call.
+-- group. Episodes without an end are left out. Branches count as in `groups`.
 --
 -- Columns:
 --   group_id, rollout_index  the prompt group, and which of its rollouts
@@ -18,8 +18,9 @@ WITH grouped AS (
   SELECT
     array_agg(episode_id ORDER BY rollout_index, episode_id) AS members,
     advantages(array_agg(discounted_return ORDER BY rollout_index, episode_id), CAST($eps AS DOUBLE)) AS relative
-  FROM episodes
+  FROM episodes e
   WHERE group_id IS NOT NULL AND end_reason IS NOT NULL
+    AND NOT EXISTS (SELECT 1 FROM episodes p WHERE p.trace_digest = e.parent_trace AND p.group_id = e.group_id)
   GROUP BY group_id
 ),
 flat AS (

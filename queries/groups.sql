@@ -1,7 +1,7 @@
 -- groups
 --
 -- Prompt groups of rollouts: whether there is anything to learn from them. Groups in which all returns are equal have
--- advantages of zero. Branches count, for a group may begin at a recorded call.
+-- advantages of zero. Branches count where all rollouts of a group begin at a recorded call; a branch of one of the rollouts does not.
 --
 -- Columns:
 --   group_id   the prompt group
@@ -26,7 +26,8 @@ SELECT
   min(discounted_return) AS worst,
   max(discounted_return) AS best,
   max(discounted_return) > min(discounted_return) AS signal
-FROM episodes
+FROM episodes e
 WHERE group_id IS NOT NULL AND end_reason IS NOT NULL
+  AND NOT EXISTS (SELECT 1 FROM episodes p WHERE p.trace_digest = e.parent_trace AND p.group_id = e.group_id)
 GROUP BY group_id
 ORDER BY group_id

@@ -20,7 +20,7 @@ WITH trials AS (
     coalesce(target, '?') AS target, 100 * odometry_error_m AS odometry_cm, degrees(abs(yaw_error_rad)) AS yaw_deg,
     image_shift_px, image_rmse_px
   FROM measurements
-  WHERE kind = 'alignment' AND policy LIKE CAST($policy AS VARCHAR)
+  WHERE kind = 'alignment' AND parent_trace IS NULL AND policy LIKE CAST($policy AS VARCHAR)
 )
 SELECT
   coalesce(target, 'all') AS target,

@@ -1,7 +1,7 @@
 -- rollouts
 --
 -- The paper's analysis of rollouts during training: success, the canonical pipeline, questions, and how many failures
--- are of the eye, not of the procedure.
+-- are of the eye, not of the procedure. Rollouts that begin at a recorded call are left out: their first calls are not the policy's.
 --
 -- Columns:
 --   policy           who decided

@@ -1,7 +1,7 @@
 -- vocabulary_misses
 --
 -- Queries of `show_object_by_category` whose meaning nobody knows: words that Reel's word list lacks, where it decided, and
--- queries that mean no category by vectors.
+-- queries that mean no category by vectors. Of a branch its own calls count, not those that it repeats.
 --
 -- Columns:
 --   query      the word or phrase, in lower case
@@ -22,7 +22,7 @@ WITH misses AS (
   FROM steps s
   JOIN episodes e ON e.episode_id = s.episode_id
   WHERE
-    e.parent_trace IS NULL
+    (e.parent_call IS NULL OR s.step >= e.parent_call)
     AND (
       (s.match_source = 'words' AND NOT s.query_known)
       OR (s.match_source IS NOT NULL AND cardinality(s.match_categories) = 0)

@@ -6,6 +6,8 @@ import { execFileSync } from "node:child_process";
 import { assert, launch, opened, sql, url, visit } from "./kit.mjs";
 
 const PROMISED_AT = 81_000;
+/** A machine that is slower by more than that proves nothing. */
+const SLOWER_MOST = 3;
 const TURNS = 5;
 const NAVIGATIONS = Number(process.env.NAVIGATIONS ?? 500);
 const median = (values) => [...values].sort((a, b) => a - b)[Math.floor(values.length / 2)];
@@ -26,11 +28,12 @@ function figure(what, times, promised) {
   const after = speed();
   const steps = (before + after) / 2;
   before = after;
-  const here = promised * Math.max(1, PROMISED_AT / steps);
+  const here = promised * Math.min(SLOWER_MOST, Math.max(1, PROMISED_AT / steps));
   const holds = usual <= here;
   bad += holds ? 0 : 1;
+  const said = usual <= promised ? "" : holds ? "more than promised: the machine is slower" : "FALLS SHORT";
   const ms = (time) => `${Math.round(time)} ms`.padStart(8);
-  console.log(`${what.padEnd(66)} ${ms(usual)}  first ${ms(first)}  promised ${ms(promised)}, here${ms(here)} at ${Math.round(steps / 1000)},000 steps/s  ${holds ? "" : "FALLS SHORT"}`);
+  console.log(`${what.padEnd(66)} ${ms(usual)}  first ${ms(first)}  promised ${ms(promised)}, here${ms(here)} at ${Math.round(steps / 1000)},000 steps/s  ${said}`);
 }
 
 /** What a link of ours does. */

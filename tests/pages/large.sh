@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # `make bench-pages`: the optimised binary with pages over 100,000 synthetic episodes, in a browser. Fails where a page is slower than
-# docs/dashboards.md promises, or where pages keep memory.
+# docs/figures.md (Web pages) promises, or where pages keep memory.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"

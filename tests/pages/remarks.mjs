@@ -37,6 +37,8 @@ async function undo(page) {
   await stored(page);
 }
 async function clean(page) {
+  // What is not there yet is dimmed.
+  await until(async () => !(await page.locator('[aria-busy="true"]').count()), "a page at rest");
   const found = await findings(page);
   const wider = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
   assert(!found.length && wider <= 0, `${wider} pixels wider; ${found.join("; ")}`);

@@ -74,7 +74,7 @@ class Server:
             if isinstance(body, (dict, list)):
                 body, headers = json.dumps(body), {"content-type": "application/json", **(headers or {})}
             # What is refused before it is read whole is answered all the same.
-            with contextlib.suppress(BrokenPipeError):
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                 connection.request(method, path, body, headers or {})
             answer = connection.getresponse()
             return answer.status, dict(answer.getheaders()), answer.read()

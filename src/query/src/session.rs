@@ -35,7 +35,7 @@ use crate::{
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
     sort_keys::precompute_sort_keys,
-    tables::{StepFields, reads_steps, step_fields, without_empty_tables},
+    tables::{StepFields, asks_schema, reads_steps, step_fields, without_empty_tables},
 };
 use answer::{AHEAD, Part};
 use catalog::all_views;
@@ -270,15 +270,24 @@ impl Inner {
             });
         }
         estimate::check_text(&statements[0])?;
+        if let Ok(Some(question)) = self.plan_over_views(sql, parameters).await {
+            return Ok(question);
+        }
+        let (context, plan) = self.planned(sql, parameters, &StepFields::Stored).await?;
+        Ok((context, plan.into()))
+    }
+
+    /// A question over columns in the form in which they are read fastest; none if it is about the
+    /// columns as the store has them. Where a text of the tables and one of the steps, which is no
+    /// view, have to be of one type, there is an error: it is planned over the store's columns then.
+    async fn plan_over_views(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+    ) -> Result<Option<(SessionContext, Question)>, QueryError> {
         let (context, plan) = self.planned(sql, parameters, &StepFields::All).await?;
-        // the columns of the tables are those of the store, not those that are read
-        let text = sql.trim_start().to_ascii_lowercase();
-        if matches!(plan, LogicalPlan::DescribeTable(_))
-            || text.contains("information_schema")
-            || text.starts_with("show")
-        {
-            let (context, plan) = self.planned(sql, parameters, &StepFields::Stored).await?;
-            return Ok((context, plan.into()));
+        if asks_schema(&plan)? {
+            return Ok(None);
         }
         let optimized = context.state().optimize(&plan)?;
         let fields = step_fields(&optimized)?;
@@ -288,10 +297,10 @@ impl Inner {
             // an answer without rows reads nothing, and has its columns all the same
             && columns(&narrow).eq(columns(&plan))
         {
-            return Ok((context, narrow.into()));
+            return Ok(Some((context, narrow.into())));
         }
         let optimized = Some(optimized);
-        Ok((context, Question { plan, optimized }))
+        Ok(Some((context, Question { plan, optimized })))
     }
 
     async fn planned(

@@ -16,7 +16,10 @@ use std::{
 use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 use async_trait::async_trait;
 use datafusion::{
-    catalog::{Session, TableProvider, default_table_source::source_as_provider},
+    catalog::{
+        Session, TableProvider, default_table_source::source_as_provider,
+        information_schema::INFORMATION_SCHEMA,
+    },
     common::{
         DFSchema,
         tree_node::{Transformed, TreeNode, TreeNodeRecursion},
@@ -276,8 +279,12 @@ fn step_struct(data_type: &DataType) -> Option<&Fields> {
 }
 
 /// A plan in which a table without a file is an empty relation: the optimizer does away with it, and
-/// with what is joined with it.
+/// with what is joined with it. A union stays as it is: its columns have the names of its first part,
+/// and the optimizer loses them with that part.
 pub(crate) fn without_empty_tables(plan: LogicalPlan) -> Result<LogicalPlan> {
+    if has_node(&plan, |node| matches!(node, LogicalPlan::Union(_)))? {
+        return Ok(plan);
+    }
     let emptied = plan.transform_up_with_subqueries(|node| match &node {
         LogicalPlan::TableScan(scan) if source_as_provider(&scan.source)?.is::<EmptyTable>() => Ok(
             Transformed::yes(LogicalPlan::EmptyRelation(EmptyRelation {
@@ -323,17 +330,34 @@ pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
 
 /// Whether a table of an optimized plan reads the steps at all.
 pub(crate) fn reads_steps(plan: &LogicalPlan) -> Result<bool> {
-    let mut reads = false;
+    has_node(plan, |node| match node {
+        LogicalPlan::TableScan(scan) => scan
+            .projected_schema
+            .has_column_with_unqualified_name(STEPS),
+        _ => false,
+    })
+}
+
+/// Whether a plan asks which tables and columns there are.
+pub(crate) fn asks_schema(plan: &LogicalPlan) -> Result<bool> {
+    has_node(plan, |node| match node {
+        LogicalPlan::DescribeTable(_) => true,
+        LogicalPlan::TableScan(scan) => scan.table_name.schema() == Some(INFORMATION_SCHEMA),
+        _ => false,
+    })
+}
+
+fn has_node(plan: &LogicalPlan, is: impl Fn(&LogicalPlan) -> bool) -> Result<bool> {
+    let mut found = false;
     plan.apply_with_subqueries(|node| {
-        if let LogicalPlan::TableScan(scan) = node {
-            reads = reads
-                || scan
-                    .projected_schema
-                    .has_column_with_unqualified_name(STEPS);
-        }
-        Ok(TreeNodeRecursion::Continue)
+        found = found || is(node);
+        Ok(if found {
+            TreeNodeRecursion::Stop
+        } else {
+            TreeNodeRecursion::Continue
+        })
     })?;
-    Ok(reads)
+    Ok(found)
 }
 
 struct Reader {

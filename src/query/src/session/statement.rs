@@ -1,18 +1,25 @@
 //! From SQL text to a bound plan: dotted names become field access, parameters become values.
 
-use std::{collections::BTreeSet, ops::ControlFlow};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::ControlFlow,
+};
 
 use arrow::datatypes::DataType;
 use datafusion::{
-    common::ParamValues,
+    common::{
+        ParamValues,
+        tree_node::{TreeNode as _, TreeNodeRecursion},
+    },
     error::DataFusionError,
-    logical_expr::LogicalPlan,
+    logical_expr::{Expr, LogicalPlan, expr::Placeholder},
     prelude::SessionContext,
     scalar::ScalarValue,
     sql::{parser::Statement, sqlparser::ast},
 };
 
 use super::{Parameters, QueryError};
+use crate::tables::plain;
 
 /// Plans one statement. Fields are taken with a dot from anything, not
 /// from columns alone: `replay(trace).verdict`.
@@ -105,32 +112,53 @@ pub(super) fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<Logical
     if wanted.is_empty() {
         return Ok(plan);
     }
-    let types = plan.get_parameter_types()?;
-    let value =
-        |name: &String, text: &String| match types.get(&format!("${name}")).cloned().flatten() {
-            Some(DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8) => {
-                Ok(ScalarValue::from(text.as_str()))
-            }
-            Some(data_type) => {
-                ScalarValue::try_from_string(text.clone(), &data_type).map_err(|_| {
-                    QueryError::Parameter(format!(
-                        "${name} must be of type {data_type}, found '{text}'"
-                    ))
-                })
-            }
-            // nothing says what it must be: a number where it looks exactly like one
-            None => Ok(match text.parse::<i64>() {
-                Ok(number) if number.to_string() == *text => ScalarValue::from(number),
-                _ => text
-                    .parse::<f64>()
-                    .ok()
-                    .filter(|number| number.to_string() == *text)
-                    .map_or_else(|| ScalarValue::from(text.as_str()), ScalarValue::from),
-            }),
-        };
+    let types = parameter_types(&plan)?;
+    let value = |name: &String, text: &String| match types.get(&format!("${name}")).cloned() {
+        Some(DataType::Utf8) => Ok(ScalarValue::from(text.as_str())),
+        Some(data_type) => ScalarValue::try_from_string(text.clone(), &data_type).map_err(|_| {
+            QueryError::Parameter(format!(
+                "${name} must be of type {data_type}, found '{text}'"
+            ))
+        }),
+        // nothing says what it must be: a number where it looks exactly like one
+        None => Ok(match text.parse::<i64>() {
+            Ok(number) if number.to_string() == *text => ScalarValue::from(number),
+            _ => text
+                .parse::<f64>()
+                .ok()
+                .filter(|number| number.to_string() == *text)
+                .map_or_else(|| ScalarValue::from(text.as_str()), ScalarValue::from),
+        }),
+    };
     let values = parameters
         .iter()
         .map(|(name, text)| Ok((name.clone(), value(name, text)?)));
     let values: Vec<(String, ScalarValue)> = values.collect::<Result<_, QueryError>>()?;
     Ok(plan.with_param_values(ParamValues::from(values))?)
+}
+
+/// What each parameter has to be, by its name with `$`, where something says so. Texts are one type,
+/// in whatever form they are read.
+fn parameter_types(plan: &LogicalPlan) -> Result<BTreeMap<String, DataType>, QueryError> {
+    let mut types: BTreeMap<String, DataType> = BTreeMap::new();
+    let mut conflict = None;
+    plan.apply_with_subqueries(|node| {
+        node.apply_expressions(|expression| {
+            expression.apply(|part| {
+                if let Expr::Placeholder(Placeholder {
+                    id,
+                    field: Some(field),
+                }) = part
+                {
+                    let wanted = plain(field.data_type());
+                    let known = types.entry(id.clone()).or_insert_with(|| wanted.clone());
+                    if *known != wanted {
+                        conflict = Some(format!("{id} would be both {known} and {wanted}"));
+                    }
+                }
+                Ok(TreeNodeRecursion::Continue)
+            })
+        })
+    })?;
+    conflict.map_or(Ok(types), |conflict| Err(QueryError::Parameter(conflict)))
 }

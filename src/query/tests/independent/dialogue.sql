@@ -57,8 +57,9 @@ WITH missed AS (
   SELECT
     lower(trim(call.argument)) AS word, call.match_source AS source, call.step AS step, episode_id, policy, success, trace,
     call.error_code IS NOT NULL AS failed
-  FROM calls
-  WHERE call.match_source IS NOT NULL AND if(call.match_categories IS NULL, NOT call.query_known, len(call.match_categories) = 0)
+  FROM episodes, unnest(episodes.steps) AS of_episode(call)
+  WHERE (parent_call IS NULL OR call.step >= parent_call)
+  AND call.match_source IS NOT NULL AND if(call.match_categories IS NULL, NOT call.query_known, len(call.match_categories) = 0)
 )
 SELECT
   word AS "query", source, count(*) AS calls, tally(failed) AS failed, count(DISTINCT episode_id) AS episodes,

@@ -72,7 +72,7 @@ FROM skills GROUP BY policy, skill ORDER BY policy, skill = 'all', skill;
 CREATE TABLE answer.repeatability AS
 WITH trials AS (
   SELECT unnest([ifnull(it.target, '?'), 'all']) AS target, it
-  FROM episodes, unnest(episodes.measurements) AS log(it) WHERE it.kind = 'alignment'
+  FROM told, unnest(told.measurements) AS log(it) WHERE it.kind = 'alignment'
 )
 SELECT
   target, count(*) AS trials, avg(it.odometry_error_m * 100) AS odometry_cm, stddev_samp(it.odometry_error_m * 100) AS odometry_sd_cm,

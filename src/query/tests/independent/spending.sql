@@ -41,13 +41,13 @@ SELECT
   group_id, min(policy) AS policy, min(task_id) AS task_id, count(*) AS rollouts, tally(success) AS successes,
   count(DISTINCT task_digest) AS tasks, avg(discounted_return) AS mean, stddev_pop(discounted_return) AS std,
   min(discounted_return) AS worst, max(discounted_return) AS best, count(DISTINCT discounted_return) > 1 AS signal
-FROM ended WHERE group_id IS NOT NULL GROUP BY group_id ORDER BY group_id;
+FROM grouped GROUP BY group_id ORDER BY group_id;
 
 CREATE TABLE answer.group_advantages AS
 SELECT
   group_id, rollout_index, e.policy, e.task_id, success, total_reward, discounted_return,
   (discounted_return - mean) / (std + 1e-6) AS advantage, episode_id, trace
-FROM ended e JOIN answer.groups USING (group_id) ORDER BY group_id, rollout_index, episode_id;
+FROM grouped e JOIN answer.groups USING (group_id) ORDER BY group_id, rollout_index, episode_id;
 
 CREATE TABLE answer.latency AS
 WITH timed AS (SELECT policy, episode_id, call, call.latency_ns / 1e9 AS s FROM calls WHERE call.latency_ns IS NOT NULL)

@@ -19,7 +19,10 @@ CREATE MACRO kind(tool) AS (
 -- The episodes without the branches, each with its calls as one word.
 CREATE VIEW told AS SELECT *, ifnull(array_to_string([letter(call) FOR call IN steps], ''), '') AS word
 FROM episodes WHERE parent_trace IS NULL;
-CREATE VIEW ended AS FROM episodes WHERE end_reason IS NOT NULL;
+-- Members of prompt groups: not what branches from a member.
+CREATE VIEW grouped AS
+FROM episodes WHERE end_reason IS NOT NULL AND group_id IS NOT NULL
+AND (parent_trace IS NULL OR (parent_trace, group_id) NOT IN (SELECT (trace_digest, group_id) FROM episodes WHERE group_id IS NOT NULL));
 CREATE VIEW played AS FROM told WHERE end_reason IS NOT NULL;
 -- A row a call, beside all of its episode.
 CREATE VIEW calls AS SELECT e.*, call FROM told e, unnest(e.steps) AS of_episode(call);

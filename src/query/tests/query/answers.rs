@@ -9,7 +9,7 @@ use reel_reward::Preset;
 use reel_tables::{AnswerLabelRow, Store};
 use reel_taxonomy::{RuleSet, classify};
 use reel_trace::{
-    Images, Timing,
+    Images, Timing, Trace,
     robot::{Alignment, PrimitiveOutcome, VlaLatency},
 };
 use reel_world::{
@@ -202,7 +202,18 @@ fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
 /// under the other preset.
 fn rich_store(dir: &Path) -> Store {
     let mut plays = varied();
-    plays.extend(varied().into_iter().map(as_branch));
+    let parents = dir.join("parents");
+    fs::create_dir(&parents).unwrap();
+    let branch = |play: &Play| as_branch(play, &play.record(&parents, Images::None));
+    let mut branches: Vec<Play> = plays.iter().map(branch).collect();
+    // rollouts of a group that begins at a recorded call
+    for index in 0..2 {
+        let mut play = branch(&success("student", Family::FDO, 30 + u64::from(index)));
+        play.header.group_id = Some("group-c".into());
+        play.header.rollout_index = Some(index);
+        branches.push(play);
+    }
+    plays.extend(branches);
     let mut store = store(dir, &plays);
     let broken_off = Play::new("student", Family::FDP, 19)
         .nav("table_1")
@@ -254,10 +265,11 @@ fn label_answers(store: &mut Store, session: &QuerySession) {
 }
 
 /// The same as a branch. It is no trial: whatever counts it as one counts the episode twice.
-fn as_branch(mut play: Play) -> Play {
+fn as_branch(play: &Play, parent: &Trace) -> Play {
+    let mut play = play.clone();
     play.header.episode_id += "-branch";
     play.header.parent = Some(Parent {
-        trace: play.header.task_digest,
+        trace: parent.chain(),
         call: 1,
     });
     play

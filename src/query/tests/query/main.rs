@@ -202,6 +202,60 @@ fn an_empty_store_answers_every_named_query_with_its_columns() {
     }
 }
 
+/// Texts are read as views, tables without a file are not read at all: no answer shows it.
+#[test]
+fn how_tables_are_read_changes_no_answer() {
+    let dir = TempDir::new().unwrap();
+    let session =
+        QuerySession::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
+    let unions = [
+        "SELECT author AS who FROM labels UNION ALL SELECT DISTINCT policy FROM episodes",
+        "SELECT author AS who FROM labels UNION ALL (SELECT policy FROM episodes ORDER BY policy LIMIT 3)",
+        "SELECT author AS who FROM labels UNION ALL (SELECT author FROM remarks UNION ALL SELECT policy FROM episodes)",
+        "SELECT who FROM (SELECT author AS who FROM labels UNION SELECT policy FROM episodes) GROUP BY who",
+    ];
+    for sql in unions {
+        let batches = session.run(sql).unwrap();
+        assert_eq!(batches[0].schema().field(0).name(), "who", "{sql}");
+        assert_eq!(ask(&session, sql), ["oracle"], "{sql}");
+    }
+    let joins = [
+        (
+            "SELECT e.policy, l.author FROM episodes e LEFT JOIN labels l ON l.episode_id = e.episode_id",
+            "oracle,",
+        ),
+        (
+            "SELECT e.policy, l.author FROM labels l RIGHT JOIN episodes e ON l.episode_id = e.episode_id",
+            "oracle,",
+        ),
+        (
+            "SELECT policy FROM episodes WHERE episode_id NOT IN (SELECT episode_id FROM labels)",
+            "oracle",
+        ),
+        ("SELECT count(*), max(author) FROM labels", "0,"),
+        (
+            "SELECT policy, (SELECT count(*) FROM labels l WHERE l.episode_id = e.episode_id) AS n FROM episodes e",
+            "oracle,0",
+        ),
+    ];
+    for (sql, row) in joins {
+        assert_eq!(ask(&session, sql), [row], "{sql}");
+    }
+    // one value beside a text of the table and one of the steps
+    let parameters = [("x".to_owned(), "oracle".to_owned())].into();
+    let both = "SELECT count(*) > 0 FROM steps WHERE policy = $x OR tool = $x";
+    let batches = session.run_with(both, &parameters).unwrap();
+    assert!(format(&batches, Format::Csv).unwrap().ends_with("true\n"));
+    for sql in [
+        "-- what is there?\nSHOW COLUMNS FROM labels",
+        "DESCRIBE labels",
+        "SELECT data_type FROM information_schema.columns WHERE table_name = 'labels'",
+    ] {
+        let told = ask(&session, sql).join("\n");
+        assert!(told.contains("Utf8") && !told.contains("View"), "{told}");
+    }
+}
+
 #[test]
 fn only_questions_are_answered() {
     let dir = TempDir::new().unwrap();

@@ -288,9 +288,10 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
         ),
         view(
             "measurements",
-            "`episode_id`, `policy`, `backend` and the columns of a measurement.",
+            "`episode_id`, `policy`, `backend`, `parent_trace` and the columns of a measurement.",
             format!(
-                "SELECT episode_id, policy, backend, {} FROM (SELECT episode_id, policy, backend, unnest(measurements) AS m FROM episodes)",
+                "SELECT episode_id, policy, backend, parent_trace, {} \
+                 FROM (SELECT episode_id, policy, backend, parent_trace, unnest(measurements) AS m FROM episodes)",
                 flat("m", MEASURED)
             ),
         ),

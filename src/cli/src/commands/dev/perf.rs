@@ -103,7 +103,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let made = draw(&DrawOptions {
         scene: &scene,
         families: &Family::ALL,
-        count: arguments.count,
+        count: if arguments.physics {
+            1
+        } else {
+            arguments.count
+        },
         seed: 1,
     });
     let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
