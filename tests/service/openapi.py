@@ -252,7 +252,6 @@ def traces(client, episode, recording):
     client.expect(400, "GET", frames, query={"camera": "free"}, trace=name, step="2")
     client.expect(400, "GET", frames, trace=name, step="now")
     client.expect(404, "GET", frames, trace=name, step="999")
-    client.expect(204, "GET", frames, query={"if_any": "true"}, trace=name, step="999")
     client.expect(400, "GET", steps, query={"from": -1}, trace=name)
     client.expect(400, "GET", path + "/blame", query={"alternative": "maybe"}, trace=name)
     client.expect(422, "GET", reward, query={"preset": "unknown"}, trace=name)
@@ -315,7 +314,8 @@ def opinions(client, episode):
     label = {"episode": which, "step": 0, "author": "ann", "label": "faithful"}
     client.expect(400, "POST", "/api/answer-labels", b"{")
     client.expect(422, "POST", "/api/answer-labels", {**label, "label": "so so"})
-    mine = {"author": "ann"}
+    mine = {"author": "dan"}
+    client.expect(201, "POST", "/api/labels", {"episode": which, "class": "Other", **mine})
     client.expect(204, "DELETE", "/api/labels/{episode}", query=mine, episode=which)
     client.expect(422, "DELETE", "/api/labels/{episode}", query=mine, episode=which)
     client.expect(400, "DELETE", "/api/labels/{episode}", query={"author": "ann", "colour": "red"}, episode=b"\xff")
@@ -327,7 +327,9 @@ def opinions(client, episode):
     said = client.expect(200, "GET", path, query={"episode": which})
     if [(one["kind"], one["text"]) for one in said] != [("tag", "door")]:
         client.seen.complain(f"the remarks are not those that were kept: {said}")
-    client.expect(400, "GET", path)
+    client.expect(400, "GET", path, query="?episode=%ff&episode=x")
+    for text in ("one", "two"):
+        client.expect(201, "POST", path, {**remark, "author": "dan", "text": text})
     tag = {"author": "ann", "kind": "tag", "text": "door"}
     client.expect(204, "DELETE", path + "/{episode}", query=tag, episode=which)
     client.expect(422, "DELETE", path + "/{episode}", query=tag, episode=which)
@@ -376,7 +378,7 @@ def claims(client, data):
     client.expect(422, "GET", path, file="wrong")
 
 
-def environments(client, task, recording):
+def environments(client, task):
     """Episodes of clients of OpenEnv over HTTP."""
     for path in ("/health", "/metadata", "/schema", "/state"):
         client.expect(200, "GET", path)
@@ -396,7 +398,6 @@ def environments(client, task, recording):
     client.expect(422, "POST", "/step", {"action": {}, "episode_id": "mine"})
     client.expect(422, "POST", "/reset", {"weather": "rain"})
     client.expect(404, "POST", "/reset", {"trace": "nothing"})
-    client.expect(409, "POST", "/reset", {"trace": recording})
 
 
 def definitions(client, data):
@@ -415,7 +416,7 @@ def definitions(client, data):
         client.expect(400, method, path, panel, file="../mine")
 
 
-def sessions(client, agent, task):
+def sessions(client, agent, task, played):
     """Live sessions, prompt groups, and a question that a person answers."""
     path = "/api/sessions/{session}"
     answer = {"answer": "the one by the window"}
@@ -437,7 +438,12 @@ def sessions(client, agent, task):
     client.expect(404, "GET", path + "/question", session=session)
 
     client.expect(200, "GET", "/api/sessions")
-    agent.call("walk_around")
+    # Where something stands there is something to see.
+    scene = client.expect(200, "GET", "/api/traces/{trace}/scene", trace=played)
+    for receptacle in scene["receptacles"]:
+        agent.call("nav_to", receptacle_name=receptacle["id"])
+        if client.expect(200, "GET", path + "/calls", session=session)["in_view"]:
+            break
     client.expect(200, "GET", path, session=session)
     at_play = [file["trace"] for file in client.expect(200, "GET", "/api/traces", query={"limit": 1000})["traces"] if file["recording"]]
     client.expect(200, "GET", path + "/frame", session=session)
@@ -502,8 +508,8 @@ def open_server(folder, episodes):
         ingested = client.expect(200, "GET", "/api/episodes")["episodes"]
         if {episode["episode_id"] for episode in episodes} - {episode["episode_id"] for episode in ingested}:
             seen.complain("the tables do not have every episode that was ingested")
-        sessions(client, agent, failed["task_id"])
-        environments(client, failed["task_id"], recording)
+        sessions(client, agent, failed["task_id"], succeeded["trace"])
+        environments(client, failed["task_id"])
         seen.end(server)
     return seen
 
@@ -558,7 +564,8 @@ def narrow_server(folder, seen, made, episodes):
 
         # One row is all that there may be.
         admin.expect(422, "GET", "/api/episodes")
-        admin.expect(422, "GET", "/api/labels")
+        for path in ("/api/labels", "/api/remarks"):
+            admin.expect(422, "GET", path)
         admin.expect(422, "GET", "/api/episodes/{episode}", episode=labelled)
 
         # One is asking, and the others wait in vain.
@@ -608,7 +615,8 @@ def narrow_server(folder, seen, made, episodes):
 
         (data / "traces").rename(data / "elsewhere")
         try:
-            admin.expect(507, "GET", "/api/traces")
+            for path in ("/api/traces", "/api/waiting"):
+                admin.expect(507, "GET", path)
             admin.expect(507, "PUT", "/api/traces/{trace}", b"", trace="nothing")
         finally:
             (data / "elsewhere").rename(data / "traces")
