@@ -39,6 +39,27 @@ export async function ended_jobs_are_not_asked_for(browser) {
   });
 }
 
+/** The next ingest of new traces takes the place of the last one in the list; a page that saw the last one can still ask how it ended. */
+export async function a_superseded_job_can_be_asked_for(_browser, { trace, step }) {
+  const jobs = async () => (await fetch(`${url}/api/jobs`)).json();
+  const before = (await jobs()).map(({ id }) => id);
+  const isNew = ({ id, work }) => work.kind === "ingest" && !before.includes(id);
+  const ingested = async (not) => {
+    const made = await fetch(`${url}/api/traces/${trace}/branches`, {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ at: step, policy: "planner", name: `superseding-${Date.now()}` }),
+    });
+    assert(made.status === 201, await made.text());
+    let job;
+    await until(async () => (job = (await jobs()).find((job) => isNew(job) && job.id !== not && job.state === "done")), "the branch is ingested");
+    return job.id;
+  };
+  const first = await ingested();
+  await ingested(first);
+  assert(!(await jobs()).some(({ id }) => id === first), "the last ingest is listed beside the next one");
+  const answer = await fetch(`${url}/api/jobs/${first}`);
+  assert(answer.status === 200 && (await answer.json()).state === "done", `${answer.status} for the last ingest`);
+}
+
 /** The drawer of jobs: from any page by mouse and key, with what runs and what ran, why it failed, and the same work again. */
 export async function jobs_have_a_drawer(browser) {
   for (const dark of [false, true]) {

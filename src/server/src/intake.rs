@@ -109,7 +109,7 @@ async fn finished_traces(app: &Arc<App>) -> Option<BTreeMap<String, FileStamp>> 
 /// asked for one.
 async fn ingest(app: &Arc<App>, traces: Vec<String>, previous_job: &mut Option<u64>) -> bool {
     if let Some(previous) = previous_job.take() {
-        app.jobs.forget(previous);
+        app.jobs.unlist(previous);
     }
     let Ok(job) = app.jobs.start(Work::Ingest { traces }) else {
         return false;

@@ -160,6 +160,8 @@ pub(crate) struct Jobs {
 struct KnownJob {
     job: watch::Receiver<Job>,
     stop: CancellationToken,
+    /// Jobs that were superseded are not listed, but whoever saw one can still ask how it ended.
+    listed: bool,
 }
 
 /// Where jobs find and leave things.
@@ -234,7 +236,12 @@ impl Jobs {
                 ));
             }
             while known.len() >= REMEMBERED {
-                let Some(oldest) = known.iter().position(|known| known.job.borrow().ended()) else {
+                let ended = |known: &KnownJob| known.job.borrow().ended();
+                let Some(oldest) = known
+                    .iter()
+                    .position(|known| !known.listed && ended(known))
+                    .or_else(|| known.iter().position(ended))
+                else {
                     break;
                 };
                 known.remove(oldest);
@@ -242,6 +249,7 @@ impl Jobs {
             known.push_back(KnownJob {
                 job: receiver,
                 stop: stop.clone(),
+                listed: true,
             });
         }
         let (at_once, command, running) = (
@@ -269,11 +277,12 @@ impl Jobs {
         Ok(job)
     }
 
-    /// Every job, the newest first.
+    /// Every listed job, the newest first.
     pub fn list(&self) -> Vec<Job> {
         self.lock()
             .iter()
             .rev()
+            .filter(|known| known.listed)
             .map(|known| known.job.borrow().clone())
             .collect()
     }
@@ -293,8 +302,11 @@ impl Jobs {
     }
 
     /// Leaves a job out of the list.
-    pub fn forget(&self, id: u64) {
-        self.lock().retain(|known| known.job.borrow().id != id);
+    pub fn unlist(&self, id: u64) {
+        self.lock()
+            .iter_mut()
+            .filter(|known| known.job.borrow().id == id)
+            .for_each(|known| known.listed = false);
     }
 
     /// Stops a waiting or running job; fails if it has ended or is unknown.
