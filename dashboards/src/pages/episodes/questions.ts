@@ -25,21 +25,13 @@ export interface Part extends Omit<List, "columns"> {
   page: number;
 }
 
-/** The rows of a page of the list as the table has them. */
-export function listedRows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
+/** The rows of a page of the list, with where the text stands that was searched, and with their branches. */
+export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
   const text = `${LISTED}
 SELECT ${selected(list.columns, list.text ? ["instruction"] : [])} FROM listed WHERE ${conditionOf(list)}
 ORDER BY ${order(list.sort, list.descending)} LIMIT ${size} OFFSET ${(list.page - 1) * size}`;
-  return sql<Episode>(text, parametersOf(list), signal);
-}
-
-/** These rows with where the text stands that was searched, and with their branches. */
-export async function withDetails(found: Episode[], list: Part, signal: AbortSignal): Promise<Episode[]> {
+  const found = await sql<Episode>(text, parametersOf(list), signal);
   return withBranches(list.text ? await withPlaces(found, list.text, signal) : found, list.columns, signal);
-}
-
-export async function rows(list: Part, signal: AbortSignal, size = SIZE): Promise<Episode[]> {
-  return withDetails(await listedRows(list, signal, size), list, signal);
 }
 
 /** What can be copied of a list: its link, and the question behind it. */

@@ -17,8 +17,7 @@ pub(crate) fn script(name: &str, arguments: &[&str]) {
     reel_vectors::run(command);
 }
 
-/// The faults of every day; `make service` has all of them, and the fuzzing
-/// of the OpenAPI document.
+/// The faults of every day; `make service` has all of them.
 const FAULTS: &[&str] = &reel_world::words! {
     kill_under_load names_are_taken_once disk_full file_too_large upload_breaks_off halves
     large_bodies bodies_as_large_as_they_may_be deep_json_and_invalid_utf8 hostile_calls
@@ -47,6 +46,12 @@ fn openenv_clients_reset_and_step() {
 #[test]
 fn nothing_privileged_reaches_a_policy() {
     script("service/leaks.py", &["--episodes", "40"]);
+}
+
+/// Every answer that the OpenAPI document has; `make service` adds what Schemathesis makes up.
+#[test]
+fn every_documented_answer_comes() {
+    script("service/openapi.py", &["--short"]);
 }
 
 #[test]

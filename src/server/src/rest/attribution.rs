@@ -22,7 +22,7 @@ ORDER BY e.episode_id, e.trace_digest";
 /// from what the latest job of kind `attribute` measured. `missing` counts failed episodes that came
 /// after it; they count as failed.
 #[utoipa::path(get, path = "/api/attribution", operation_id = "show_attribution", tag = "tables",
-    responses((status = 200, body = ref("#/components/schemas/Attribution")), (status = 400, body = ErrorBody),
+    responses((status = 200, body = ref("#/components/schemas/Attribution")),
         (status = 404, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn show(State(app): State<Arc<App>>) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, |app| {
