@@ -14,7 +14,7 @@ use std::{
 
 use arrow::array::RecordBatch;
 use datafusion::{
-    common::tree_node::{TreeNode as _, TreeNodeRecursion},
+    common::tree_node::TreeNode as _,
     error::DataFusionError,
     execution::{
         SessionState,
@@ -35,7 +35,7 @@ use crate::{
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     partition::partition_by_trace,
     sort_keys::precompute_sort_keys,
-    tables::{StepFields, asks_schema, reads_steps, step_fields, without_empty_tables},
+    tables::{StepFields, asks_schema, has_node, reads_steps, step_fields, without_empty_tables},
 };
 use answer::{AHEAD, Part};
 use catalog::all_views;
@@ -364,18 +364,12 @@ fn calls(
 ) -> Result<bool, DataFusionError> {
     let call =
         |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if such(call)));
-    let mut found = false;
-    plan.apply_with_subqueries(|node| {
-        for expression in node.expressions() {
-            found = found || expression.exists(&call)?;
-        }
-        Ok(if found {
-            TreeNodeRecursion::Stop
-        } else {
-            TreeNodeRecursion::Continue
-        })
-    })?;
-    Ok(found)
+    has_node(plan, |node| {
+        let expressions = node.expressions();
+        expressions
+            .iter()
+            .any(|expression| expression.exists(&call).is_ok_and(|found| found))
+    })
 }
 
 impl std::fmt::Debug for QuerySession {

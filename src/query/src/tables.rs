@@ -347,7 +347,8 @@ pub(crate) fn asks_schema(plan: &LogicalPlan) -> Result<bool> {
     })
 }
 
-fn has_node(plan: &LogicalPlan, is: impl Fn(&LogicalPlan) -> bool) -> Result<bool> {
+/// Whether a plan or a subquery in it has such a node.
+pub(crate) fn has_node(plan: &LogicalPlan, is: impl Fn(&LogicalPlan) -> bool) -> Result<bool> {
     let mut found = false;
     plan.apply_with_subqueries(|node| {
         found = found || is(node);
