@@ -1,6 +1,6 @@
 /** What the search box of all pages finds: pages, values of filters, episodes, and questions. */
 import { sql, traceName } from "./api";
-import { CLASS, FILTERS, type Filter, episodeLink, filterName } from "./episodes";
+import { CLASS, FILTERS, type Filter, episodeLink, filterName, filterValue } from "./episodes";
 import { number } from "./format";
 import { link } from "./route.svelte";
 import { contains, excerpt } from "./search";
@@ -64,7 +64,7 @@ ORDER BY length(trace), trace LIMIT ${FEW})${TAGS}`;
     kind === "episode"
       ? { kind, name: traceName(value), detail: "", address: episodeLink(value) }
       : {
-          kind: filterName(kind as Filter), name: value, detail: `${number(episodes)} ${episodes === 1 ? "episode" : "episodes"}`,
+          kind: filterName(kind as Filter), name: filterValue(kind as Filter, value), detail: `${number(episodes)} ${episodes === 1 ? "episode" : "episodes"}`,
           address: link("/episodes", { [kind]: value }),
         });
 }

@@ -22,6 +22,12 @@ export function text(value: unknown): string {
   return typeof value === "object" ? JSON.stringify(value) : String(value);
 }
 
+/** A value in a table: of a number four decimals, or four digits if it is below one. */
+export function short(value: unknown): string {
+  if (typeof value !== "number" || Number.isInteger(value)) return text(value);
+  return String(Number(Math.abs(value) < 1 ? value.toPrecision(4) : value.toFixed(4)));
+}
+
 /** What is not there comes last, whichever way the order goes. */
 export function sorted(rows: Row[], column: string, down: boolean): Row[] {
   const by = new Intl.Collator("en", { numeric: true });

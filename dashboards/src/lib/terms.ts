@@ -93,7 +93,7 @@ const COLUMN: Terms = {
   verdict: "Whether a replay came to the same digests.",
   end_reason: "How the episode ended.",
   label: "The class that people gave.",
-  wasted_steps: "Decisions lost from the decisive step on.",
+  wasted_steps: "Steps lost: the sum of the regret of all calls. A call's regret is how far the cost to go did not fall by one, so it can be more than one.",
   point_of_no_return: "The step from which the decisions left were too few to be sure of success.",
   asks: "Questions to the user.",
   run_id: "The episodes of one command.",

@@ -44,7 +44,7 @@ function add<P extends Piece>(pieces: Map<string, P>, key: string, flow: Flow, c
 
 export function sankey(flows: Flow[], chosen: Chosen, dark: boolean): EChartsCoreOption {
   const colors = palette(dark);
-  const color = (flow: Flow) => colors.series[(CLASSES.indexOf(flow.class) + 1 || 6) % colors.series.length]!;
+  const color = (flow: Flow) => colors.series[CLASSES.indexOf(flow.class) + 1]!;
   const any = PARTS.some((part) => chosen[part]);
   const nodes = new Map<string, Piece & { name: string; depth: number }>();
   const links = new Map<string, Piece & { source: string; target: string }>();
