@@ -90,6 +90,7 @@ done
 timed "10,000 flips, 200 kills, a cut at every byte" env REEL_FLIPS=10000 REEL_KILLS=200 REEL_CUT_STRIDE=1 cargo test --locked --quiet --workspace --test trace
 timed "1,000 forgeries" env REEL_FORGERIES=1000 cargo test --locked --quiet --workspace --test replay -- forgeries
 timed "1,000 branches" env REEL_BRANCHES=1000 cargo test --locked --quiet --workspace --test branch -- random
+timed "202 episodes to ATIF and back" env REEL_ATIF_TASKS=67 cargo test --locked --quiet --workspace --test cli -- a_trace_comes_back
 timed "blame of every task" env REEL_EVERY_TASK=1 REEL_REAL_BENCH="$data" cargo test --locked --quiet --workspace --test blame -- real_bench
 
 # A few tasks of each family, from one build to the other.

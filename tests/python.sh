@@ -23,7 +23,7 @@ if ! current; then
     "${pip[@]}" -r "$requirements" >&2
     alone=$(sed -n 's/^# without dependencies: //p' "$requirements")
     # shellcheck disable=SC2086
-    [[ -z $alone ]] || "${pip[@]}" --no-deps $alone >&2
+    [[ -z $alone ]] || "${pip[@]}" --no-deps --ignore-requires-python $alone >&2
     cp "$requirements" "$home/requirements.txt"
   fi
 fi

@@ -30,6 +30,11 @@ pub enum ImportError {
         "no recording here: give a file .mcap, a folder that rosbag2 wrote, or a folder of such: {root}"
     )]
     NoRecording { root: PathBuf },
+    /// No trajectory lies in the folder or below it.
+    #[error(
+        "no trajectory of ATIF here: give a .json file with a schema_version, or a folder of such: {root}"
+    )]
+    NoTrajectory { root: PathBuf },
     /// A recording in a form that is not read.
     #[error("{reason}: {path}")]
     Storage { path: PathBuf, reason: String },

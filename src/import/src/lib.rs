@@ -1,5 +1,6 @@
 //! Episodes that agents of the published REAL framework played (`eval_output`,
-//! docs/spec.md#evaluation-agents) as traces; [`robot`] does the same for what robots recorded.
+//! docs/spec.md#evaluation-agents) as traces; [`robot`] does the same for what robots recorded, [`atif`]
+//! for trajectories of any agent.
 //!
 //! Owns what their files mean. Reads every field leniently: a missing file is less information; a
 //! torn one is a loss that is named, and the steps before it are imported. Never simulates, never
@@ -26,6 +27,7 @@
 //! they come: [`started_episode`] is the task that a server tells, [`ObservedState`] what its
 //! results show, [`record`] the step that follows.
 
+pub mod atif;
 mod episode;
 mod error;
 pub mod eval_client;

@@ -93,6 +93,34 @@ enum Command {
         #[command(flatten)]
         importing: Importing,
     },
+    /// Trajectories of any agent in ATIF, the Agent Trajectory Interchange Format
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Every document becomes one trace, and every agent to which it delegates one more: each call is
+    /// a step with its result and image, what the agent said and thought, and its tokens. A turn without a
+    /// call is a call of `message`. Documents that `reel export atif` wrote keep task, rewards and
+    /// world graphs; of others the task is unknown, and none counts as a success. The
+    /// traces can be shown and queried like any other, but not executed again.
+    ///
+    /// Images have to be files beside the document, of the size that the head camera has; others are named and left
+    /// out. A second import gives the same bytes.
+    ///
+    /// Examples:
+    ///   reel import atif trajectory.json --out traces
+    ///   reel import atif jobs --out traces && reel ingest traces && reel query --named tool_transitions
+    ///
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or
+    /// left out.
+    Atif {
+        /// A document (.json), or a folder with documents in it
+        #[arg(value_name = "FILE|DIR")]
+        documents: PathBuf,
+        /// Name of the run that the traces belong to
+        #[arg(long, value_name = "NAME", default_value = "atif")]
+        run: String,
+        #[command(flatten)]
+        importing: Importing,
+    },
 }
 
 /// What every import takes.
@@ -135,7 +163,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             run,
             importing,
         } => robot(recordings, mapping, run, importing),
+        Command::Atif {
+            documents,
+            run,
+            importing,
+        } => atif(documents, run, importing),
     }
+}
+
+fn atif(root: &Path, run: &str, importing: &Importing) -> anyhow::Result<ExitStatus> {
+    let documents = reel_import::atif::documents(root)?;
+    let (results, broken) = importing.each(&documents, run, reel_import::atif::import)?;
+    let mut episodes = Vec::new();
+    for (document, result) in documents.iter().zip(results) {
+        let of_document = match result {
+            Ok(imported) => imported.into_iter().map(Ok).collect(),
+            Err(error) => vec![Err(error)],
+        };
+        for episode in of_document {
+            tell(document, &episode, importing.json)?;
+            episodes.push(episode);
+        }
+    }
+    Ok(answer(&episodes, broken, &importing.out, importing.json))
 }
 
 fn robot(

@@ -14,6 +14,8 @@ mod agents;
 mod agreement;
 #[cfg(feature = "service")]
 mod annotation;
+#[cfg(feature = "analytics")]
+mod atif;
 mod attribution;
 mod blame;
 mod branches;

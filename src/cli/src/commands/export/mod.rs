@@ -1,5 +1,7 @@
 //! `reel export`: training sets and recordings for other tools.
 
+#[cfg(feature = "analytics")]
+mod atif;
 mod coco;
 #[cfg(feature = "analytics")]
 mod preferences;
@@ -51,6 +53,9 @@ enum Command {
     #[command(about = "Traces in the files of REAL's annotation script")]
     #[cfg(feature = "analytics")]
     RealAnnotation(real_annotation::Arguments),
+    #[command(about = "Traces as trajectories of ATIF, which other tools for agents read")]
+    #[cfg(feature = "analytics")]
+    Atif(atif::Arguments),
     #[command(about = "Frames of traces with masks of everything in them, as COCO has it")]
     Coco(coco::Arguments),
     /// One episode as a Rerun recording: images, transforms, boxes, transcript, rewards
@@ -123,6 +128,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         #[cfg(feature = "analytics")]
         Command::Preferences(arguments) => preferences::run(arguments),
         Command::RealEval(arguments) => real_eval::execute(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Atif(arguments) => atif::execute(arguments),
         Command::Coco(arguments) => coco::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::RealAnnotation(arguments) => real_annotation::run(arguments),

@@ -1,0 +1,299 @@
+//! Trajectories in ATIF: what a trace is afterwards, and what becomes of those of other agents.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use reel_import::atif::LOST;
+use reel_trace::{Trace, TraceFiles};
+use serde_json::{Value, json};
+
+use crate::{complaint, expect};
+
+/// What these episodes do not have, or have the same: one build wrote both.
+const NOT_LOST_HERE: &[&str] = &[
+    "header.build",
+    "header.meshes",
+    "start.visible",
+    "depth",
+    "masks",
+    "timings",
+    "robot",
+    "sensors",
+];
+
+#[test]
+fn a_trace_comes_back_but_for_what_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let count = std::env::var("REEL_ATIF_TASKS").unwrap_or_else(|_| "3".to_owned());
+    expect(
+        folder,
+        0,
+        &[
+            "task", "generate", "--count", &count, "--seed", "5", "--out", "tasks",
+        ],
+    );
+    for (policy, images) in [
+        ("oracle", None),
+        ("planner", Some("--no-images")),
+        ("wrong-object", Some("--no-images")),
+    ] {
+        let run = [
+            "run", "--tasks", "tasks", "--policy", policy, "--out", "traces",
+        ];
+        expect(folder, 0, &[&run[..], images.as_slice()].concat());
+    }
+    let parent = fs::read_dir(folder.join("traces"))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    let branch = [
+        "branch",
+        parent.to_str().unwrap(),
+        "--at",
+        "1",
+        "--policy",
+        "oracle",
+        "--out",
+        "traces/branch.mcap",
+    ];
+    expect(folder, 0, &branch);
+
+    let told = expect(
+        folder,
+        0,
+        &["export", "atif", "traces", "--out", "documents"],
+    );
+    let page = include_str!("../../../../docs/trajectories.md");
+    for (field, what) in LOST {
+        assert!(told.contains(&format!("{field}: {what}")), "{told}");
+        assert!(page.contains(&format!("| `{field}` | {what} |")), "{field}");
+    }
+    let imported = ["import", "atif", "documents", "--out", "back", "--json"];
+    let lines = expect(folder, 0, &imported);
+    let mut lost = BTreeSet::new();
+    let mut episodes = 0;
+    for line in lines.lines() {
+        let told: Value = serde_json::from_str(line).unwrap();
+        let document = PathBuf::from(told["source"].as_str().unwrap());
+        let name = document.file_stem().unwrap().to_str().unwrap();
+        assert_eq!(told["losses"], json!([]), "{line}");
+        let before = parts(&folder.join("traces").join(format!("{name}.mcap")));
+        let after = parts(&folder.join(told["trace"].as_str().unwrap()));
+        differences("", &before, &after, &mut lost);
+        episodes += 1;
+    }
+    assert_eq!(episodes, 3 * count.parse::<usize>().unwrap() + 1);
+    let fields: BTreeSet<&str> = LOST.iter().map(|(field, _)| *field).collect();
+    let listed = |path: &String| {
+        fields.iter().copied().find(|field| {
+            path.strip_prefix(*field)
+                .is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+        })
+    };
+    for path in &lost {
+        assert!(listed(path).is_some(), "{path} is lost and not listed");
+    }
+    let seen: BTreeSet<&str> = lost.iter().filter_map(listed).collect();
+    let expected = &fields - &BTreeSet::from_iter(NOT_LOST_HERE.iter().copied());
+    assert_eq!(seen, expected, "what is listed is lost");
+    let twin = folder.join("traces/sub");
+    fs::create_dir(&twin).unwrap();
+    fs::copy(folder.join("traces/branch.mcap"), twin.join("branch.mcap")).unwrap();
+    let told = complaint(folder, 2, &["export", "atif", "traces", "--out", "twice"]);
+    assert!(told.contains("two traces are called branch"), "{told}");
+    println!(
+        "{episodes} episodes come back but for {} listed fields",
+        seen.len()
+    );
+
+    // The traces are like others, and the same again.
+    expect(folder, 0, &["ingest", "back", "--store", "store"]);
+    let again = ["import", "atif", "documents", "--out", "again", "--json"];
+    for line in expect(folder, 0, &again).lines() {
+        let told: Value = serde_json::from_str(line).unwrap();
+        let again = folder.join(told["trace"].as_str().unwrap());
+        let first = folder.join("back").join(again.file_name().unwrap());
+        assert_eq!(fs::read(again).unwrap(), fs::read(first).unwrap());
+    }
+}
+
+/// Everything of a trace that can be compared.
+fn parts(path: &Path) -> Value {
+    let trace: Trace = TraceFiles::default().read(path).unwrap();
+    let steps = (0..trace.steps.len() as u32).map(Some);
+    let images: Vec<Option<String>> = [None]
+        .into_iter()
+        .chain(steps)
+        .map(|step| {
+            trace
+                .frame_rgb(step)
+                .unwrap()
+                .map(|rgb| reel_world::Digest::of(&rgb).to_string())
+        })
+        .collect();
+    json!({
+        "header": trace.header, "task": *trace.task, "scene": *trace.scene, "start": trace.start,
+        "steps": trace.steps, "end": trace.end, "images": images,
+    })
+}
+
+/// Paths of what differs, each list without its numbers.
+fn differences(path: &str, before: &Value, after: &Value, found: &mut BTreeSet<String>) {
+    match (before, after) {
+        (Value::Object(left), Value::Object(right)) => {
+            for key in left.keys().chain(right.keys()) {
+                let path = if path.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{path}.{key}")
+                };
+                let of = |map: &serde_json::Map<String, Value>| {
+                    map.get(key).cloned().unwrap_or_default()
+                };
+                differences(&path, &of(left), &of(right), found);
+            }
+        }
+        (Value::Array(left), Value::Array(right)) if left.len() == right.len() => {
+            for (left, right) in left.iter().zip(right) {
+                differences(&format!("{path}[]"), left, right, found);
+            }
+        }
+        _ if before == after => {}
+        _ => drop(found.insert(path.to_owned())),
+    }
+}
+
+/// Harbor's models, those of the package `atif`, and Inspect Scout.
+#[test]
+fn the_readers_of_others_agree() {
+    crate::service::script("formats/trajectories.py", &[]);
+}
+
+#[test]
+fn what_other_agents_did_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let subagent = json!({
+        "schema_version": "ATIF-v1.7", "trajectory_id": "helper", "agent": {"name": "searcher", "version": "1"},
+        "steps": [
+            {"step_id": 1, "source": "user", "message": "Look it up."},
+            {"step_id": 2, "source": "agent", "message": "It is 3.", "llm_call_count": 1},
+        ],
+    });
+    let document = json!({
+        "schema_version": "ATIF-v1.7", "session_id": "fix-the-build",
+        "agent": {"name": "coder", "version": "2.1", "model_name": "a-model", "extra": null},
+        "steps": [
+            {"step_id": 1, "source": "system", "message": "You write code."},
+            {"step_id": 2, "source": "user", "message": [{"type": "text", "text": "Mend the build."}]},
+            {"step_id": 3, "source": "agent", "message": "old", "is_copied_context": true},
+            {"step_id": 4, "source": "agent", "message": "Two looks.", "reasoning_content": "Where is it?",
+             "tool_calls": [
+                {"tool_call_id": "a", "function_name": "bash", "arguments": {"command": "ls"}},
+                {"tool_call_id": "b", "function_name": "pick", "arguments": {"marker_id": 7}},
+             ],
+             "observation": {"results": [
+                {"source_call_id": "b", "content": "No marker with id 7."},
+                {"source_call_id": "a", "content": [
+                    {"type": "text", "text": "Makefile"},
+                    {"type": "image", "source": {"media_type": "image/png", "path": "https://example.org/a.png"}},
+                ]},
+             ]},
+             "metrics": {"prompt_tokens": 10, "completion_tokens": 5, "cost_usd": 0.1}},
+            {"step_id": 5, "source": "user", "message": "And the tests?"},
+            {"step_id": 6, "source": "agent", "message": "All pass."},
+        ],
+        "subagent_trajectories": [subagent],
+    });
+    fs::write(folder.join("one.json"), document.to_string()).unwrap();
+    // Folders of jobs hold other files, too.
+    fs::write(folder.join("config.json"), "{}").unwrap();
+    let lines = expect(
+        folder,
+        3,
+        &["import", "atif", ".", "--out", "out", "--json"],
+    );
+    let told: Vec<Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(told.len(), 2, "{lines}");
+    let losses = told[0]["losses"].to_string();
+    assert!(
+        losses.contains("step 4: image https://example.org/a.png is left out"),
+        "{losses}"
+    );
+    assert!(
+        told[0]["notes"].to_string().contains("step 3 is copied"),
+        "{lines}"
+    );
+    let trace = TraceFiles::default()
+        .read(&folder.join(told[0]["trace"].as_str().unwrap()))
+        .unwrap();
+    assert_eq!(trace.task.instruction, "Mend the build.");
+    assert_eq!(trace.header.policy.name, "coder");
+    assert_eq!(trace.header.policy.parameters["model"], "a-model");
+    assert_eq!(
+        trace.header.policy.parameters["system_prompt"],
+        "You write code."
+    );
+    let calls: Vec<&str> = trace
+        .steps
+        .iter()
+        .map(|step| step.input.call.name.as_str())
+        .collect();
+    assert_eq!(calls, ["bash", "pick", "message"]);
+    let said = trace.steps[0].input.policy.as_ref().unwrap();
+    assert_eq!(
+        (said.raw.as_str(), said.reasoning.as_str(), said.tokens),
+        ("Two looks.", "Where is it?", Some([10, 5]))
+    );
+    assert_eq!(trace.steps[0].outcome.text, "Makefile");
+    assert_eq!(
+        trace.steps[1].outcome.text,
+        "No marker with id 7.\nAnd the tests?"
+    );
+    assert_eq!(
+        trace.steps[2].input.policy.as_ref().unwrap().raw,
+        "All pass."
+    );
+    assert!(!trace.end.unwrap().metrics.success);
+    expect(folder, 0, &["ingest", "out", "--store", "store"]);
+    let replayed = expect(folder, 1, &["replay", "out"]);
+    assert!(replayed.contains("nothing to re-execute"), "{replayed}");
+
+    for (text, expected) in [
+        (
+            r#"{"schema_version": "ATIF-v2.0", "agent": {"name": "a", "version": "1"}, "steps": []}"#,
+            "version 'ATIF-v2.0' is not read",
+        ),
+        (
+            r#"{"schema_version": "ATIF-v1.7", "agent": {"name": "a", "version": "1"}, "steps": []}"#,
+            "the agent does nothing in it",
+        ),
+        (
+            r#"{"schema_version": "ATIF-v1.7", "steps": []}"#,
+            "missing field `agent`",
+        ),
+        (
+            r#"{"schema_version": "ATIF-v1.7", "agent""#,
+            "not a trajectory of ATIF",
+        ),
+    ] {
+        fs::write(folder.join("bad.json"), text).unwrap();
+        let told = complaint(folder, 2, &["import", "atif", "bad.json", "--out", "out"]);
+        assert!(
+            told.contains(expected) && told.contains("bad.json"),
+            "{told}"
+        );
+    }
+    fs::create_dir(folder.join("empty")).unwrap();
+    let told = complaint(folder, 2, &["import", "atif", "empty"]);
+    assert!(told.contains("no trajectory of ATIF here"), "{told}");
+}

@@ -1,0 +1,125 @@
+"""Trajectories in ATIF between Reel and others: Harbor's own models and those of the package `atif` validate what Reel writes, Inspect
+Scout reads it, and what the package writes for another agent becomes traces. Where the packages cannot be installed, it says so.
+
+    REEL=~/.cache/reel/debug/reel python3 tests/formats/trajectories.py
+"""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+REEL = os.environ.get("REEL", "reel")
+
+
+def reel(folder, *arguments, code=0):
+    done = subprocess.run([REEL, *map(str, arguments)], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == code, f"reel {arguments}: {done.returncode}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def written(folder):
+    """Documents of a few episodes, with and without images, with and without a model's words."""
+    reel(folder, "task", "generate", "--count", 3, "--seed", 3, "--out", "tasks")
+    for policy, images in (("planner", []), ("wrong-object", ["--no-images"])):
+        reel(folder, "run", "--tasks", "tasks", "--policy", policy, *images, "--out", "traces")
+    told = reel(folder, "export", "atif", "traces", "--out", "documents", "--json").splitlines()
+    return [json.loads(line) for line in told[:-1]]
+
+
+def validated(folder, documents):
+    """Every document is one to both libraries, which read all of it: what they write again is the same."""
+    import atif
+    from harbor.models.trajectories import Trajectory
+
+    for document in documents:
+        text = (folder / document["document"]).read_text()
+        for model in (Trajectory, atif.Trajectory):
+            read = model.model_validate_json(text)
+            again = read.model_dump(mode="json", exclude_unset=True)
+            assert again == json.loads(text), f"{model.__module__} reads another document"
+            assert len(read.steps) == document["steps"]
+        images = [part.source.path for step in read.steps for part in parts(step)]
+        assert len(images) == document["images"], f"{images}"
+        for image in images:
+            assert (folder / "documents" / image).read_bytes()[8:12] == b"WEBP"
+    print(f"{len(documents)} documents are valid for Harbor and for the package atif")
+
+
+def parts(step):
+    contents = [step.message, *(result.content for result in (step.observation.results if step.observation else []))]
+    return [part for content in contents if isinstance(content, list) for part in content if part.type == "image"]
+
+
+def seen_by_scout(folder, documents):
+    """Inspect Scout has every call with its result."""
+    import asyncio
+    from inspect_scout.sources import atif
+
+    async def read():
+        return [transcript async for transcript in atif(folder / "documents")]
+
+    transcripts = asyncio.run(read())
+    assert len(transcripts) == len(documents), f"{len(transcripts)} transcripts of {len(documents)} documents"
+    calls = sum(len(message.tool_calls or []) for one in transcripts for message in one.messages if message.role == "assistant")
+    results = sum(message.role == "tool" for one in transcripts for message in one.messages)
+    steps = sum(document["steps"] - 1 for document in documents)
+    assert calls == results == steps, f"{calls} calls, {results} results, {steps} steps"
+    print(f"Inspect Scout reads {len(transcripts)} transcripts with {calls} calls")
+
+
+def of_another_agent(folder):
+    """A coding agent's trajectory, made with the package, is a trace whose calls SQL counts."""
+    import atif
+
+    tools = ["bash", "read_file", "bash", "write_file", "bash"]
+    turns = [{"source": "system", "message": "You write code."}, {"source": "user", "message": "Mend the build."}]
+    for number, tool in enumerate(tools):
+        turns.append({
+            "source": "agent", "message": f"Now {tool}.", "reasoning_content": "Because.",
+            "tool_calls": [{"tool_call_id": f"c{number}", "function_name": tool, "arguments": {"at": number}}],
+            "observation": {"results": [{"source_call_id": f"c{number}", "content": f"result {number}"}]},
+            "metrics": {"prompt_tokens": 100 + number, "completion_tokens": 7},
+        })
+    steps = [{"step_id": at, **turn} for at, turn in enumerate(turns, 1)]
+    agent = {"name": "coder", "version": "1.2", "model_name": "some-model"}
+    made = atif.Trajectory.model_validate({"schema_version": "ATIF-v1.7", "session_id": "job-1", "agent": agent, "steps": steps})
+    (folder / "foreign").mkdir()
+    (folder / "foreign" / "trajectory.json").write_text(made.model_dump_json(exclude_none=True))
+    reel(folder, "import", "atif", "foreign", "--out", "imported")
+    reel(folder, "ingest", "imported", "--store", "store")
+    sql = "SELECT tool, count(*) AS calls FROM steps WHERE policy = 'coder' GROUP BY tool ORDER BY tool"
+    counted = {row["tool"]: row["calls"] for row in json.loads(reel(folder, "query", "--store", "store", "--json", sql))}
+    assert counted == {tool: tools.count(tool) for tool in tools}, f"{counted}"
+    # And out again, with the same words.
+    reel(folder, "export", "atif", "imported", "--out", "out")
+    [again] = (folder / "out").glob("*.json")
+    read = atif.Trajectory.model_validate_json(again.read_text())
+    said = [(step.message, step.reasoning_content, step.tool_calls[0].function_name, step.tool_calls[0].arguments,
+             step.observation.results[0].content, step.metrics.prompt_tokens) for step in read.steps[1:]]
+    assert said == [(step.message, step.reasoning_content, step.tool_calls[0].function_name, step.tool_calls[0].arguments,
+                     step.observation.results[0].content, step.metrics.prompt_tokens) for step in made.steps[2:]], f"{said}"
+    print(f"a foreign trajectory of {len(tools)} calls is read, counted and written again")
+
+
+def main():
+    if "--inside" not in sys.argv:
+        made = subprocess.run([HERE.parent / "python.sh", "formats"], capture_output=True, text=True)
+        if made.returncode:
+            print(f"skipped: python: the readers of others cannot be installed: {made.stderr.strip()[-300:]}")
+            return 0
+        return subprocess.run([made.stdout.strip(), __file__, "--inside"]).returncode
+    with tempfile.TemporaryDirectory(prefix="reel-atif-") as folder:
+        folder = pathlib.Path(folder)
+        documents = written(folder)
+        validated(folder, documents)
+        seen_by_scout(folder, documents)
+        of_another_agent(folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
