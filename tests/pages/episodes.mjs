@@ -266,6 +266,12 @@ export async function every_address_leads_on(browser, { trace }) {
     }, { expected });
   }
   await onPage(browser, async (page) => {
+    await visit(page, "/live/there-is-none");
+    await page.getByRole("heading", { name: "There is no session there-is-none" }).waitFor();
+    await page.getByRole("link", { name: "All sessions" }).click();
+    await until(() => new URL(page.url()).pathname === "/live", "the list of sessions");
+  }, { expected });
+  await onPage(browser, async (page) => {
     const [row] = await sql(`SELECT episode_id FROM episodes WHERE trace LIKE '%/${trace}.mcap'`);
     await visit(page, `/episodes/${row.episode_id}?step=1`);
     await page.locator("button[aria-current=step]").waitFor();
@@ -377,7 +383,11 @@ export async function a_phone_shows_the_list_first(browser) {
     await until(async () => !(await page.locator("[aria-busy=true]").count()), "the list is there");
     const found = await findings(page);
     assert(!found.length, found.join("; "));
-  }, { width: 390, height: 844 });
+    // A clause that is refused is seen with its error, without a tap.
+    await visit(page, "/episodes?where=nosuch+%3D+1");
+    await filters.getByLabel("WHERE").waitFor();
+    await filters.getByText("nosuch").first().waitFor();
+  }, { width: 390, height: 844, expected: ["422"] });
 }
 
 /** Selected episodes are exported by the form of the page Datasets, into the folder that it names. */

@@ -55,7 +55,12 @@ pub(crate) fn file_stem(header: &EpisodeHeader) -> String {
         ..
     } = header;
     let short = |text: &str| safe(text).chars().take(80).collect::<String>();
-    format!("{}--{}--{episode_id}", short(task_id), short(&policy.name))
+    let stem = format!("{}--{}--{episode_id}", short(task_id), short(&policy.name));
+    // No hidden file.
+    match stem.strip_prefix('.') {
+        Some(rest) => format!("_{rest}"),
+        None => stem,
+    }
 }
 
 /// Makes the records of an episode.

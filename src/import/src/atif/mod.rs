@@ -18,6 +18,7 @@
 
 mod model;
 mod reading;
+mod turns;
 mod writing;
 
 pub use model::{

@@ -91,6 +91,7 @@ pub enum Source {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Step {
     /// Number of the step, from 1.
+    #[serde(default, deserialize_with = "or_default")]
     pub step_id: u32,
     /// When it was, in ISO 8601.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -135,7 +136,10 @@ pub struct Step {
 
 /// A text, or parts of which some are images.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "a text, or a list of parts of type text, image or audio"
+)]
 pub enum Content {
     /// A text without any image.
     Text(String),
@@ -206,13 +210,25 @@ pub struct CallResult {
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct StepMetrics {
     /// Tokens that the model read.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "or_default"
+    )]
     pub prompt_tokens: Option<u32>,
     /// Tokens that the model wrote.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "or_default"
+    )]
     pub completion_tokens: Option<u32>,
     /// Log-probability of each token that was written.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "or_default"
+    )]
     pub logprobs: Option<Vec<f64>>,
     /// What the producer adds.
     #[serde(
@@ -251,4 +267,14 @@ where
     T: Default + Deserialize<'de>,
 {
     Ok(Option::deserialize(deserializer)?.unwrap_or_default())
+}
+
+/// A field that is worth nothing where it is of another type: numbers of other libraries may be
+/// texts, negative or `null`.
+fn or_default<'de, D, T>(deserializer: D) -> Result<T, D::Error>
+where
+    D: serde::Deserializer<'de>,
+    T: Default + serde::de::DeserializeOwned,
+{
+    Ok(serde_json::from_value(Value::deserialize(deserializer)?).unwrap_or_default())
 }

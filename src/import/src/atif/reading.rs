@@ -4,36 +4,33 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicU64, Ordering},
 };
 
 use reel_reward::{Preset, metrics, rewards};
-use reel_trace::{Images, Recorder, decode_webp};
+use reel_trace::{Images, Recorder, TraceError};
 use reel_world::{
-    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, Outcome, Scene, Tool, ToolCall,
-    WorldGraph,
-    record::{
-        Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, PolicyOutput, StartRecord,
-        StateDigests, StepInput, StepRecord,
-    },
+    Digest, Scene, WorldGraph,
+    record::{Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord},
 };
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::{
-    CallResult, Content, KeptEpisode, MESSAGE, OURS, Part, Source, Step, Trajectory,
+    KeptEpisode, OURS, Trajectory,
     model::VERSIONS,
+    turns::{Decision, Opening, digests},
 };
 use crate::{
     ImportError, ImportLoss, ImportOptions, ImportedEpisode, TaskSetup,
     episode::file_stem,
-    image,
-    observe::{self, CallObservation, ObservedState, same_graph_for_both},
-    outcome, unknown_task,
+    observe::{self, ObservedState, same_graph_for_both},
+    unknown_task,
 };
 
+/// Tells folders of unfinished traces apart.
+static NEXT: AtomicU64 = AtomicU64::new(0);
 /// Largest document that is read.
 const BYTES_MAX: u64 = 1 << 30;
-/// Deepest nesting of agents that delegate.
-const DEPTH_MAX: usize = 8;
 
 /// The documents under a folder, or the file itself: files `.json` that begin like a trajectory.
 ///
@@ -71,16 +68,17 @@ pub fn documents(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
 
 /// Whether a file names the format; reading says what is wrong with it.
 fn is_trajectory(path: &Path) -> bool {
-    fs::read(path).is_ok_and(|bytes| {
+    read_file(path, BYTES_MAX).is_ok_and(|bytes| {
         let named = bytes
             .windows(VERSIONS.len())
             .any(|part| part == VERSIONS.as_bytes());
-        named && bytes.trim_ascii_start().first() == Some(&b'{')
+        named && without_mark(&bytes).trim_ascii_start().first() == Some(&b'{')
     })
 }
 
 /// Writes the trajectory of a document, and those of agents to which it delegated, as traces into
-/// the folder `out`, which exists. Equal documents give equal bytes under an equal name.
+/// the folder `out`, which exists. Equal documents give equal bytes under an equal name. What of
+/// an agent to which it delegated cannot be imported is a loss of the first episode.
 ///
 /// # Errors
 /// When the file is no trajectory, nothing of it can be imported, or a trace cannot be written.
@@ -93,59 +91,46 @@ pub fn import(
         path: source.to_owned(),
         reason,
     };
-    let size = fs::metadata(source).map_or(0, |facts| facts.len());
-    if size > BYTES_MAX {
-        return Err(refuse(format!(
-            "the document has {size} bytes; {BYTES_MAX} are read at most"
-        )));
-    }
-    let bytes = fs::read(source).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-    let trajectory: Trajectory = serde_json::from_slice(&bytes)
+    let bytes = read_file(source, BYTES_MAX).map_err(&refuse)?;
+    let trajectory: Trajectory = serde_json::from_slice(without_mark(&bytes))
         .map_err(|error| refuse(format!("not a trajectory of ATIF: {error}")))?;
-    let mut imported = Vec::new();
-    let mut open = vec![(trajectory, 0)];
-    while let Some((mut trajectory, depth)) = open.pop() {
-        if !trajectory.schema_version.starts_with(VERSIONS) {
-            let version = &trajectory.schema_version;
-            return Err(refuse(format!(
-                "version '{version}' is not read; ATIF-v1.0 to v1.8 are"
-            )));
-        }
+    let (mut imported, mut failed) = (Vec::new(), Vec::new());
+    // JSON itself is read to a bounded depth.
+    let mut open = vec![trajectory];
+    while let Some(mut trajectory) = open.pop() {
         let delegated = std::mem::take(&mut trajectory.subagent_trajectories);
-        if depth < DEPTH_MAX {
-            open.extend(delegated.into_iter().rev().map(|one| (one, depth + 1)));
-        } else if !delegated.is_empty() {
-            return Err(refuse(format!(
-                "agents delegate more than {DEPTH_MAX} deep"
-            )));
+        open.extend(delegated.into_iter().rev());
+        let version = &trajectory.schema_version;
+        let written = if version.starts_with(VERSIONS) {
+            Episode::new(source, options).write(trajectory, out)
+        } else {
+            Err(refuse(format!(
+                "version '{}' is not read; ATIF-v1.0 and what follows it are",
+                version.escape_debug()
+            )))
+        };
+        match written {
+            Ok(episode) => imported.push(episode),
+            Err(ImportError::Trace(error)) => return Err(error.into()),
+            Err(error) => failed.push(error),
         }
-        imported.push(Episode::new(source, options).write(trajectory, out)?);
     }
+    let Some(first) = imported.first_mut() else {
+        return Err(failed.swap_remove(0));
+    };
+    first.losses.extend(failed.iter().map(|error| ImportLoss {
+        file: source.to_owned(),
+        message: format!("a trajectory in it is left out: {error}"),
+    }));
     Ok(imported)
 }
 
 /// An episode on its way from a trajectory to a trace.
-struct Episode<'a> {
-    source: &'a Path,
+pub(super) struct Episode<'a> {
+    pub(super) source: &'a Path,
     options: &'a ImportOptions<'a>,
     losses: Vec<ImportLoss>,
-    notes: Vec<String>,
-}
-
-/// A call of a trajectory with what came of it.
-struct Decision {
-    input: StepInput,
-    result: Outcome,
-    frame: Option<Frame>,
-    kept: Option<StepRecord>,
-}
-
-/// What a trajectory tells before the first turn of the agent.
-#[derive(Default)]
-struct Opening {
-    system: String,
-    instruction: String,
-    frame: Option<Frame>,
+    pub(super) notes: Vec<String>,
 }
 
 impl<'a> Episode<'a> {
@@ -160,22 +145,19 @@ impl<'a> Episode<'a> {
 
     fn write(mut self, mut told: Trajectory, out: &Path) -> Result<ImportedEpisode, ImportError> {
         let kept = self.kept::<KeptEpisode>(told.extra.remove(OURS), "extra");
-        let (opening, decisions) = self.read(std::mem::take(&mut told.steps));
+        let (opening, mut decisions) = self.read(std::mem::take(&mut told.steps));
         if decisions.is_empty() {
             return Err(ImportError::NoStep {
                 path: self.source.to_owned(),
                 reason: "the agent does nothing in it".to_owned(),
             });
         }
+        let kept = self.fitting(kept, &opening, &mut decisions);
         let TaskSetup { task, scene, .. } = self.setting(&told, &opening, kept.as_ref());
-        let digests = |frame: Option<&Frame>| StateDigests {
-            frame: frame.map(Frame::digests),
-            ..StateDigests::default()
+        let graphs = match &kept {
+            Some(kept) => kept.graphs.clone(),
+            None => same_graph_for_both(&task.initial),
         };
-        let graphs = kept.as_ref().map_or_else(
-            || same_graph_for_both(&task.initial),
-            |kept| kept.graphs.clone(),
-        );
         let start = StartRecord {
             graphs,
             shortest_path_m: kept.as_ref().and_then(|kept| kept.shortest_path_m),
@@ -188,26 +170,9 @@ impl<'a> Episode<'a> {
         };
         let (mut records, mut frames) = (Vec::new(), Vec::new());
         for (step, decision) in (0..).zip(decisions) {
-            let frame = decision.frame.as_ref().map(Frame::digests);
-            records.push(match decision.kept {
-                Some(record) => StepRecord {
-                    step,
-                    digests: digests(decision.frame.as_ref()),
-                    ..record
-                },
-                None => {
-                    let tool = Tool::parse(&decision.input.call).ok();
-                    let shown = CallObservation {
-                        reply: outcome::reply(tool.as_ref(), &decision.result),
-                        input: decision.input,
-                        tool,
-                        outcome: decision.result,
-                        frame,
-                    };
-                    observe::record(step, shown, &state, &state)
-                }
-            });
-            frames.push(decision.frame);
+            let (record, frame) = decision.record(step, &state);
+            records.push(record);
+            frames.push(frame);
         }
         let preset = Preset::default();
         if kept.is_none() {
@@ -217,11 +182,6 @@ impl<'a> Episode<'a> {
             }
         }
         let mut header = self.header(&told, &opening, kept.as_ref(), &task, &scene);
-        // Two runs of an agent have equal inputs as far as they are known: what came of them tells
-        // them apart.
-        header.episode_id =
-            Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();
-        header.build = env!("CARGO_PKG_VERSION").to_owned();
         let end = kept.and_then(|kept| kept.end).unwrap_or_else(|| {
             let graphs = start.graphs.clone();
             let broken_off = told.continued_trajectory_ref.is_some();
@@ -236,23 +196,53 @@ impl<'a> Episode<'a> {
                 steps: records.len() as u32,
             }
         });
+        // Two runs of an agent have equal inputs as far as they are known: what came of them tells
+        // them apart.
+        let content = Digest::of_json(&(&header, &start, &records, &end));
+        header.episode_id = content.to_string()[..16].to_owned();
+        header.build = env!("CARGO_PKG_VERSION").to_owned();
         if let Some(next) = &told.continued_trajectory_ref {
+            let next = next.escape_debug();
             self.notes.push(format!(
                 "the trajectory goes on in {next}, which is an episode of its own"
             ));
         }
         let trace = out.join(format!("{}.mcap", file_stem(&header)));
-        let mut recorder = Recorder::create(&trace, &header, &task, &scene, Images::Full)?;
-        recorder.start(&start, opening.frame.as_ref())?;
-        for (record, frame) in records.iter().zip(&frames) {
-            recorder.input(record.step, &record.input)?;
-            recorder.step(record, frame.as_ref())?;
+        if trace.exists() {
+            self.notes
+                .push("the same episode was there already".to_owned());
         }
-        let summary = recorder.end(&end)?;
+        // Equal documents may be imported at the same time.
+        let folder = out.join(format!(
+            ".{}-{}-{}",
+            file_stem(&header),
+            std::process::id(),
+            NEXT.fetch_add(1, Ordering::Relaxed)
+        ));
+        let write = || -> Result<u64, TraceError> {
+            let at_folder = |source| TraceError::Io {
+                action: "write",
+                path: folder.clone(),
+                source,
+            };
+            fs::create_dir(&folder).map_err(at_folder)?;
+            let unfinished = folder.join("trace.mcap");
+            let mut recorder = Recorder::create(&unfinished, &header, &task, &scene, Images::Full)?;
+            recorder.start(&start, opening.frame.as_ref())?;
+            for (record, frame) in records.iter().zip(&frames) {
+                recorder.input(record.step, &record.input)?;
+                recorder.step(record, frame.as_ref())?;
+            }
+            let summary = recorder.end(&end)?;
+            fs::rename(&unfinished, &trace).map_err(at_folder)?;
+            Ok(summary.bytes)
+        };
+        let written = write();
+        let _ = fs::remove_dir_all(&folder);
         Ok(ImportedEpisode {
             source: self.source.to_owned(),
+            bytes: written?,
             trace,
-            bytes: summary.bytes,
             task_id: task.task_id,
             steps: end.steps,
             images: frames.iter().chain([&opening.frame]).flatten().count() as u32,
@@ -263,8 +253,43 @@ impl<'a> Episode<'a> {
         })
     }
 
+    /// What is ours of a document, if it fits the rest: others may have changed that. Where it does
+    /// not, the document counts as any agent's.
+    fn fitting(
+        &mut self,
+        kept: Option<KeptEpisode>,
+        opening: &Opening,
+        decisions: &mut [Decision],
+    ) -> Option<KeptEpisode> {
+        let kept = kept?;
+        let numbered = |(number, decision): (usize, &Decision)| {
+            let record = decision.kept.as_ref();
+            record.is_some_and(|record| record.step as usize == number)
+        };
+        let why = if !decisions.iter().enumerate().all(numbered) {
+            "the turns are not those of the trace"
+        } else if kept
+            .end
+            .as_ref()
+            .is_some_and(|end| end.steps as usize != decisions.len())
+        {
+            "it ends after another number of steps"
+        } else if kept.header.task_id != kept.task.task_id {
+            "its header and its task are of two episodes"
+        } else if kept.task.instruction != opening.instruction {
+            "the first turn is not the instruction of its task"
+        } else {
+            return Some(kept);
+        };
+        self.lose(format!("extra.{OURS} does not fit and is left out: {why}"));
+        for decision in decisions {
+            decision.kept = None;
+        }
+        None
+    }
+
     /// What a document of ours keeps under `extra.reel`; what is not understood is lost.
-    fn kept<T: serde::de::DeserializeOwned>(
+    pub(super) fn kept<T: serde::de::DeserializeOwned>(
         &mut self,
         value: Option<Value>,
         place: &str,
@@ -280,175 +305,11 @@ impl<'a> Episode<'a> {
         }
     }
 
-    fn lose(&mut self, message: String) {
+    pub(super) fn lose(&mut self, message: String) {
         self.losses.push(ImportLoss {
             file: self.source.to_owned(),
             message,
         });
-    }
-
-    /// The turns as calls, and what was told before the first.
-    fn read(&mut self, turns: Vec<Step>) -> (Opening, Vec<Decision>) {
-        let (mut opening, mut decisions) = (Opening::default(), Vec::<Decision>::new());
-        for turn in turns {
-            if turn.is_copied_context == Some(true) {
-                self.notes.push(format!(
-                    "step {} is copied from an earlier trajectory and left out",
-                    turn.step_id
-                ));
-                continue;
-            }
-            let place = format!("step {}", turn.step_id);
-            if turn.source == Source::Agent {
-                self.decide(turn, &place, &mut decisions);
-                continue;
-            }
-            let (mut text, frame) = self.content(turn.message, &place);
-            for result in turn.observation.into_iter().flat_map(|seen| seen.results) {
-                let (more, _) = self.result(result, &place);
-                join(&mut text, &more);
-            }
-            match (decisions.last_mut(), turn.source) {
-                (None, Source::System) => join(&mut opening.system, &text),
-                (None, _) => {
-                    join(&mut opening.instruction, &text);
-                    opening.frame = frame.or(opening.frame);
-                }
-                (Some(last), _) => {
-                    join(&mut last.result.text, &text);
-                    last.frame = frame.or(last.frame.take());
-                }
-            }
-        }
-        (opening, decisions)
-    }
-
-    /// A turn of the agent: one decision for each call, the first of which has what was said.
-    fn decide(&mut self, mut turn: Step, place: &str, decisions: &mut Vec<Decision>) {
-        let kept = turn.extra.remove(OURS);
-        let kept = self.kept::<StepRecord>(kept, &format!("{place}: extra"));
-        let (raw, _) = self.content(turn.message, place);
-        let metrics = turn.metrics.unwrap_or_default();
-        let tokens = [metrics.prompt_tokens, metrics.completion_tokens];
-        let policy = PolicyOutput {
-            raw,
-            reasoning: turn.reasoning_content.unwrap_or_default(),
-            tokens: tokens
-                .iter()
-                .any(Option::is_some)
-                .then(|| tokens.map(Option::unwrap_or_default)),
-            ..PolicyOutput::default()
-        };
-        if kept.is_none() && metrics.logprobs.is_some() {
-            self.notes.push(format!(
-                "{place}: log-probabilities without the texts of their tokens are left out"
-            ));
-        }
-        let first = decisions.len();
-        let mut ids = Vec::new();
-        for call in turn.tool_calls {
-            ids.push(call.tool_call_id);
-            decisions.push(Decision::new(ToolCall::new(
-                call.function_name,
-                call.arguments,
-            )));
-        }
-        if ids.is_empty() {
-            decisions.push(Decision::new(ToolCall::new(MESSAGE, json!({}))));
-        }
-        for result in turn.observation.into_iter().flat_map(|seen| seen.results) {
-            let of = result.source_call_id.as_ref();
-            let number = of.and_then(|id| ids.iter().position(|known| known == id));
-            let number = number.map_or(decisions.len() - 1, |number| first + number);
-            let (text, frame) = self.result(result, place);
-            let decision = &mut decisions[number];
-            join(&mut decision.result.text, &text);
-            decision.frame = frame.or(decision.frame.take());
-        }
-        for decision in &mut decisions[first..] {
-            let text = &decision.result.text;
-            let ours = Tool::parse(&decision.input.call).is_ok();
-            decision.result.error = ErrorCode::from_message(text).filter(|_| ours);
-        }
-        let decision = &mut decisions[first];
-        match kept {
-            // A document of ours has one call a turn.
-            Some(mut record) => {
-                record.outcome.text.clone_from(&decision.result.text);
-                let called = &decision.input.call;
-                let arguments = std::mem::take(&mut record.input.call.arguments);
-                record.input.call = ToolCall {
-                    arguments: if arguments.is_null() {
-                        called.arguments.clone()
-                    } else {
-                        arguments
-                    },
-                    ..called.clone()
-                };
-                if let Some(kept) = &mut record.input.policy {
-                    (kept.raw, kept.reasoning, kept.tokens) =
-                        (policy.raw, policy.reasoning, policy.tokens);
-                }
-                decision.kept = Some(record);
-            }
-            None => {
-                let spoke = policy != PolicyOutput::default();
-                decision.input.policy = spoke.then_some(policy);
-            }
-        }
-    }
-
-    fn result(&mut self, result: CallResult, place: &str) -> (String, Option<Frame>) {
-        result
-            .content
-            .map_or_else(Default::default, |content| self.content(content, place))
-    }
-
-    /// The texts of a content, and the last of its images.
-    fn content(&mut self, content: Content, place: &str) -> (String, Option<Frame>) {
-        let parts = match content {
-            Content::Text(text) => return (text, None),
-            Content::Parts(parts) => parts,
-        };
-        let (mut texts, mut frame) = (String::new(), None);
-        for part in parts {
-            match part {
-                Part::Text { text } => join(&mut texts, &text),
-                Part::Image { source } => match self.image(&source.path) {
-                    Ok(image) => frame = Some(image),
-                    Err(why) => {
-                        self.lose(format!("{place}: image {} is left out: {why}", source.path))
-                    }
-                },
-                Part::Audio { source } => {
-                    self.lose(format!("{place}: sound {} is left out", source.path));
-                }
-            }
-        }
-        (texts, frame)
-    }
-
-    /// An image beside the document; addresses are not asked.
-    fn image(&self, path: &str) -> Result<Frame, String> {
-        if path.contains("://") {
-            return Err("it lies elsewhere; download it and name the file".to_owned());
-        }
-        let folder = self.source.parent().unwrap_or(Path::new("."));
-        let bytes = fs::read(folder.join(path)).map_err(|error| error.to_string())?;
-        if !bytes.starts_with(b"RIFF") {
-            return image::decode(&bytes);
-        }
-        let pixels = (FRAME_WIDTH * FRAME_HEIGHT) as u32;
-        match decode_webp(&bytes, pixels) {
-            Some((rgb, width, height))
-                if (width as usize, height as usize) == (FRAME_WIDTH, FRAME_HEIGHT) =>
-            {
-                Ok(Frame::of_rgb(rgb))
-            }
-            _ => Err(format!(
-                "not a WebP image of {FRAME_WIDTH} x {FRAME_HEIGHT} pixels"
-            )),
-        }
     }
 
     fn setting(
@@ -550,7 +411,13 @@ impl<'a> Episode<'a> {
                 (!opening.system.is_empty()).then(|| opening.system.clone().into()),
             ),
         ];
-        for (name, fact) in facts {
+        let document = [
+            ("session_id", &told.session_id),
+            ("trajectory_id", &told.trajectory_id),
+        ];
+        let document = document
+            .map(|(name, id)| (name, id.clone().filter(|_| kept.is_none()).map(Value::from)));
+        for (name, fact) in facts.into_iter().chain(document) {
             if let Some(fact) = fact {
                 header
                     .policy
@@ -563,21 +430,22 @@ impl<'a> Episode<'a> {
     }
 }
 
-impl Decision {
-    fn new(call: ToolCall) -> Self {
-        Self {
-            input: StepInput::from_call(call),
-            result: Outcome::ok(""),
-            frame: None,
-            kept: None,
-        }
+/// A file, unless it is no file or a large one.
+pub(super) fn read_file(path: &Path, most: u64) -> Result<Vec<u8>, String> {
+    let facts = fs::metadata(path).map_err(|error| format!("cannot be read: {error}"))?;
+    if !facts.is_file() {
+        return Err("it is no file".to_owned());
     }
+    if facts.len() > most {
+        return Err(format!(
+            "it has {} bytes; {most} are read at most",
+            facts.len()
+        ));
+    }
+    fs::read(path).map_err(|error| format!("cannot be read: {error}"))
 }
 
-/// Adds a text on a line of its own.
-fn join(text: &mut String, more: &str) {
-    if !text.is_empty() && !more.is_empty() {
-        text.push('\n');
-    }
-    text.push_str(more);
+/// A text without the mark of its encoding.
+fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)
 }

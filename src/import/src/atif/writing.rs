@@ -3,7 +3,7 @@
 use reel_trace::Trace;
 use reel_world::{
     ToolCall,
-    record::{StateDigests, StepRecord},
+    record::{Backend, StateDigests, StepRecord},
 };
 use serde_json::{Map, Value, json};
 
@@ -44,23 +44,7 @@ pub fn export(trace: &Trace, folder: &str, tools: &[Value]) -> serde_json::Resul
         };
         Content::Parts(text.into_iter().chain([image]).collect())
     };
-    let mut steps = vec![Step {
-        message: with_image(None, &trace.task.instruction),
-        ..turn(1, Source::User)
-    }];
-    for record in &trace.steps {
-        let result = with_image(Some(record.step), &record.outcome.text);
-        steps.push(step(record, result)?);
-    }
     let header = &trace.header;
-    let kept = KeptEpisode {
-        trace_digest: trace.chain().to_string(),
-        header: header.clone(),
-        task: (*trace.task).clone(),
-        graphs: trace.start.graphs.clone(),
-        shortest_path_m: trace.start.shortest_path_m,
-        end: trace.end.clone(),
-    };
     let text = |name: &str| {
         header
             .policy
@@ -68,6 +52,30 @@ pub fn export(trace: &Trace, folder: &str, tools: &[Value]) -> serde_json::Resul
             .get(name)?
             .as_str()
             .map(str::to_owned)
+    };
+    let system = text("system_prompt").map(|prompt| Step {
+        message: Content::Text(prompt),
+        ..turn(Source::System)
+    });
+    let task = Step {
+        message: with_image(None, &trace.task.instruction),
+        ..turn(Source::User)
+    };
+    let mut steps: Vec<Step> = system.into_iter().chain([task]).collect();
+    for record in &trace.steps {
+        let result = with_image(Some(record.step), &record.outcome.text);
+        steps.push(step(record, header.backend, result)?);
+    }
+    for (number, step) in (1..).zip(&mut steps) {
+        step.step_id = number;
+    }
+    let kept = KeptEpisode {
+        trace_digest: trace.chain().to_string(),
+        header: header.clone(),
+        task: (*trace.task).clone(),
+        graphs: trace.start.graphs.clone(),
+        shortest_path_m: trace.start.shortest_path_m,
+        end: trace.end.clone(),
     };
     let version = header.policy.checkpoint.clone();
     let trajectory = Trajectory {
@@ -93,10 +101,10 @@ pub fn export(trace: &Trace, folder: &str, tools: &[Value]) -> serde_json::Resul
     Ok(Exported { trajectory, images })
 }
 
-/// A turn of which nothing is said yet.
-fn turn(step_id: u32, source: Source) -> Step {
+/// A turn without a number, of which nothing is said yet.
+fn turn(source: Source) -> Step {
     Step {
-        step_id,
+        step_id: 0,
         timestamp: None,
         source,
         model_name: None,
@@ -111,8 +119,8 @@ fn turn(step_id: u32, source: Source) -> Step {
     }
 }
 
-/// A step of the trace: turn 1 is the instruction, so that step 0 is turn 2.
-fn step(record: &StepRecord, result: Content) -> serde_json::Result<Step> {
+/// The turn of a decision. Who has no words in our simulator has no model.
+fn step(record: &StepRecord, backend: Backend, result: Content) -> serde_json::Result<Step> {
     let call = &record.input.call;
     let policy = record.input.policy.clone().unwrap_or_default();
     let id = format!("call_{}", record.step);
@@ -166,10 +174,10 @@ fn step(record: &StepRecord, result: Content) -> serde_json::Result<Step> {
             }],
         }),
         tool_calls,
-        llm_call_count: record.input.policy.is_none().then_some(0),
+        llm_call_count: (backend == Backend::Sim && record.input.policy.is_none()).then_some(0),
         metrics: (metrics != StepMetrics::default()).then_some(metrics),
         extra: ours(&kept)?,
-        ..turn(record.step + 2, Source::Agent)
+        ..turn(Source::Agent)
     })
 }
 

@@ -49,15 +49,27 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let bar = progress::bar(traces.len(), "export");
     let out = &arguments.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let mut unread = 0;
     for path in &traces {
-        let trace = files.read(path)?;
-        let stem = trace_stem(path);
-        // What another server offered is not in the trace.
-        let tools = match trace.header.backend {
-            Backend::Sim => reel_prompt::functions(trace.header.profile.names()),
-            Backend::Robot | Backend::Proxy => Value::Null,
+        let trace = match files.read(path) {
+            Ok(trace) => trace,
+            Err(error) => {
+                bar.suspend(|| eprintln!("reel: not exported: {error}"));
+                unread += 1;
+                continue;
+            }
         };
-        let tools = tools.as_array().cloned().unwrap_or_default();
+        let stem = trace_stem(path);
+        let header = &trace.header;
+        let tools = match header.backend {
+            Backend::Sim => Some(reel_prompt::functions(header.profile.names())),
+            Backend::Robot | Backend::Proxy => header.policy.parameters.get("tools").cloned(),
+        };
+        let tools = tools
+            .as_ref()
+            .and_then(Value::as_array)
+            .cloned()
+            .unwrap_or_default();
         let exported = reel_import::atif::export(&trace, &stem, &tools)?;
         let document = out.join(format!("{stem}.json"));
         let write = |path: &PathBuf, bytes: &[u8]| {
@@ -86,11 +98,19 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             json!({ "lost": LOST.iter().map(|(field, what)| json!({"field": field, "becomes": what})).collect::<Value>() })
         );
     } else {
-        println!("{} trajectories in {}", traces.len(), out.display());
+        println!(
+            "{} trajectories in {}",
+            traces.len() - unread,
+            out.display()
+        );
         println!("reel import atif gives back all but:");
         for (field, what) in LOST {
             println!("  {field}: {what}");
         }
     }
-    Ok(ExitStatus::Success)
+    Ok(match traces.len() - unread {
+        _ if unread == 0 => ExitStatus::Success,
+        0 => ExitStatus::BadInput,
+        _ => ExitStatus::Partial,
+    })
 }
