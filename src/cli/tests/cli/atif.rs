@@ -109,6 +109,29 @@ fn a_trace_comes_back_but_for_what_is_listed() {
         .find(|path| path.extension().is_some_and(|end| end == "json"))
         .unwrap();
     let mut changed: Value = serde_json::from_slice(&fs::read(document).unwrap()).unwrap();
+    // Without its end it broke off, and what was reached until then counts.
+    let mut broken_off = changed.clone();
+    let ours = broken_off["extra"]["reel"].as_object_mut().unwrap();
+    let end = ours.remove("end").unwrap();
+    fs::write(
+        folder.join("documents/broken_off.json"),
+        broken_off.to_string(),
+    )
+    .unwrap();
+    let arguments = [
+        "import",
+        "atif",
+        "documents/broken_off.json",
+        "--out",
+        "broken",
+        "--json",
+    ];
+    let told: Value = serde_json::from_str(&expect(folder, 0, &arguments)).unwrap();
+    assert_eq!(told["end"], "aborted");
+    let trace = TraceFiles::default().read(&folder.join(told["trace"].as_str().unwrap()));
+    let broken_off = json!(trace.unwrap().end.unwrap());
+    assert_eq!(broken_off["graphs"], end["graphs"]);
+    fs::remove_file(folder.join("documents/broken_off.json")).unwrap();
     changed["steps"].as_array_mut().unwrap().pop();
     fs::write(folder.join("changed.json"), changed.to_string()).unwrap();
     let arguments = ["import", "atif", "changed.json", "--out", "changed"];

@@ -182,9 +182,14 @@ impl<'a> Episode<'a> {
             }
         }
         let mut header = self.header(&told, &opening, kept.as_ref(), &task, &scene);
+        // A document of ours without an end is of a recording that broke off.
+        let broken_off = told.continued_trajectory_ref.is_some() || kept.is_some();
         let end = kept.and_then(|kept| kept.end).unwrap_or_else(|| {
-            let graphs = start.graphs.clone();
-            let broken_off = told.continued_trajectory_ref.is_some();
+            let mut graphs = start.graphs.clone();
+            for record in &records {
+                graphs.physics.apply(&record.changes.physics);
+                graphs.registry.apply(&record.changes.registry);
+            }
             EndRecord {
                 reason: if broken_off {
                     EndReason::Aborted
