@@ -15,7 +15,7 @@ import tempfile
 import time
 
 from instant import Instant
-from kit import Http, Recorder, Server, Sse, Stdio, REEL, play, tasks, texts
+from kit import TLS, Http, Recorder, Server, Sse, Stdio, REEL, play, tasks, texts
 
 
 def timed(agent, tool, arguments):
@@ -61,6 +61,16 @@ def main():
                 compare(name, direct, through, [("highlight_receptacles", {})] * min(count, 27))
                 direct.close()
                 through.close()
+        # The server beside itself: what TLS to it adds.
+        secured = ["--tls-cert", TLS / "server.pem", "--tls-key", TLS / "server.key"]
+        served = ["--tasks", made, "--profile", "real-repo"]
+        with Server(*served) as plain, Server(*served, *secured, cafile=TLS / "ca.pem") as secure:
+            with Recorder(plain.port) as http, Recorder(secure.port, trusting=TLS / "ca.pem") as https:
+                agents = [Http(recorder.port) for recorder in (http, https)]
+                for agent in agents:
+                    agent.call("finish")
+                added = compare("recorded over http, then https", *agents, [("highlight_receptacles", {})] * min(count, 27))
+                print(f"{'https adds to http':<34} {added:6.3f} ms, promised 1 ms", flush=True)
         with_image = kept
         without = {"content": [item for item in kept["content"] if item["type"] == "text"]}
         for label, result in (("image", with_image), ("text alone", without)):

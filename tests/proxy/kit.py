@@ -20,19 +20,23 @@ from harness import REEL, Server, Skipped, environment, main, reel, until  # noq
 
 HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "raw", "version": "1"}}
 
+# A server's certificate with its key, and the authority that signed it.
+TLS = pathlib.Path(__file__).resolve().parent / "tls"
+
 
 class Recorder:
     """`reel record` before a server on a port, or the command of one (`stdio`), on a free port of its own. `before` are words before
-    the recorder's command."""
+    the recorder's command. With `trusting` the server is spoken to over TLS, and has to have a certificate of that file's authority."""
 
-    def __init__(self, upstream_port, *arguments, out=None, before=(), path="/mcp", stdio=()):
+    def __init__(self, upstream_port, *arguments, out=None, before=(), path="/mcp", stdio=(), trusting=None):
         self.folder = None if out else tempfile.TemporaryDirectory(prefix="reel-record-")
         self.out = pathlib.Path(out or self.folder.name)
         self.log = self.out.parent / f"{self.out.name}.log"
         command = [*before, REEL, "record", "--listen", "127.0.0.1:0", "--out", str(self.out), *map(str, arguments)]
-        command += ["--stdio", "--", *map(str, stdio)] if stdio else ["--upstream", f"http://127.0.0.1:{upstream_port}{path}"]
+        command += ["--stdio", "--", *map(str, stdio)] if stdio else ["--upstream", f"http{'s' if trusting else ''}://127.0.0.1:{upstream_port}{path}"]
+        environment = {**os.environ, "SSL_CERT_FILE": str(trusting)} if trusting else None
         with open(self.log, "a") as log:
-            self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+            self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, env=environment)
         line = self.process.stdout.readline()
         found = re.search(r"http://127\.0\.0\.1:(\d+)", line)
         if not found:

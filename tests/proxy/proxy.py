@@ -18,7 +18,7 @@ import threading
 import zlib
 
 from instant import Instant
-from kit import REEL, Http, Recorder, Server, Skipped, Sse, Stdio, Wire, environment, main, play, reel, tasks, texts, until
+from kit import REEL, TLS, Http, Recorder, Server, Skipped, Sse, Stdio, Wire, environment, main, play, reel, tasks, texts, until
 
 TABLES = os.environ.get("REEL_TABLES", REEL)
 
@@ -52,6 +52,28 @@ def test_same_bytes_over_http():
             bytes_ = same(*agents, "Streamable HTTP")
             assert until(lambda: len(recorder.traces()) == 2 and not recorder.parts())
             print(f"  {len(agents[0].said)} messages, {bytes_} bytes alike")
+
+
+def test_same_bytes_from_a_server_over_tls():
+    with tempfile.TemporaryDirectory() as folder:
+        served = ["--tasks", world(folder), "--profile", "real-repo", "--run", "one"]
+        secured = ["--tls-cert", TLS / "server.pem", "--tls-key", TLS / "server.key"]
+        with Server(*served) as plain, Server(*served, *secured, cafile=TLS / "ca.pem") as secure:
+            for path, kind in (("/mcp", Http), ("/sse", Sse)):
+                with Recorder(secure.port, path=path, trusting=TLS / "ca.pem") as recorder:
+                    agents = [kind(plain.port), kind(recorder.port)]
+                    for agent in agents:
+                        agent.rpc("tools/list")
+                        play(agent)
+                        agent.close()
+                    bytes_ = same(*agents, f"{path} over TLS")
+                    assert until(lambda: len(recorder.traces()) == 1 and not recorder.parts()), recorder.traces()
+                    print(f"  {path}: {len(agents[0].said)} messages, {bytes_} bytes alike")
+            # Whoever vouches for another server is not believed.
+            with Recorder(secure.port, trusting=TLS.parent.parent / "service" / "tls" / "second.pem") as recorder:
+                wire = Wire(recorder.port)
+                status, _, text = wire.ask("POST", "/mcp", b"{}", {"Content-Type": "application/json"})
+                assert status == 502 and b"certificate" in text and b"SSL_CERT_FILE" in text, (status, text)
 
 
 def test_same_bytes_over_sse():

@@ -15,6 +15,11 @@ pub enum ProxyError {
     /// The address of the server is none.
     #[error("{problem}; write e.g. http://127.0.0.1:8000: {url}")]
     Url { url: String, problem: &'static str },
+    /// No client of TLS can be made.
+    #[error(
+        "cannot speak TLS: {0}; install the certificates of authorities (Debian: ca-certificates), or name a file of them with SSL_CERT_FILE"
+    )]
+    Tls(io::Error),
     /// The server's program does not start.
     #[error("cannot start the server: {source}; check the words behind --stdio: {command}")]
     Spawn { command: String, source: io::Error },

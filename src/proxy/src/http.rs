@@ -18,6 +18,7 @@ use crate::{
     connection::{Connection, Streams, answer},
     sessions::Sessions,
     stop,
+    tls::Tls,
     wire::Head,
 };
 
@@ -36,10 +37,11 @@ pub struct Upstream {
     /// As it stands in `Host`.
     authority: String,
     path: String,
+    encrypted: bool,
 }
 
 impl Upstream {
-    /// Reads `http://HOST[:PORT][/PATH]`.
+    /// Reads `http://HOST[:PORT][/PATH]`, or the same with `https`.
     ///
     /// # Errors
     /// What is wrong with it.
@@ -48,14 +50,11 @@ impl Upstream {
             url: url.to_owned(),
             problem: what,
         };
-        if url.starts_with("https://") {
-            return Err(wrong(
-                "only plain http is spoken to the server; put a forwarder that ends TLS between (stunnel, socat)",
-            ));
-        }
-        let rest = url
-            .strip_prefix("http://")
-            .ok_or_else(|| wrong("the address of the server begins with http://"))?;
+        let schemes = [("http://", false), ("https://", true)];
+        let (rest, encrypted) = schemes
+            .iter()
+            .find_map(|(scheme, encrypted)| Some((url.strip_prefix(scheme)?, *encrypted)))
+            .ok_or_else(|| wrong("the address of the server begins with http:// or https://"))?;
         let (authority, path) = rest.split_at(rest.find(['/', '?']).unwrap_or(rest.len()));
         if authority.is_empty() || authority.contains('@') {
             return Err(wrong("the address of the server names a host, and no user"));
@@ -66,7 +65,7 @@ impl Upstream {
                 port.parse()
                     .map_err(|_| wrong("the port is no number up to 65535"))?,
             ),
-            _ => (authority, 80),
+            _ => (authority, if encrypted { 443 } else { 80 }),
         };
         let host = host
             .trim_start_matches('[')
@@ -77,6 +76,7 @@ impl Upstream {
             port,
             authority: authority.to_owned(),
             path: path.to_owned(),
+            encrypted,
         })
     }
 
@@ -104,6 +104,8 @@ impl Upstream {
 pub(crate) struct Shared {
     pub setup: Arc<Setup>,
     pub upstream: Upstream,
+    /// Where the server is spoken to over TLS.
+    tls: Option<Tls>,
     pub sessions: Sessions,
     /// Open streams of HTTP+SSE, by the target for messages.
     pub streams: Streams,
@@ -111,6 +113,15 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
+    /// A connection to the server, in the clear at this end.
+    fn connect(&self) -> io::Result<TcpStream> {
+        let server = self.upstream.connect()?;
+        match &self.tls {
+            Some(tls) => tls.connect(server, &self.upstream.host),
+            None => Ok(server),
+        }
+    }
+
     /// The bytes of a request's head as the server gets them. What is compressed could
     /// not be read here.
     pub(crate) fn for_the_server(&self, head: &Head) -> Vec<u8> {
@@ -154,7 +165,7 @@ impl Proxy {
     /// Listens for agents.
     ///
     /// # Errors
-    /// When the address cannot be had.
+    /// When the address cannot be had, or for https the authorities that this machine trusts.
     pub fn bind(
         setup: Arc<Setup>,
         upstream: Upstream,
@@ -162,10 +173,16 @@ impl Proxy {
     ) -> Result<Self, ProxyError> {
         let listener =
             TcpListener::bind(address).map_err(|source| ProxyError::Listen { address, source })?;
+        let tls = if upstream.encrypted {
+            Some(Tls::new().map_err(ProxyError::Tls)?)
+        } else {
+            None
+        };
         let sessions = Sessions::new(setup.clone());
         let shared = Shared {
             setup,
             upstream,
+            tls,
             sessions,
             streams: Streams::default(),
             connections: AtomicUsize::new(0),
@@ -226,11 +243,17 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 
 /// Passes on what both sides of a connection say, until one is gone.
 fn serve(agent: &TcpStream, shared: &Arc<Shared>) {
-    let server = match shared.upstream.connect() {
+    let server = match shared.connect() {
         Ok(server) => server,
         Err(error) => {
+            let hint = match shared.tls {
+                Some(_) => {
+                    "; it has to have a certificate of an authority that this machine trusts, or that SSL_CERT_FILE names"
+                }
+                None => "",
+            };
             let why = format!(
-                "reel record cannot reach the server {}: {error}\n",
+                "reel record cannot reach the server {}: {error}{hint}\n",
                 shared.upstream.authority
             );
             drop(answer(agent, "502 Bad Gateway", "text/plain", &why));
@@ -268,8 +291,17 @@ mod tests {
             parse("http://robot"),
             Ok(("robot".into(), 80, String::new()))
         );
-        assert!(parse("https://robot").unwrap_err().contains("TLS"));
-        for bad in ["robot:1", "http://", "http://a@b", "http://robot:99999"] {
+        assert_eq!(
+            parse("https://robot/mcp"),
+            Ok(("robot".into(), 443, "/mcp".into()))
+        );
+        for bad in [
+            "robot:1",
+            "ftp://robot",
+            "http://",
+            "http://a@b",
+            "http://robot:99999",
+        ] {
             assert!(parse(bad).is_err(), "{bad}");
         }
     }

@@ -26,6 +26,7 @@ mod sse;
 mod stdio;
 mod stop;
 mod tap;
+mod tls;
 mod wire;
 
 use std::{

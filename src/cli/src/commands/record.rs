@@ -48,11 +48,12 @@ use crate::{ExitStatus, inputs};
 ///   reel record --upstream http://robot:8000/mcp --backend robot --mapping robot.toml --out traces --watch
 ///   reel record --out traces --stdio -- python my_server.py                # in the place of the server's command
 ///   reel record --out traces --listen 127.0.0.1:8810 --stdio -- python my_server.py   # agents connect to http://127.0.0.1:8810/mcp
+///   reel record --upstream https://robot.lab.example/mcp --out traces      # certificates as this machine trusts them
 ///   reel record --upstream http://127.0.0.1:8801/mcp --tasks tasks --scene scene.json --out traces
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The tool server: http://HOST[:PORT][/PATH]
+    /// The tool server: http://HOST[:PORT][/PATH], or https
     #[arg(
         long,
         value_name = "URL",

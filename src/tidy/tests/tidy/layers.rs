@@ -148,6 +148,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rand_core", &["sim", "tasks", "agents", "annotate", "server"]),
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
+    ("rustls*", &["proxy"]),
     ("ureq", &["llm"]),
     ("gltf*", &["tasks", "view"]),
     ("openusd", &["tasks"]),
