@@ -113,7 +113,7 @@ def main():
     if "--inside" not in sys.argv:
         made = subprocess.run([HERE.parent / "python.sh", "formats"], capture_output=True, text=True)
         if made.returncode:
-            print(f"skipped: python: the readers of others cannot be installed: {made.stderr.strip()[-300:]}")
+            print(f"skipped: python: third-party readers cannot be installed: {made.stderr.strip()[-300:]}")
             return 0
         return subprocess.run([made.stdout.strip(), __file__, "--inside"]).returncode
     with tempfile.TemporaryDirectory(prefix="reel-atif-") as folder:

@@ -10,7 +10,7 @@ const within = (value: number, low: number, high: number) => Math.min(high, Math
 
 /**
  * `size` is the height of a line, in the units of the map; all names stay inside `map`, and none covers what is `taken`. A name
- * keeps off the boxes of others where it can. Names that find no place are left out, strong ones never.
+ * keeps off the boxes of other receptacles where it can. Names that find no place are left out, strong ones never.
  */
 export function placed(wanted: Wanted[], size: number, map: Box, taken: Box[]): Label[] {
   const labels: Label[] = [];

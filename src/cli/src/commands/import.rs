@@ -99,7 +99,7 @@ enum Command {
     /// Every document becomes one trace, and every agent to which it delegates one more: each call is
     /// a step with its result and image, what the agent said and thought, and its tokens. A turn without a
     /// call is a call of `message`. Documents that `reel export atif` wrote keep task, rewards and
-    /// world graphs; of others the task is unknown, and none counts as a success. The
+    /// world graphs; in all other documents the task is unknown, and none counts as a success. The
     /// traces can be shown and queried like any other, but not executed again.
     ///
     /// Images have to be files beside the document, of the size that the head camera has; others are named and left

@@ -207,7 +207,7 @@ fn differences(path: &str, before: &Value, after: &Value, found: &mut BTreeSet<S
 
 /// Harbor's models, those of the package `atif`, and Inspect Scout.
 #[test]
-fn the_readers_of_others_agree() {
+fn third_party_readers_agree() {
     crate::service::script("formats/trajectories.py", &[]);
 }
 

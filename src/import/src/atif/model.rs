@@ -22,18 +22,18 @@ pub struct Trajectory {
     pub trajectory_id: Option<String>,
     /// The agent that acted, with its tools.
     pub agent: Agent,
-    /// What happened, in order.
+    /// The turns of system, user and agent, in their order.
     pub steps: Vec<Step>,
     /// Remarks that people wrote or read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub notes: Option<String>,
-    /// Sums over the trajectory.
+    /// Tokens and other sums over the whole trajectory.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub final_metrics: Option<FinalMetrics>,
     /// Where the trajectory goes on, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub continued_trajectory_ref: Option<String>,
-    /// What the producer adds.
+    /// Further fields, by the producer's own names.
     #[serde(
         default,
         skip_serializing_if = "Map::is_empty",
@@ -66,7 +66,7 @@ pub struct Agent {
         deserialize_with = "or_empty"
     )]
     pub tool_definitions: Vec<Value>,
-    /// What the producer adds.
+    /// Further fields, by the producer's own names.
     #[serde(
         default,
         skip_serializing_if = "Map::is_empty",
@@ -96,7 +96,7 @@ pub struct Step {
     /// When it was, in ISO 8601.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timestamp: Option<String>,
-    /// Who it comes from.
+    /// Whether system, user or agent is the author.
     pub source: Source,
     /// The model of this step, where it is not the agent's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -113,7 +113,7 @@ pub struct Step {
         deserialize_with = "or_empty"
     )]
     pub tool_calls: Vec<Call>,
-    /// What came of them.
+    /// The results of these calls, with texts and images.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub observation: Option<Observation>,
     /// Tokens, log-probabilities and cost of the step.
@@ -125,7 +125,7 @@ pub struct Step {
     /// How many inferences of a model the step is; 0 for an agent without a model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub llm_call_count: Option<u32>,
-    /// What the producer adds.
+    /// Further fields, by the producer's own names.
     #[serde(
         default,
         skip_serializing_if = "Map::is_empty",
@@ -182,9 +182,9 @@ pub struct Media {
 pub struct Call {
     /// What results name it by.
     pub tool_call_id: String,
-    /// Name of the tool.
+    /// Name of the tool that the agent called.
     pub function_name: String,
-    /// Its arguments, an object.
+    /// Arguments of the call, by name, as a JSON object.
     pub arguments: Value,
 }
 
@@ -201,12 +201,12 @@ pub struct CallResult {
     /// The call, where it is the result of one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source_call_id: Option<String>,
-    /// What the agent got.
+    /// The result as the agent read it: texts and images.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub content: Option<Content>,
 }
 
-/// What a step cost.
+/// Tokens and log-probabilities of one turn of the agent.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct StepMetrics {
     /// Tokens that the model read.
@@ -230,7 +230,7 @@ pub struct StepMetrics {
         deserialize_with = "or_default"
     )]
     pub logprobs: Option<Vec<f64>>,
-    /// What the producer adds.
+    /// Further fields, by the producer's own names.
     #[serde(
         default,
         skip_serializing_if = "Map::is_empty",
@@ -239,7 +239,7 @@ pub struct StepMetrics {
     pub extra: Map<String, Value>,
 }
 
-/// Sums over a trajectory.
+/// Tokens and other sums over all turns of a trajectory.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct FinalMetrics {
     /// Tokens read in all steps.
@@ -251,7 +251,7 @@ pub struct FinalMetrics {
     /// How many steps the document has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub total_steps: Option<u64>,
-    /// What the producer adds.
+    /// Further fields, by the producer's own names.
     #[serde(
         default,
         skip_serializing_if = "Map::is_empty",

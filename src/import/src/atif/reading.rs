@@ -1,4 +1,4 @@
-//! Trajectories as traces.
+//! Documents of trajectories are found, read and written as traces.
 
 use std::{
     collections::BTreeMap,

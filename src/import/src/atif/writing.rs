@@ -1,4 +1,4 @@
-//! A trace as a trajectory.
+//! A trace is written as a trajectory, with its images beside it.
 
 use reel_trace::Trace;
 use reel_world::{
