@@ -23,7 +23,7 @@ played AS (
     sequence_match(e.steps, 'pick[ok and not goal_object]') AS wrong_pick
   FROM episodes e
   LEFT JOIN placed p ON p.task_digest = e.task_digest
-  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
+  WHERE e.success IS NOT NULL AND e.parent_trace IS NULL
 )
 SELECT
   policy, distractors,

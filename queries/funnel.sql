@@ -52,7 +52,7 @@ stages AS (
   FROM episodes e
   LEFT JOIN moves m ON m.episode_id = e.episode_id
   LEFT JOIN saw v ON v.episode_id = e.episode_id
-  WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
+  WHERE e.success IS NOT NULL AND e.target <> '' AND e.parent_trace IS NULL
 ),
 passes AS (
   SELECT *, min(CAST(reached AS INT)) OVER (PARTITION BY episode_id ORDER BY number) AS passed FROM stages

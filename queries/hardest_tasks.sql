@@ -35,6 +35,6 @@ SELECT
   min(e.instruction) AS instruction
 FROM episodes e
 LEFT JOIN usual c ON c.task_digest = e.task_digest
-WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
+WHERE e.success IS NOT NULL AND e.parent_trace IS NULL
 GROUP BY e.family, e.task_id, e.task_digest
 ORDER BY success, round(avg(e.completion), 6), e.family, e.task_id, e.task_digest

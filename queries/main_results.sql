@@ -14,7 +14,7 @@
 WITH counts AS (
   SELECT policy, family, count(*) AS total, count(*) FILTER (WHERE success) AS successes
   FROM episodes
-  WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+  WHERE success IS NOT NULL AND family <> 'other' AND parent_trace IS NULL
   GROUP BY policy, family
 )
 SELECT

@@ -17,7 +17,7 @@
 WITH found AS (
   SELECT policy, family, success, sequence_match(steps, $pattern) AS matches
   FROM episodes
-  WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+  WHERE success IS NOT NULL AND parent_trace IS NULL
 )
 SELECT
   policy, family,

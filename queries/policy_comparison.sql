@@ -16,7 +16,7 @@
 WITH solved AS (
   SELECT policy, task_digest, avg(CAST(success AS DOUBLE)) AS success
   FROM episodes
-  WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+  WHERE success IS NOT NULL AND parent_trace IS NULL
   GROUP BY policy, task_digest
 ),
 pairs AS (

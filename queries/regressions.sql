@@ -24,7 +24,7 @@ WITH solved AS (
     min(trace) FILTER (WHERE success) AS success_trace,
     min(trace) FILTER (WHERE NOT success) AS failure_trace
   FROM episodes
-  WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+  WHERE success IS NOT NULL AND parent_trace IS NULL
   GROUP BY policy, family, task_id, task_digest
 )
 SELECT

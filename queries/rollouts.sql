@@ -37,7 +37,7 @@ facts AS (
     sequence_match(steps, 'pick[ok] .. place[ok and not goal_object] !place[ok]* $') AS wrong_object
   FROM episodes e
   LEFT JOIN of_episode q ON q.episode_id = e.episode_id
-  WHERE end_reason IS NOT NULL AND parent_trace IS NULL AND run_id LIKE CAST($run AS VARCHAR)
+  WHERE success IS NOT NULL AND parent_trace IS NULL AND run_id LIKE CAST($run AS VARCHAR)
 )
 SELECT
   policy,

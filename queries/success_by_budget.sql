@@ -10,7 +10,7 @@
 --
 -- Example: reel query --store store --named success_by_budget
 WITH played AS (
-  SELECT policy, count(*) AS episodes FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL GROUP BY policy
+  SELECT policy, count(*) AS episodes FROM episodes WHERE success IS NOT NULL AND parent_trace IS NULL GROUP BY policy
 ),
 lengths AS (
   SELECT policy, length, count(*) AS successes FROM episodes WHERE success AND parent_trace IS NULL GROUP BY policy, length

@@ -23,6 +23,6 @@ SELECT
   wilson_low(count(*) FILTER (WHERE success), count(*)) AS low,
   wilson_high(count(*) FILTER (WHERE success), count(*)) AS high
 FROM episodes
-WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+WHERE success IS NOT NULL AND parent_trace IS NULL
 GROUP BY GROUPING SETS ((policy, family), (policy))
-ORDER BY policy, CASE family WHEN 'FDP' THEN 1 WHEN 'FODP' THEN 2 WHEN 'FDO' THEN 3 WHEN 'SUL' THEN 4 ELSE 5 END
+ORDER BY policy, CASE family WHEN 'FDP' THEN 1 WHEN 'FODP' THEN 2 WHEN 'FDO' THEN 3 WHEN 'SUL' THEN 4 WHEN 'other' THEN 5 ELSE 6 END

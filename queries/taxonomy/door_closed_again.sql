@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: door_closed_again
 -- Priority: 18
+-- Needs: goal
 SELECT sequence_find(steps, 'close[ok and receptacle_match in (''src'', ''dest'')] !open[ok]* $') AS found
 FROM episodes
 WHERE sequence_match(steps, 'open[ok] .. close[ok and receptacle_match in (''src'', ''dest'')] !open[ok]* _[error_code = ''door_closed''] !open[ok]* $')

@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: exploration
 -- Priority: 32
+-- Needs: goal
 SELECT sequence_find(steps, '(nav_to | show_object_by_category | walk_around | gaze_at | show_receptacles)+ $') AS found
 FROM episodes
 WHERE end_reason = 'horizon'

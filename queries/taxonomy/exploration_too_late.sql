@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: exploration
 -- Priority: 47
+-- Needs: goal
 SELECT sequence_find(steps, '(nav_to | show_object_by_category | walk_around | show_receptacles){10,}') AS found
 FROM episodes
 WHERE end_reason = 'horizon'

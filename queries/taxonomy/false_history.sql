@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: false_history
 -- Priority: 22
+-- Needs: goal
 SELECT CASE
   WHEN NOT sequence_match(steps, 'pick') THEN sequence_find(
     steps,

@@ -6,5 +6,6 @@
 -- Class: Key Action Missing
 -- Sub-class: incomplete
 -- Priority: 29
+-- Needs: goal
 SELECT sequence_find(steps, 'finish[goals_met >= 1 and goals_missing >= 1] $') AS found
 FROM episodes

@@ -7,6 +7,7 @@
 -- Class: Other
 -- Sub-class: invalid_output
 -- Priority: 23
+-- Needs: goal
 SELECT named_struct(
   'first', prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').onset,
   'last', prevailing_tail(steps, '[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]').last

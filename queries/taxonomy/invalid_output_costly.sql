@@ -6,6 +6,7 @@
 -- Class: Other
 -- Sub-class: invalid_output
 -- Priority: 45
+-- Needs: goal
 SELECT sequence_find(steps, '_[error_code in (''unparsable_output'', ''unknown_tool'', ''bad_arguments'')]') AS found
 FROM episodes
 WHERE end_reason = 'horizon'

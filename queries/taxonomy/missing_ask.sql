@@ -7,6 +7,7 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_ask
 -- Priority: 10
+-- Needs: goal
 SELECT sequence_find(steps, 'pick[ok and object_match in (''instance'', ''category'', ''distractor'')] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes
 WHERE fuzzy AND NOT sequence_match(steps, 'ask[ok] .. pick[ok and not goal_object] !(pick[ok] | place[put_back])* $')

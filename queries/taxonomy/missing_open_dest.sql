@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_open
 -- Priority: 19
+-- Needs: goal
 SELECT named_struct(
   'first',
   coalesce(

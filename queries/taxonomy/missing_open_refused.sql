@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_open
 -- Priority: 20
+-- Needs: goal
 SELECT sequence_find(steps, 'place[error_code = ''door_closed'']') AS found
 FROM episodes
 WHERE sequence_match(steps, 'place[error_code = ''door_closed''] !(open[ok] | place)* place[ok and put_back]')

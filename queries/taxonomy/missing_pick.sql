@@ -7,6 +7,7 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_pick
 -- Priority: 30
+-- Needs: goal
 SELECT named_struct(
   'first',
   coalesce(

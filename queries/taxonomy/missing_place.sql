@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_place
 -- Priority: 30
+-- Needs: goal
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
 WHERE sequence_match(steps, 'pick[ok and goal_object] !(pick[ok] | place[ok])* nav_to[receptacle_match = ''dest''] !place[ok]* finish[held is not null] $')

@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: never_looked
 -- Priority: 30
+-- Needs: goal
 SELECT coalesce(
   sequence_find(steps, 'place[failed] | pick[failed]'),
   CASE WHEN sequence_match(steps, 'nav_to[ok and receptacle_match = ''src'']') THEN named_struct(

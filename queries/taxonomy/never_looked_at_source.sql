@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: never_looked
 -- Priority: 34
+-- Needs: goal
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
 WHERE NOT sequence_match(steps, 'pick[ok]')

@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: oscillation
 -- Priority: 22
+-- Needs: goal
 SELECT prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]') AS found
 FROM episodes
 WHERE prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]').margin >= 3

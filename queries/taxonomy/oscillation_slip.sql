@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: oscillation
 -- Priority: 36
+-- Needs: goal
 -- Slip: yes
 SELECT sequence_find(steps, 'nav_to[repeated] !(pick[ok] | place[ok] | open[ok] | close[ok])* $') AS found
 FROM episodes

@@ -6,5 +6,6 @@
 -- Class: Other
 -- Sub-class: physical_failure
 -- Priority: 18
+-- Needs: goal
 SELECT sequence_find(steps, '_[fell = ''target'' or error_code = ''physics_fault''] !pick[ok and goal_object]* $') AS found
 FROM episodes

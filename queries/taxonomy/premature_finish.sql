@@ -7,6 +7,7 @@
 -- Class: Key Action Missing
 -- Sub-class: premature_finish
 -- Priority: 35
+-- Needs: goal
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
 WHERE sequence_match(steps, 'pick[ok and goal_object] !(pick[ok] | place[ok] | nav_to[receptacle_match = ''dest''])* finish[held is not null] $')

@@ -6,5 +6,6 @@
 -- Class: Other
 -- Sub-class: primitive_failure
 -- Priority: 24
+-- Needs: goal
 SELECT sequence_find(steps, '_[error_code in (''backend_error'', ''skill_failed'')] !(pick[ok] | place[ok])* $') AS found
 FROM episodes

@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_call
 -- Priority: 23
+-- Needs: goal
 SELECT prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]') AS found
 FROM episodes
 WHERE prevailing_tail(steps, '[repeated and (ok or error_code = ''nothing_found'')]').margin >= 3

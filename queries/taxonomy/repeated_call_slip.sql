@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_call
 -- Priority: 37
+-- Needs: goal
 -- Slip: yes
 SELECT sequence_find(steps, '_[repeated and ok and tool <> ''nav_to''] !(pick[ok] | place[ok] | open[ok] | close[ok])* $') AS found
 FROM episodes

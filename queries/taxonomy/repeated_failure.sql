@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_failure
 -- Priority: 21
+-- Needs: goal
 SELECT prevailing_tail(
   steps,
   '[repeated and failed and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''skill_failed'', ''door_closed'', ''nothing_held'', ''hand_not_free'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'

@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_failure
 -- Priority: 22
+-- Needs: goal
 SELECT sequence_find(steps, 'place[repeated and error_code = ''nothing_held''] .. $') AS found
 FROM episodes
 WHERE sequence_count(steps, 'place[repeated and error_code = ''nothing_held'']') >= 2

@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_failure
 -- Priority: 36
+-- Needs: goal
 -- Slip: yes
 SELECT sequence_find(
   steps,

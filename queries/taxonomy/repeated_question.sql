@@ -6,6 +6,7 @@
 -- Class: Lost Memory
 -- Sub-class: repeated_question
 -- Priority: 20
+-- Needs: goal
 SELECT prevailing_tail(steps, 'ask[repeated]') AS found
 FROM episodes
 WHERE prevailing_tail(steps, 'ask[repeated]').margin >= 2

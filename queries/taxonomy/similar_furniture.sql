@@ -6,5 +6,6 @@
 -- Class: Object Confusion
 -- Sub-class: similar_furniture
 -- Priority: 21
+-- Needs: goal
 SELECT sequence_find(steps, 'place[ok and goal_object and receptacle_match = ''similar''] !(pick[ok and goal_object] | place[ok and goal_object])* $') AS found
 FROM episodes

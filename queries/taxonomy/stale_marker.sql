@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: stale_marker
 -- Priority: 34
+-- Needs: goal
 SELECT sequence_find(
   steps,
   '_[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'') and tool <> ''close''] !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''open'')]* $'

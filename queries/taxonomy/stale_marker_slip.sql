@@ -7,6 +7,7 @@
 -- Class: Lost Memory
 -- Sub-class: stale_marker
 -- Priority: 60
+-- Needs: goal
 -- Slip: yes
 SELECT sequence_find(
   steps,

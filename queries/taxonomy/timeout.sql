@@ -6,6 +6,7 @@
 -- Class: Other
 -- Sub-class: timeout
 -- Priority: 50
+-- Needs: goal
 -- Secondary: never
 SELECT sequence_find(steps, '!_[ok and tool in (''pick'', ''place'', ''open'', ''close'')]+ $') AS found
 FROM episodes

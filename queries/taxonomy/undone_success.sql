@@ -6,5 +6,6 @@
 -- Class: Lost Memory
 -- Sub-class: undone_success
 -- Priority: 16
+-- Needs: goal
 SELECT sequence_find(steps, '_[goals_met < goals_met@-1] !_[goals_met > goals_met@-1]* $') AS found
 FROM episodes

@@ -8,3 +8,4 @@
 -- Secondary: never
 SELECT named_struct('first', CAST(length - 1 AS INT), 'last', CAST(length - 1 AS INT)) AS found
 FROM episodes
+WHERE NOT success

@@ -6,6 +6,7 @@
 -- Class: Key Action Missing
 -- Sub-class: uninformative_ask
 -- Priority: 11
+-- Needs: goal
 SELECT sequence_find(steps, 'pick[ok and object_match in (''instance'', ''category'', ''distractor'')] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes
 WHERE fuzzy

@@ -6,5 +6,6 @@
 -- Class: Object Confusion
 -- Sub-class: wrong_instance
 -- Priority: 21
+-- Needs: goal
 SELECT sequence_find(steps, 'pick[ok and object_match = ''instance'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes

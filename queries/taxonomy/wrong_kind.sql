@@ -5,5 +5,6 @@
 -- Class: Object Confusion
 -- Sub-class: wrong_kind
 -- Priority: 21
+-- Needs: goal
 SELECT sequence_find(steps, 'pick[ok and object_match = ''other'' and not goal_object] !(pick[ok] | place[put_back])* $') AS found
 FROM episodes

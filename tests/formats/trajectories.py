@@ -1,5 +1,6 @@
-"""Trajectories in ATIF between Reel and others: Harbor's own models and those of the package `atif` validate what Reel writes, Inspect
-Scout reads it, and what the package writes for another agent becomes traces. Where the packages cannot be installed, it says so.
+"""Trajectories in ATIF and logs of Inspect between Reel and others: Harbor's own models and those of the package `atif` validate what Reel
+writes, Inspect and Inspect Scout read it, and what their own writers wrote of another agent becomes traces. Where the packages cannot be
+installed, it says so.
 
     REEL=~/.cache/reel/debug/reel python3 tests/formats/trajectories.py
 """
@@ -109,6 +110,98 @@ def of_another_agent(folder):
     print(f"a foreign trajectory of {len(tools)} calls is read, counted and written again")
 
 
+def logs_open(folder):
+    """Inspect reads every log as Reel wrote it, one sample an episode, and Scout every call with its result."""
+    import asyncio
+    from inspect_ai.log import list_eval_logs, read_eval_log, read_eval_log_sample, read_eval_log_sample_summaries
+    from inspect_scout import transcripts_from
+
+    told = [json.loads(line) for line in reel(folder, "export", "inspect", "traces", "--out", "logs", "--json").splitlines()[:-1]]
+    assert len(list_eval_logs(str(folder / "logs"))) == len(told) == 2, f"{told}"
+    calls = images = 0
+    for one in told:
+        log = read_eval_log(str(folder / one["log"]))
+        assert (log.status, log.eval.model, len(log.samples)) == ("success", one["policy"], one["samples"]), f"{log.eval}"
+        summaries = read_eval_log_sample_summaries(str(folder / one["log"]))
+        assert [one.id for one in summaries] == log.eval.dataset.sample_ids
+        won = [sample.scores["success"].value for sample in log.samples]
+        assert won == (["C"] if one["policy"] == "planner" else ["I"]) * len(won), f"{won}"
+        [mean] = [score.metrics["mean"].value for score in log.results.scores if score.name == "success"]
+        assert mean == (one["policy"] == "planner")
+        for sample in log.samples:
+            again = read_eval_log_sample(str(folder / one["log"]), sample.id, sample.epoch)
+            assert again.messages == sample.messages and sample.metadata["reel"]["task"]["task_id"] == sample.id
+            calls += sum(len(message.tool_calls or []) for message in sample.messages if message.role == "assistant")
+            contents = [message.content for message in sample.messages if isinstance(message.content, list)]
+            images += sum(part.type == "image" and part.image.startswith("data:image/webp") for content in contents for part in content)
+
+    async def read():
+        async with transcripts_from(str(folder / "logs")).reader() as reader:
+            from inspect_scout import TranscriptContent
+            return [await reader.read(info, TranscriptContent(messages="all")) async for info in reader.index()]
+
+    transcripts = asyncio.run(read())
+    seen = sum(len(message.tool_calls or []) for one in transcripts for message in one.messages if message.role == "assistant")
+    assert seen == calls > 0 and images > 0, f"{seen} of {calls} calls, {images} images"
+    print(f"Inspect and Scout read {len(transcripts)} samples with {calls} calls and {images} images")
+
+
+def of_an_evaluation(folder):
+    """A log that Inspect's own writer made, in both of its forms, is traces whose scores and failed calls SQL finds."""
+    sys.path.insert(0, str(HERE))
+    import foreign
+
+    (folder / "evaluated").mkdir()
+    samples = foreign.log(folder / "evaluated", "one.eval")
+    reel(folder, "import", "inspect", "evaluated", "--out", "samples")
+    foreign.log(folder, "one.json")
+    reel(folder, "import", "inspect", "one.json", "--out", "samples-of-json")
+    assert same_files(folder / "samples", folder / "samples-of-json"), "the two forms of a log give other traces"
+    reel(folder, "ingest", "samples", "--store", "evaluated-store")
+    sql = ("SELECT task_id, policy, family, target, success, completion, total_reward, scores, length, "
+           "sequence_count(steps, '_[failed]') AS failed FROM episodes")
+    rows = {row["task_id"]: row for row in json.loads(reel(folder, "query", "--store", "evaluated-store", "--json", sql))}
+    for number, (task, tools, grade) in enumerate(foreign.ATTEMPTS):
+        row = rows.pop(f"builds/{task}")
+        assert row["policy"] == "some/model" and row["family"] == "other" and row["target"] == "", f"{row}"
+        assert row["success"] is (grade == "C") and row["completion"] is row["total_reward"] is None, f"{row}"
+        # Each call is a step, and so is what was said at the end.
+        assert row["length"] == len(tools) + 1 and row["failed"] == (len(tools) if task == "linker" else 0), f"{row}"
+        values = {score["name"]: (score["value"], score["label"]) for score in row["scores"]}
+        assert values == {"builds": (float(grade == "C"), grade), "tests.passed": (0.25 * number, None), "tests.skipped": (1, None)}, f"{values}"
+    assert not rows, f"{rows}"
+    reel(folder, "import", "inspect", "evaluated", "--success", "tests.passed>=0.5", "--out", "by-tests")
+    shown = [reel(folder, "show", trace) for trace in sorted((folder / "by-tests").glob("*.mcap"))]
+    assert sum("SUCCESS" in text for text in shown) == 2 and sum("FAILURE" in text for text in shown) == 2
+    # The same conversations and scores come out again.
+    from inspect_ai.log import read_eval_log
+
+    reel(folder, "export", "inspect", "samples", "--out", "evaluated-again")
+    [log] = (folder / "evaluated-again").glob("*.eval")
+    again = {sample.id.removeprefix("builds/"): sample for sample in read_eval_log(str(log)).samples}
+    for sample in samples:
+        said, expected = ([(one.role, one.text, [call.function for call in getattr(one, "tool_calls", None) or []]) for one in of.messages]
+                          for of in (again[sample.id], sample))
+        if sample.id != "linker":
+            assert said == expected, f"{said}"
+        assert again[sample.id].target == sample.target and again[sample.id].scores["builds"].value == sample.scores["builds"].value
+    print(f"a log of {len(samples)} samples is read in both of its forms, counted and written again")
+
+
+def same_files(one, other):
+    return {path.name: path.read_bytes() for path in one.iterdir()} == {path.name: path.read_bytes() for path in other.iterdir()}
+
+
+def examples_are_theirs(folder):
+    """The examples of docs/trajectories.md are what the libraries write today."""
+    import foreign
+
+    kept = HERE / "foreign"
+    assert json.loads(foreign.trajectory()) == json.loads((kept / "trajectory.json").read_text()), "tests/formats/foreign/trajectory.json is stale"
+    foreign.log(folder, "log.json")
+    assert json.loads((folder / "log.json").read_text()) == json.loads((kept / "log.json").read_text()), "tests/formats/foreign/log.json is stale"
+
+
 def main():
     if "--inside" not in sys.argv:
         made = subprocess.run([HERE.parent / "python.sh", "formats"], capture_output=True, text=True)
@@ -122,6 +215,9 @@ def main():
         validated(folder, documents)
         seen_by_scout(folder, documents)
         of_another_agent(folder)
+        logs_open(folder)
+        of_an_evaluation(folder)
+        examples_are_theirs(folder)
     return 0
 
 

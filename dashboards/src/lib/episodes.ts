@@ -10,7 +10,7 @@ import type { Found } from "./search";
 export interface Episode {
   episode_id: string;
   trace: string;
-  outcome: "success" | "failure" | "broken off";
+  outcome: "success" | "failure" | "broken off" | "not judged";
   policy: string;
   family: string | null;
   task_id: string | null;
@@ -45,7 +45,8 @@ export const VERDICTS = `SELECT trace_digest, CASE
 const listed = (condition: string) => `WITH listed AS (
   SELECT
     e.*,
-    CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
+    CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL THEN 'broken off'
+      WHEN e.success IS NULL THEN 'not judged' ELSE 'failure' END AS outcome,
     ${CLASS} AS class,
     c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
     coalesce(b.step, c.step) AS decisive_step,

@@ -9,6 +9,7 @@ export const FAMILIES: Terms = {
   FODP: "Pick and place among similar furniture and similar objects; the instruction is precise.",
   FDO: "Furniture has doors that must be opened, and closed again.",
   SUL: "The instruction leaves open which object is meant: the agent has to ask.",
+  other: "A task outside REAL-Bench.",
 };
 export const METRICS: Terms = {
   SR: "Success rate: the share of the episodes that reach the whole goal.",
@@ -70,6 +71,7 @@ const OUTCOME: Terms = {
   success: "The whole goal holds at the end.",
   failure: "The episode ended, and a part of the goal does not hold.",
   "broken off": "The recording stops before the episode ended.",
+  "not judged": "The task has no goal that Reel knows, and nobody said whether it was reached.",
 };
 export const VERDICTS: Terms = {
   exact: "replayed, every digest equal",

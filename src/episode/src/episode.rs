@@ -13,8 +13,8 @@ use reel_world::{
     ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, ToolText,
     WorldGraph, ask_reply, invariants,
     record::{
-        Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord,
-        StateDigests, StepInput, StepRecord, UserReply,
+        Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, Reported,
+        StartRecord, StateDigests, StepInput, StepRecord, UserReply,
     },
 };
 

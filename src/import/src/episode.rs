@@ -4,7 +4,10 @@
 use reel_reward::{Preset, metrics, open_reward, rewards};
 use reel_world::{
     AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
-    record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
+    record::{
+        EndReason, EndRecord, EpisodeHeader, PolicyInfo, Reported, StartRecord, StepInput,
+        StepRecord,
+    },
 };
 use serde_json::{Map, Value};
 
@@ -172,6 +175,10 @@ pub(crate) fn build(mut files: Files, options: &ImportOptions<'_>) -> Result<Bui
         graphs,
         metrics,
         steps: records.len() as u32,
+        reported: Reported {
+            success: told,
+            ..Reported::default()
+        },
     };
     let steps = records.into_iter().zip(frames).collect();
     Ok(Built {

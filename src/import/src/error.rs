@@ -35,6 +35,11 @@ pub enum ImportError {
         "no trajectory of ATIF here: give a .json file with a schema_version, or a folder of such: {root}"
     )]
     NoTrajectory { root: PathBuf },
+    /// No log lies in the folder or below it.
+    #[error(
+        "no log of Inspect here: give a file .eval, a log in one .json file, or a folder of such: {root}"
+    )]
+    NoLog { root: PathBuf },
     /// A recording in a form that is not read.
     #[error("{reason}: {path}")]
     Storage { path: PathBuf, reason: String },

@@ -1,6 +1,6 @@
 //! Episodes that agents of the published REAL framework played (`eval_output`,
 //! docs/spec.md#evaluation-agents) as traces; [`robot`] does the same for what robots recorded, [`atif`]
-//! for trajectories of any agent.
+//! for trajectories of any agent, [`inspect`] for logs of evaluations.
 //!
 //! Owns what their files mean. Reads every field leniently: a missing file is less information; a
 //! torn one is a loss that is named, and the steps before it are imported. Never simulates, never
@@ -33,7 +33,9 @@ mod error;
 pub mod eval_client;
 mod graph;
 mod image;
+pub mod inspect;
 mod layout;
+mod lenient;
 mod mapping;
 mod observe;
 mod outcome;
@@ -87,8 +89,9 @@ pub struct ImportedEpisode {
     pub images: u32,
     /// Why the episode ended, as its end record says.
     pub end: EndReason,
-    /// SR under the default preset.
-    pub success: bool,
+    /// SR under the default preset, or what was reported where the task has no goal; `None` where
+    /// nobody knows.
+    pub success: Option<bool>,
     /// What was there and could not be read.
     pub losses: Vec<ImportLoss>,
     /// What the files leave open, and how it was decided.
@@ -149,6 +152,7 @@ pub fn import(
         source: source.to_owned(),
         trace,
         bytes: summary.bytes,
+        success: built.end.success(&built.task),
         task_id: built.task.task_id,
         steps: built.end.steps,
         images: built
@@ -157,7 +161,6 @@ pub fn import(
             .filter(|(_, frame)| frame.is_some())
             .count() as u32,
         end: built.end.reason,
-        success: built.end.metrics.success,
         losses: built.losses,
         notes: built.notes,
     })

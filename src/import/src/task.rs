@@ -156,45 +156,30 @@ fn settings(meta: &Map<String, Value>) -> BTreeMap<String, Value> {
         .collect()
 }
 
-/// A task of which nothing is known but, perhaps, its words. Its goal is an object that nobody can
-/// bring, so that no episode counts as a success of which nobody knows whether it was one.
+/// A task without a goal, of which nothing is known but, perhaps, its words. Whether an episode of it
+/// succeeded is what somebody reports.
 pub fn unknown_task(
     task_id: String,
     instruction: String,
     scene_id: String,
     initial: WorldGraph,
 ) -> TaskSetup {
-    let place = ReceptacleId::from(UNKNOWN);
-    let target = ObjectInstance {
-        instance: UNKNOWN.into(),
-        asset: UNKNOWN.into(),
-        category: UNKNOWN.to_owned(),
-        caption: None,
-        attributes: BTreeMap::new(),
-        size: [0.0; 3],
-        position: [0.0; 3],
-        yaw: 0.0,
-        receptacle: place.clone(),
-        reference_rest: None,
-    };
-    let mut goal = initial.clone();
-    goal.add(&place, &target.instance);
     let task = Task {
         placement_order: Vec::new(),
         task_id,
-        family: Family::FDP,
+        family: Family::Other,
         task_type: None,
         scene_id: scene_id.clone(),
         precise_instruction: instruction.clone(),
         instruction,
         fuzzy: false,
         purpose: None,
-        target: target.instance.clone(),
-        objects: vec![target],
+        target: "".into(),
+        objects: Vec::new(),
+        goal: initial.clone(),
         initial,
-        goal,
-        src: place.clone(),
-        dest: place,
+        src: "".into(),
+        dest: "".into(),
         src_distractors: Vec::new(),
         dest_distractors: Vec::new(),
         object_distractors: Vec::new(),

@@ -13,7 +13,7 @@ use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
     Task, Tool, ToolCall, ToolText,
     record::{
-        EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord,
+        EndReason, EndRecord, EpisodeHeader, PolicyInfo, PolicyOutput, Reported, StartRecord,
         StepInput, StepRecord,
     },
 };
@@ -59,7 +59,9 @@ struct Playing {
 /// An episode whose trace is whole.
 struct EndedEpisode {
     path: PathBuf,
-    metrics: Metrics,
+    end: EndRecord,
+    /// Whether it succeeded, where the task says what that is.
+    success: Option<bool>,
     open: Option<OpenReward>,
 }
 
@@ -217,8 +219,8 @@ impl Episodes {
                 Ok(ended) => setup.emit(ProxyEvent::Ended {
                     session: &session,
                     path: &ended.path,
-                    reason,
-                    metrics: &ended.metrics,
+                    end: &ended.end,
+                    success: ended.success,
                     open: ended.open.as_ref(),
                 }),
                 Err(RecordingError(why)) => setup.emit(ProxyEvent::RecordingFailed {
@@ -549,15 +551,18 @@ impl Playing {
         let (known, scene) = (&setup.tasks, &self.scene);
         let open = open_reward(preset, known, task, scene, &self.start, &self.steps);
         let steps = self.next();
-        self.recorder.end(&EndRecord {
+        let end = EndRecord {
             reason,
             graphs,
-            metrics: metrics.clone(),
+            metrics,
             steps,
-        })?;
+            reported: Reported::default(),
+        };
+        self.recorder.end(&end)?;
         Ok(EndedEpisode {
             path: self.path,
-            metrics,
+            success: end.success(&self.task),
+            end,
             open,
         })
     }

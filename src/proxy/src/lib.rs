@@ -39,7 +39,7 @@ use reel_reward::{OpenReward, Preset};
 use reel_trace::{RecordOptions, Timing};
 use reel_world::{
     Profile, Scenes, Task,
-    record::{Backend, EndReason, Metrics, StepRecord},
+    record::{Backend, EndRecord, StepRecord},
 };
 
 pub use bridge::Bridge;
@@ -92,10 +92,10 @@ pub enum ProxyEvent<'a> {
         session: &'a str,
         /// Path of the finished trace file.
         path: &'a Path,
-        /// Why the episode ended, e.g. finished or aborted.
-        reason: EndReason,
-        /// What it came to.
-        metrics: &'a Metrics,
+        /// Why it ended, and what it came to.
+        end: &'a EndRecord,
+        /// Whether it succeeded; `None` where the task has no goal.
+        success: Option<bool>,
         /// What is open of its reward, if that depends on what no server tells.
         open: Option<&'a OpenReward>,
     },

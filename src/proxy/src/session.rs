@@ -485,7 +485,8 @@ mod tests {
             trace.steps.iter().map(|step| step.outcome.error).collect();
         let failed = Some(ErrorCode::BackendError);
         assert_eq!(errors, [failed, failed, failed, None]);
-        assert!(!trace.end.as_ref().unwrap().metrics.success, "nobody knows");
+        let success = trace.end.as_ref().unwrap().success(&trace.task);
+        assert_eq!(success, None, "nobody knows");
     }
 
     #[test]

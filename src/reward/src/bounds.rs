@@ -73,7 +73,7 @@ impl fmt::Display for OpenReward {
 }
 
 /// What is open of the reward of a recorded episode under a preset; `None` where a simulator
-/// recorded it. The task counts as that of its file: no record says where it came from.
+/// recorded it, or the task has no goal. The task counts as that of its file: no record says where it came from.
 pub fn open_reward_of_record(
     preset: &Preset,
     header: &EpisodeHeader,
@@ -82,7 +82,7 @@ pub fn open_reward_of_record(
     start: &StartRecord,
     steps: &[StepRecord],
 ) -> Option<OpenReward> {
-    if header.backend == Backend::Sim {
+    if header.backend == Backend::Sim || !task.has_goal() {
         return None;
     }
     world_unknown(steps)
@@ -106,8 +106,8 @@ fn world_unknown(steps: &[StepRecord]) -> Option<OpenReward> {
     })
 }
 
-/// What is open of the reward of an episode whose record does not hold what the camera saw. `known`
-/// are the tasks of files; another one was made from messages.
+/// What is open of the reward of an episode whose record does not hold what the camera saw; `None`
+/// where the task has no goal. `known` are the tasks of files; another one was made from messages.
 pub fn open_reward(
     preset: &Preset,
     known: &[Arc<Task>],
@@ -116,6 +116,9 @@ pub fn open_reward(
     start: &StartRecord,
     steps: &[StepRecord],
 ) -> Option<OpenReward> {
+    if !task.has_goal() {
+        return None;
+    }
     if let Some(open) = world_unknown(steps) {
         return Some(open);
     }

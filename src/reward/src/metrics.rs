@@ -20,6 +20,7 @@ use crate::{
 /// registry and without doors by asset for `real-repo` and by category for `real-trainer`. An `ask`
 /// counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the shortest path of the
 /// start record and `p` the path driven, both in metres; where both are zero it is `S`.
+/// A task without a goal is never a success here, and its completion is 0.
 pub fn metrics(
     preset: &Preset,
     task: &Task,
@@ -40,7 +41,7 @@ pub fn metrics(
             })
         }
     };
-    let success = held == wanted;
+    let success = task.has_goal() && held == wanted;
     let rewards: Vec<f64> = steps.iter().map(StepRecord::reward_total).collect();
     let spl = start.shortest_path_m.map(|shortest| {
         let shortest = f64::from(shortest);
@@ -60,7 +61,7 @@ pub fn metrics(
     Metrics {
         success,
         completion: if wanted == 0 {
-            1.0
+            f64::from(u8::from(task.has_goal()))
         } else {
             held as f64 / wanted as f64
         },

@@ -106,8 +106,12 @@ impl Scorer {
         }
     }
 
-    /// Appends the terms of the next step; those that are zero are left out.
+    /// Appends the terms of the next step; those that are zero are left out. A task without a goal
+    /// has none.
     pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<AppliedTerm>) {
+        if !facts.has_goal {
+            return;
+        }
         let mut paid = TermSink::new(&self.preset, terms);
         match &mut *self.rules {
             State::Paper(rules) => rules.step(facts, step, &mut paid),

@@ -23,8 +23,8 @@ use serde_arrow::ArrayBuilder;
 use serde_json::Value;
 
 use crate::{Table, revisit::Revisits};
-pub(crate) use nested::{Change, MarkerRow, PolicyLogprobs, Term, Visible};
-use nested::{changes, marker, start_changes, term, visible};
+pub(crate) use nested::{Change, MarkerRow, PolicyLogprobs, ScoreRow, Term, Visible};
+use nested::{changes, marker, score_row, start_changes, term, visible};
 pub(crate) use tasks::{door, name_of};
 use tasks::{scene_row, task_row};
 
@@ -147,6 +147,8 @@ pub(crate) struct Episode<'a> {
     pub(crate) trace_modified_ns: i64,
     pub(crate) measurements: Vec<Measured<'a>>,
     pub(crate) steps: Vec<Step<'a>>,
+    pub(crate) reported_success: Option<bool>,
+    pub(crate) scores: Option<Vec<ScoreRow<'a>>>,
 }
 
 fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
@@ -159,6 +161,7 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
     } = trace;
     let target = task.object(&task.target);
     let metrics = end.as_ref().map(|end| &end.metrics);
+    let goal_metrics = metrics.filter(|_| task.has_goal());
     let last_robot = trace.steps.last().map_or(&start.robot, |step| &step.robot);
     Episode {
         episode_id: header.episode_id.as_str().into(),
@@ -181,13 +184,13 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         backend: name_of(&header.backend),
         skills: header.skills.as_str(),
         end_reason: end.as_ref().map(|end| name_of(&end.reason)),
-        success: metrics.map(|metrics| metrics.success),
-        completion: metrics.map(|metrics| metrics.completion),
-        total_reward: metrics.map(|metrics| metrics.total_reward),
-        discounted_return: metrics.map(|metrics| metrics.discounted_return),
+        success: end.as_ref().and_then(|end| end.success(task)),
+        completion: goal_metrics.map(|metrics| metrics.completion),
+        total_reward: goal_metrics.map(|metrics| metrics.total_reward),
+        discounted_return: goal_metrics.map(|metrics| metrics.discounted_return),
         length: metrics.map(|metrics| metrics.length),
         asks: metrics.map(|metrics| metrics.asks),
-        spl: metrics.and_then(|metrics| metrics.spl),
+        spl: goal_metrics.and_then(|metrics| metrics.spl),
         instruction: &task.instruction,
         fuzzy: task.fuzzy,
         purpose: task.purpose.as_deref(),
@@ -213,6 +216,10 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         trace_modified_ns: modified_ns,
         measurements: measurements(&trace.robot),
         steps: steps(trace),
+        reported_success: end.as_ref().and_then(|end| end.reported.success),
+        scores: end
+            .as_ref()
+            .map(|end| end.reported.scores.iter().map(score_row).collect()),
     }
 }
 

@@ -196,6 +196,8 @@ impl SyntheticWriter<'_> {
             trace_modified_ns: 0,
             measurements: Vec::new(),
             steps,
+            reported_success: None,
+            scores: Some(Vec::new()),
         }
     }
 }

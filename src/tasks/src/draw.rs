@@ -375,7 +375,7 @@ impl<'a> Draft<'a> {
 /// Whether an object beside the target makes the family's task harder.
 fn confuses(family: Family, target: &LibraryObject, other: &LibraryObject) -> bool {
     match family {
-        Family::FDP | Family::FDO => false,
+        Family::FDP | Family::FDO | Family::Other => false,
         Family::FODP => other.category == target.category && other.asset != target.asset,
         Family::SUL => other.purpose == target.purpose && other.category != target.category,
     }

@@ -17,15 +17,19 @@ use crate::{
     rules::Rule,
 };
 
-/// Columns that name an episode.
-const KEEP: [&str; 6] = [
+/// Columns that name an episode, and its target: a task that names none has no goal.
+const KEEP: [&str; 7] = [
     "episode_id",
     "trace_digest",
     "backend",
     "family",
     "policy",
     "length",
+    "target",
 ];
+/// The episodes that failed, and those of tasks without a goal of which nobody said how they went.
+const FAILED: &str =
+    "(NOT success OR (success IS NULL AND target = '' AND end_reason IS NOT NULL))";
 
 /// The failed episodes with their classes.
 #[derive(Debug)]
@@ -52,7 +56,8 @@ struct ClassifiedEpisode {
     findings: Vec<Evidence>,
 }
 
-/// Applies the rules to the failed episodes of a store that fulfil a condition in SQL.
+/// Applies the rules to the failed episodes of a store that fulfil a condition in SQL. Where a task
+/// has no goal and nobody said how it went, an episode counts as failed if a rule holds.
 ///
 /// # Errors
 /// When a rule or the condition cannot be asked.
@@ -63,8 +68,8 @@ pub fn classify(
 ) -> Result<Classification, TaxonomyError> {
     let questions: Vec<_> = rules.rules().iter().map(|rule| &rule.question).collect();
     let filter = match condition {
-        Some(condition) => format!("NOT success AND ({condition})"),
-        None => "NOT success".to_owned(),
+        Some(condition) => format!("{FAILED} AND ({condition})"),
+        None => FAILED.to_owned(),
     };
     let batches = session.run(&fuse(&KEEP, &questions, &filter))?;
     let mut found = Vec::new();
@@ -77,9 +82,12 @@ pub fn classify(
         let answers = answers.collect::<Result<Vec<_>, _>>()?;
         let lengths = cast(&batch["length"], &DataType::Int32).map_err(QueryError::from)?;
         let lengths: &Int32Array = lengths.as_primitive();
+        let targets: &StringArray = batch["target"].as_string();
         for row in 0..batch.num_rows() {
+            let has_goal = !targets.value(row).is_empty();
             let mut findings: Vec<Evidence> = (0_u16..)
                 .zip(&answers)
+                .filter(|(rule, _)| has_goal || !rules.rules()[usize::from(*rule)].needs_goal)
                 .filter_map(|(rule, answer)| {
                     answer.at(row).map(|(first, last)| (rule, first, last))
                 })
@@ -88,6 +96,9 @@ pub fn classify(
             findings.sort_by_key(|(rule, first, _)| {
                 (rules.rules()[usize::from(*rule)].priority, *first, *rule)
             });
+            if findings.is_empty() && !has_goal {
+                continue;
+            }
             found.push(ClassifiedEpisode {
                 batch: batch_index as u32,
                 row: row as u32,
@@ -261,7 +272,7 @@ impl Classification {
                 episode_id,
                 trace_digest,
                 rules_version: &self.version,
-                class: rule.class,
+                class: &rule.class,
                 sub_class: &rule.sub_class,
                 rule: &rule.name,
                 step: explained.step,
@@ -294,7 +305,7 @@ impl Classification {
                 let rule = &self.rules[usize::from(*index)];
                 told.insert(&rule.sub_class).then_some(Finding {
                     rule: &rule.name,
-                    class: rule.class,
+                    class: &rule.class,
                     sub_class: &rule.sub_class,
                     step: *step,
                     last_step: *last_step,

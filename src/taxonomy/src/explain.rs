@@ -209,7 +209,7 @@ fn agrees((_, first, last): &Evidence, measured: &Measured) -> bool {
 
 /// The capacity that a rule is about, in the words of blame; none where its class does not say.
 fn cause_of(rule: &Rule) -> Option<&'static str> {
-    match (rule.class, rule.sub_class.as_str()) {
+    match (rule.class.as_str(), rule.sub_class.as_str()) {
         (_, "missing_ask" | "uninformative_ask") => Some("communication"),
         (_, "primitive_failure" | "physical_failure") => Some("primitive"),
         (class, _) if class == FailureClass::ObjectConfusion.as_str() => Some("perception"),

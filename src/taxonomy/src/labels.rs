@@ -24,6 +24,8 @@ pub struct Defaults<'a> {
     pub author: &'a str,
     /// When it was said, milliseconds since 1970.
     pub at_ms: i64,
+    /// Classes of a taxonomy of one's own, which a label may have beside those of the paper.
+    pub own_classes: &'a BTreeSet<String>,
 }
 
 /// A label as files have it: what is left out is filled in.
@@ -156,6 +158,7 @@ pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<LabelRow>,
             Defaults {
                 author: "injected",
                 at_ms,
+                own_classes: &BTreeSet::new(),
             },
         )
         .map(Some)
@@ -167,11 +170,14 @@ impl LabelLine {
             place: place.to_owned(),
             reason,
         };
-        if !CLASSES.contains(&self.class.as_str()) {
+        let known = defaults.own_classes;
+        if !CLASSES.contains(&self.class.as_str()) && !known.contains(&self.class) {
+            let known = known.iter().map(String::as_str);
+            let known: Vec<&str> = CLASSES.into_iter().chain(known).collect();
             return Err(wrong(format!(
                 "the class '{}' is none of {}",
                 self.class,
-                CLASSES.join(", ")
+                known.join(", ")
             )));
         }
         if self
@@ -286,6 +292,7 @@ mod tests {
     const DEFAULTS: Defaults<'_> = Defaults {
         author: "ann",
         at_ms: 5,
+        own_classes: &BTreeSet::new(),
     };
 
     fn label(episode: &str, author: &str, kind: &str, class: &str, at_ms: i64) -> LabelRow {

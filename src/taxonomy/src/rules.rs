@@ -1,7 +1,7 @@
 //! Rules: a file each, with its class, sub-class, priority, prose and one question about a single
 //! episode. Reads and checks them; never asks them.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeSet, fs, path::Path};
 
 use reel_query::RowExpression;
 use reel_world::{Digest, FailureClass};
@@ -12,6 +12,18 @@ use crate::TaxonomyError;
 /// The paper's classes, in its order (Failure Mode Taxonomy).
 pub const CLASSES: [&str; 4] = FailureClass::NAMES;
 
+/// Most characters of a class.
+const CLASS_CHARACTERS: usize = 60;
+/// What the lines of a header begin with that are no prose.
+const FIELDS: [&str; 6] = [
+    "Class:",
+    "Sub-class:",
+    "Priority:",
+    "Secondary:",
+    "Slip:",
+    "Needs:",
+];
+
 /// The rules that come with Reel: name and text.
 const BUILT_IN: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/rules.rs"));
 
@@ -20,8 +32,8 @@ const BUILT_IN: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/rules.rs")
 pub struct Rule {
     /// Its name: the file's, without `.sql`.
     pub name: String,
-    /// Class of the failures that it finds, one of [`CLASSES`].
-    pub class: &'static str,
+    /// Class of the failures that it finds: one of [`CLASSES`], or one of a taxonomy of one's own.
+    pub class: String,
     /// Sub-class within that class, e.g. `wrong_attribute`.
     pub sub_class: String,
     /// Of several rules that hold the one with the lowest number decides; of equal ones that
@@ -32,6 +44,8 @@ pub struct Rule {
     /// Whether it explains nothing alone: it decides only where blame measured the capacity that it
     /// is about, or where no other rule holds.
     pub slip: bool,
+    /// Whether it is asked only of episodes whose task has a goal in a world graph.
+    pub needs_goal: bool,
     /// What it says, in prose.
     pub prose: String,
     /// Text of the whole rule file, its header comments included.
@@ -125,11 +139,18 @@ impl RuleSet {
     }
 
     /// The class of a sub-class.
-    pub fn class_of(&self, sub_class: &str) -> Option<&'static str> {
+    pub fn class_of(&self, sub_class: &str) -> Option<&str> {
         self.rules
             .iter()
             .find(|rule| rule.sub_class == sub_class)
-            .map(|rule| rule.class)
+            .map(|rule| rule.class.as_str())
+    }
+
+    /// The classes in their order: the paper's, then those of one's own by name.
+    pub fn classes(&self) -> Vec<&str> {
+        let own: BTreeSet<&str> = self.rules.iter().map(|rule| rule.class.as_str()).collect();
+        let own = own.into_iter().filter(|class| !CLASSES.contains(class));
+        CLASSES.into_iter().chain(own).collect()
     }
 }
 
@@ -153,9 +174,16 @@ impl Rule {
                 .ok_or_else(|| wrong(format!("its header has no line `-- {key}: ...`")))
         };
         let class = field("Class")?;
-        let class = CLASSES.iter().find(|known| **known == class);
-        let class = class
-            .ok_or_else(|| wrong(format!("its class is not one of {}", CLASSES.join(", "))))?;
+        if class.chars().count() > CLASS_CHARACTERS || class.chars().any(char::is_control) {
+            return Err(wrong(format!(
+                "its class is longer than {CLASS_CHARACTERS} characters, or has one that cannot be printed"
+            )));
+        }
+        // Classes are compared to the letter: another spelling of one would be a second one.
+        let meant = |known: &&str| known.eq_ignore_ascii_case(class) && *known != class;
+        if let Some(known) = CLASSES.into_iter().find(meant) {
+            return Err(wrong(format!("its class '{class}' is written '{known}'")));
+        }
         let sub_class = field("Sub-class")?.to_owned();
         if !sub_class
             .chars()
@@ -168,29 +196,17 @@ impl Rule {
         let priority = field("Priority")?
             .parse()
             .map_err(|_| wrong("its priority is no whole number".into()))?;
-        let secondary = match field("Secondary") {
-            Ok("never") => false,
-            Ok(other) => {
-                return Err(wrong(format!(
-                    "`-- Secondary: {other}` has to be `never`, or to be left out"
-                )));
-            }
-            Err(_) => true,
+        let says = |key: &str, word: &str| match field(key) {
+            Ok(said) if said == word => Ok(true),
+            Ok(other) => Err(wrong(format!(
+                "`-- {key}: {other}` has to be `{word}`, or to be left out"
+            ))),
+            Err(_) => Ok(false),
         };
-        let slip = match field("Slip") {
-            Ok("yes") => true,
-            Ok(other) => {
-                return Err(wrong(format!(
-                    "`-- Slip: {other}` has to be `yes`, or to be left out"
-                )));
-            }
-            Err(_) => false,
-        };
-        let is_prose = |line: &&&str| {
-            !["Class:", "Sub-class:", "Priority:", "Secondary:", "Slip:"]
-                .iter()
-                .any(|key| line.starts_with(key))
-        };
+        let secondary = !says("Secondary", "never")?;
+        let slip = says("Slip", "yes")?;
+        let needs_goal = says("Needs", "goal")?;
+        let is_prose = |line: &&&str| !FIELDS.iter().any(|key| line.starts_with(key));
         let prose = header
             .iter()
             .skip(1)
@@ -207,11 +223,12 @@ impl Rule {
         }
         let question = RowExpression::parse(&sql).map_err(wrong)?;
         Ok(Self {
-            class,
+            class: class.to_owned(),
             sub_class,
             priority,
             secondary,
             slip,
+            needs_goal,
             prose,
             question,
             name,
@@ -231,7 +248,7 @@ mod tests {
         let rule = Rule::parse("x".into(), GOOD.into()).unwrap();
         assert_eq!(
             (
-                rule.class,
+                rule.class.as_str(),
                 rule.sub_class.as_str(),
                 rule.priority,
                 rule.prose.as_str()
@@ -239,11 +256,21 @@ mod tests {
             ("Other", "x", 7, "Words.")
         );
         for (from, to, complaint) in [
-            ("Other", "Bad Luck", "not one of Object Confusion"),
+            (
+                "Class: Other",
+                "Class: lost memory",
+                "is written 'Lost Memory'",
+            ),
+            ("Class: Other", "Class: \u{1b}[31m", "cannot be printed"),
             ("-- Class: Other\n", "", "no line `-- Class: ...`"),
             ("Sub-class: x", "Sub-class: X y", "other characters"),
             ("Priority: 7", "Priority: high", "no whole number"),
             ("Priority: 7", "Priority: 7\n-- Slip: no", "has to be `yes`"),
+            (
+                "Priority: 7",
+                "Priority: 7\n-- Needs: robot",
+                "has to be `goal`",
+            ),
             ("-- Words.\n", "", "in words"),
             ("FROM episodes", "FROM labels", "from `episodes`"),
             ("SELECT", "SELEKT", "xpected"),
@@ -272,11 +299,12 @@ mod tests {
                 "{class}"
             );
         }
+        assert_eq!(set.classes(), CLASSES);
         // a sub-class belongs to one class
         for rule in set.rules() {
             assert_eq!(
                 set.class_of(&rule.sub_class),
-                Some(rule.class),
+                Some(rule.class.as_str()),
                 "{}",
                 rule.name
             );
@@ -286,9 +314,12 @@ mod tests {
             RuleSet::with_folder(folder.path()).unwrap().version(),
             set.version()
         );
-        fs::write(folder.path().join("mine.sql"), GOOD).unwrap();
+        let mine = GOOD.replace("Class: Other", "Class: Wrong File");
+        fs::write(folder.path().join("mine.sql"), mine).unwrap();
         let more = RuleSet::with_folder(folder.path()).unwrap();
         assert_ne!(more.version(), set.version());
         assert_eq!(more.rules()[0].name, "mine");
+        assert_eq!(more.classes()[4..], ["Wrong File"]);
+        assert_eq!(more.class_of("x"), Some("Wrong File"));
     }
 }

@@ -12,8 +12,8 @@ use std::{
 use reel_world::{
     ErrorCode, Outcome, Tool, canonical_json,
     record::{
-        Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, RewardTerm, StateDigests,
-        StepInput, StepRecord,
+        Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, Reported, RewardTerm,
+        StateDigests, StepInput, StepRecord,
     },
 };
 use serde::Serialize;
@@ -346,6 +346,7 @@ fn aborted(trace: &Trace, score: impl RestoreScorer) -> EndRecord {
         metrics,
         steps: trace.steps.len() as u32,
         graphs,
+        reported: Reported::default(),
     }
 }
 

@@ -413,6 +413,7 @@ impl Play {
                 graphs,
                 metrics,
                 steps: self.steps.len() as u32,
+                reported: Reported::default(),
             })
             .unwrap();
         path.to_path_buf()

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use reel_trace::{Timing, Trace};
 use reel_world::{
     GraphEvent,
-    record::{Backend, EndReason, StepRecord},
+    record::{Backend, EndReason, Score, StepRecord},
 };
 
 /// The whole episode, for people. Names instances and receptacles as the simulator knows them.
@@ -36,15 +36,14 @@ fn header(trace: &Trace, text: &mut String) {
     if task.fuzzy {
         line("precisely", &task.precise_instruction);
     }
-    line(
-        "goal",
-        &task
+    if task.has_goal() {
+        let goal: Vec<String> = task
             .goal_changes()
             .iter()
             .map(ToString::to_string)
-            .collect::<Vec<_>>()
-            .join("  "),
-    );
+            .collect();
+        line("goal", &goal.join("  "));
+    }
     line(
         "policy",
         &format!(
@@ -158,10 +157,10 @@ fn end(trace: &Trace, text: &mut String) {
         EndReason::Fault => "a fault ended the episode",
         EndReason::Aborted => "the episode was aborted",
     };
-    let verdict = if metrics.success {
-        "SUCCESS"
-    } else {
-        "FAILURE"
+    let verdict = match end.success(&trace.task) {
+        Some(true) => "SUCCESS",
+        Some(false) => "FAILURE",
+        None => "NOT JUDGED",
     };
     let spl = metrics
         .spl
@@ -172,6 +171,12 @@ fn end(trace: &Trace, text: &mut String) {
         "\n{verdict}: {reason} after {} decisions, {} asks{spl}",
         metrics.length, metrics.asks
     );
+    for score in &end.reported.scores {
+        let _ = writeln!(text, "{}", score_line(score));
+    }
+    if !trace.task.has_goal() {
+        return;
+    }
     let _ = writeln!(
         text,
         "{:.0}% of the goal done, reward {:+.2} (discounted {:+.2}){}",
@@ -197,10 +202,24 @@ fn end(trace: &Trace, text: &mut String) {
     let _ = writeln!(text, "{}", sums.join(", "));
 }
 
-/// How far the base drove; a proxy does not know.
+/// A score that was told where the episode ran.
+fn score_line(score: &Score) -> String {
+    let value = score.value.map(|value| value.to_string());
+    let mut line = format!("score {}:", score.name);
+    for part in [&value, &score.label, &score.explanation]
+        .into_iter()
+        .flatten()
+    {
+        line.push(' ');
+        line.push_str(part);
+    }
+    line
+}
+
+/// How far the base drove; only our simulator and robots know.
 fn driven(trace: &Trace) -> String {
     match trace.header.backend {
-        Backend::Proxy => String::new(),
+        Backend::Proxy | Backend::Imported => String::new(),
         _ => format!(
             ", {:.1} m driven",
             trace

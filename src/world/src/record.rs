@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::{
     AssetId, Digest, ErrorCode, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile,
-    ReceptacleId, Skills, TokenLogprobs, Tool, ToolCall, ToolSpec, WorldGraph,
+    ReceptacleId, Skills, Task, TokenLogprobs, Tool, ToolCall, ToolSpec, WorldGraph,
 };
 
 /// Where an episode ran.
@@ -25,6 +25,8 @@ pub enum Backend {
     Robot,
     /// Another simulator behind the recording proxy.
     Proxy,
+    /// Another program, whose own log was imported: nothing of it can be re-executed.
+    Imported,
 }
 
 impl Backend {
@@ -34,6 +36,7 @@ impl Backend {
             Backend::Sim => None,
             Backend::Robot => Some("on a robot"),
             Backend::Proxy => Some("through a proxy"),
+            Backend::Imported => Some("by another program"),
         }
     }
 }
@@ -424,6 +427,56 @@ pub struct EndRecord {
     pub metrics: Metrics,
     /// How many steps there were.
     pub steps: u32,
+    /// What others said of the result; empty where nobody did.
+    #[serde(default, skip_serializing_if = "Reported::is_empty")]
+    pub reported: Reported,
+}
+
+impl EndRecord {
+    /// Whether the episode succeeded: by its goal (SR), or as it was reported where the task has
+    /// none. `None` where nobody knows.
+    pub fn success(&self, task: &Task) -> Option<bool> {
+        if task.has_goal() {
+            Some(self.metrics.success)
+        } else {
+            self.reported.success
+        }
+    }
+}
+
+/// What a scorer, a benchmark or a person said of an episode where it ran. Reel computes nothing
+/// of it.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Reported {
+    /// Whether it was a success; absent where that was not said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub success: Option<bool>,
+    /// In the order in which they were told.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scores: Vec<Score>,
+}
+
+impl Reported {
+    /// Whether nothing was said.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A score of one scorer, with its name.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Score {
+    /// The scorer's name, e.g. `includes`; with a dot before the name of a part of its score.
+    pub name: String,
+    /// As a number; absent where it is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub value: Option<f64>,
+    /// As it was told where it is no number, e.g. `C` for correct.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<String>,
+    /// Why, in the scorer's words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub explanation: Option<String>,
 }
 
 /// Metrics of one episode (docs/spec.md#metrics).

@@ -10,7 +10,7 @@ use crate::{AssetId, GraphEvent, InstanceId, ReceptacleId, Scene, WorldGraph};
 /// Attribute words by kind, e.g. `colour -> [red, white]`.
 pub type Attributes = BTreeMap<String, Vec<String>>;
 
-/// The families of REAL-Bench (paper, Benchmark Construction).
+/// The families of REAL-Bench (paper, Benchmark Construction), and one for all other tasks.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
 pub enum Family {
     /// Furniture distractors, precise instruction.
@@ -21,10 +21,13 @@ pub enum Family {
     FDO,
     /// Social: underspecified instruction, the agent must ask.
     SUL,
+    /// A task outside REAL-Bench, e.g. of an agent that writes code.
+    #[serde(rename = "other")]
+    Other,
 }
 
 impl Family {
-    /// All four, in the order of the paper's tables.
+    /// The four of REAL-Bench, in the order of the paper's tables.
     pub const ALL: [Family; 4] = [Family::FDP, Family::FODP, Family::FDO, Family::SUL];
 
     /// As it stands in files.
@@ -34,10 +37,11 @@ impl Family {
             Family::FODP => "FODP",
             Family::FDO => "FDO",
             Family::SUL => "SUL",
+            Family::Other => "other",
         }
     }
 
-    /// Reads what [`Family::as_str`] wrote.
+    /// Reads what [`Family::as_str`] wrote of a family of REAL-Bench; [`Family::Other`] is none.
     pub fn parse(text: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|family| family.as_str() == text)
     }
@@ -104,7 +108,7 @@ pub struct PlanStep {
 pub struct Task {
     /// e.g. `FDP/verify_task_10`; unique within a set of tasks.
     pub task_id: String,
-    /// Family of REAL-Bench that the task belongs to.
+    /// Family of REAL-Bench that the task belongs to, or [`Family::Other`].
     pub family: Family,
     /// e.g. `store`; absent where the file has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -131,7 +135,8 @@ pub struct Task {
     pub initial: WorldGraph,
     /// At the end: the authority for reward and success (docs/spec.md#goal).
     pub goal: WorldGraph,
-    /// The instance to move; the first one where a task moves several.
+    /// The instance to move; the first one where a task moves several. Empty, like `src` and
+    /// `dest`, where the task has no goal.
     pub target: InstanceId,
     /// Receptacle that holds the target at the start.
     pub src: ReceptacleId,
@@ -158,6 +163,12 @@ pub struct Task {
 }
 
 impl Task {
+    /// Whether a world graph says what shall be moved where. A task without it names no target: its
+    /// episodes have no rewards, and whether they succeeded is what somebody reported.
+    pub fn has_goal(&self) -> bool {
+        !self.target.as_str().is_empty()
+    }
+
     /// `Delta_goal`: what must change (paper, Detailed Reward Configuration).
     pub fn goal_changes(&self) -> Vec<GraphEvent> {
         self.goal.difference(&self.initial)

@@ -17,7 +17,7 @@ export const KINDS: Record<Kind, { title: string; plural: string }> = {
 /** The column of `episodes` that tells who played. */
 const COLUMN: Record<Player, string> = { policy: "policy", run: "run_id", checkpoint: "checkpoint" };
 /** A condition on `episodes e`. Branches are no trials, and broken recordings have no outcome. */
-const played = (kind: Player) => `e.end_reason IS NOT NULL AND e.parent_trace IS NULL AND e.${COLUMN[kind]} IS NOT NULL`;
+const played = (kind: Player) => `e.success IS NOT NULL AND e.parent_trace IS NULL AND e.${COLUMN[kind]} IS NOT NULL`;
 
 export interface Thing {
   name: string;
@@ -116,7 +116,7 @@ SELECT e.episode_id AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS su
 FROM episodes e
 JOIN once a ON a.episode_id = e.episode_id AND a.preset = $a
 JOIN once b ON b.episode_id = e.episode_id AND b.preset = $b
-WHERE e.end_reason IS NOT NULL AND e.parent_trace IS NULL
+WHERE e.success IS NOT NULL AND e.parent_trace IS NULL
 ORDER BY e.task_id, key LIMIT ${MOST}`;
   return sql<Pair>(text, { a, b }, signal);
 }

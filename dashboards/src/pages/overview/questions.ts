@@ -28,7 +28,7 @@ export interface Cell {
 
 export const CELLS = `SELECT policy, family, grouping(family) AS whole, count(*) AS episodes, count(*) FILTER (WHERE success) AS won,
   avg(completion) AS done, avg(spl) AS spl, avg(length) AS steps
-FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+FROM episodes WHERE success IS NOT NULL AND parent_trace IS NULL
 GROUP BY GROUPING SETS ((policy, family), (policy))`;
 
 export interface Run {
@@ -43,7 +43,7 @@ export interface Run {
 
 export const RUNS = `SELECT coalesce(run_id, 'none') AS run, policy, max(trace_modified_ns) / 1000000 AS at_ms, count(*) AS episodes,
   count(*) FILTER (WHERE success) AS won, avg(completion) AS done
-FROM episodes WHERE end_reason IS NOT NULL AND parent_trace IS NULL
+FROM episodes WHERE success IS NOT NULL AND parent_trace IS NULL
 GROUP BY run_id, policy ORDER BY at_ms DESC LIMIT 400`;
 
 export interface Reason {

@@ -9,6 +9,7 @@ use anyhow::Context;
 use rayon::prelude::*;
 use reel_import::{
     ImportError, ImportOptions, ImportedEpisode,
+    inspect::SuccessRule,
     robot::{Mapping, Recording},
 };
 use reel_tasks::ObjectOrder;
@@ -99,7 +100,7 @@ enum Command {
     /// Every document becomes one trace, and every agent to which it delegates one more: each call is
     /// a step with its result and image, what the agent said and thought, and its tokens. A turn without a
     /// call is a call of `message`. Documents that `reel export atif` wrote keep task, rewards and
-    /// world graphs; in all other documents the task is unknown, and none counts as a success. The
+    /// world graphs; in all other documents the task has no goal, and nothing says whether it succeeded. The
     /// traces can be shown and queried like any other, but not executed again.
     ///
     /// Images have to be files beside the document, of the size that the head camera has; others are named and left
@@ -118,6 +119,34 @@ enum Command {
         /// Name of the run that the traces belong to
         #[arg(long, value_name = "NAME", default_value = "atif")]
         run: String,
+        #[command(flatten)]
+        importing: Importing,
+    },
+    /// Logs of Inspect: every sample of an evaluation becomes a trace
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Each call of a sample is a step with its result, what the model said and thought, and its tokens; scores are kept
+    /// with the names that Inspect gives them (column `scores`), and target and metadata as facts of the task. Which
+    /// score says success is --success; without it the first score does, if it is correct or incorrect, true or
+    /// false, 1 or 0. Several epochs of a sample are rollouts of one group. Logs that `reel export inspect` wrote keep
+    /// task, rewards and world graphs. The traces can be shown and queried like any other, but not executed again.
+    ///
+    /// Examples:
+    ///   reel import inspect logs --out traces
+    ///   reel import inspect logs/2026-11-28_swe.eval --success 'tests.passed>=0.9' --out traces
+    ///
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or
+    /// left out.
+    Inspect {
+        /// A log (.eval, or .json with its samples), or a folder with logs in it
+        #[arg(value_name = "FILE|DIR")]
+        logs: PathBuf,
+        /// Name of the run that the traces belong to
+        #[arg(long, value_name = "NAME", default_value = "inspect")]
+        run: String,
+        /// The score that says success, and from which value on (default 1)
+        #[arg(long, value_name = "NAME[>=VALUE]")]
+        success: Option<SuccessRule>,
         #[command(flatten)]
         importing: Importing,
     },
@@ -167,13 +196,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             documents,
             run,
             importing,
-        } => atif(documents, run, importing),
+        } => {
+            let documents = reel_import::atif::documents(documents)?;
+            documents_of_many(&documents, run, importing, reel_import::atif::import)
+        }
+        Command::Inspect {
+            logs,
+            run,
+            success,
+            importing,
+        } => {
+            let logs = reel_import::inspect::logs(logs)?;
+            let one = |log: &Path, out: &Path, options: &ImportOptions<'_>| {
+                reel_import::inspect::import(log, out, options, success.as_ref())
+            };
+            documents_of_many(&logs, run, importing, one)
+        }
     }
 }
 
-fn atif(root: &Path, run: &str, importing: &Importing) -> anyhow::Result<ExitStatus> {
-    let documents = reel_import::atif::documents(root)?;
-    let (results, broken) = importing.each(&documents, run, reel_import::atif::import)?;
+/// Imports documents of which each may hold several episodes.
+fn documents_of_many(
+    documents: &[PathBuf],
+    run: &str,
+    importing: &Importing,
+    one: impl Fn(&Path, &Path, &ImportOptions<'_>) -> Result<Vec<ImportedEpisode>, ImportError> + Sync,
+) -> anyhow::Result<ExitStatus> {
+    let (results, broken) = importing.each(documents, run, one)?;
     let mut episodes = Vec::new();
     for (document, result) in documents.iter().zip(results) {
         let of_document = match result {
@@ -307,10 +356,10 @@ fn tell(
         Ok(imported) => {
             let ImportedEpisode { steps, images, .. } = imported;
             let end = format!("{:?}", imported.end).to_lowercase();
-            let success = if imported.success {
-                "success"
-            } else {
-                "no success"
+            let success = match imported.success {
+                Some(true) => "success",
+                Some(false) => "no success",
+                None => "not judged",
             };
             println!(
                 "{}: {steps} steps, {images} images, {end}, {success}",

@@ -332,23 +332,23 @@ fn tell(seen: &ProxyEvent<'_>, shows: bool, to_stderr: bool) {
         ProxyEvent::Ended {
             session,
             path,
-            reason,
-            metrics,
+            end,
+            success,
             open,
         } if shows => {
-            let verdict = if metrics.success {
-                "SUCCESS"
-            } else {
-                "FAILURE"
+            let verdict = match success {
+                Some(true) => "SUCCESS",
+                Some(false) => "FAILURE",
+                None => "NOT JUDGED",
             };
-            let reason = match reason {
+            let reason = match end.reason {
                 EndReason::Finished => "the policy finished",
                 _ => "it was not finished",
             };
             let open = open.map(|open| format!("     note     {open}\n"));
             format!(
                 "\n{session}  {verdict}: {reason} after {} decisions: {}\n{}",
-                metrics.length,
+                end.steps,
                 path.display(),
                 open.unwrap_or_default()
             )

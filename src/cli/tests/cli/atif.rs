@@ -1,9 +1,9 @@
 //! Trajectories in ATIF: what a trace is afterwards, and what becomes of those of other agents.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs,
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 use reel_import::atif::LOST;
@@ -24,10 +24,8 @@ const MAY_STAY: &[&str] = &[
     "sensors",
 ];
 
-#[test]
-fn a_trace_comes_back_but_for_what_is_listed() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+/// Episodes of three policies in `traces`, and a branch of one of them; gives back how many.
+fn episodes(folder: &Path) -> usize {
     let count = std::env::var("REEL_ATIF_TASKS").unwrap_or_else(|_| "3".to_owned());
     expect(
         folder,
@@ -63,32 +61,50 @@ fn a_trace_comes_back_but_for_what_is_listed() {
         "traces/branch.mcap",
     ];
     expect(folder, 0, &branch);
+    3 * count.parse::<usize>().unwrap() + 1
+}
 
+/// What tells episodes apart whose names are lost: two with equal calls are equal.
+fn played(parts: &Value) -> String {
+    let calls = parts["steps"].as_array().unwrap().iter();
+    let calls: Vec<&Value> = calls.map(|step| &step["input"]["call"]).collect();
+    json!([
+        parts["task"]["task_id"],
+        parts["header"]["policy"]["name"],
+        calls
+    ])
+    .to_string()
+}
+
+/// What the traces in `traces` are after they were exported and imported: the lines of the import. Fails where another field is
+/// lost than the list says, or one that it says is not.
+fn comes_back_but_for_what_is_listed(folder: &Path, format: &str, count: usize) -> Vec<Value> {
     let told = expect(
         folder,
         0,
-        &["export", "atif", "traces", "--out", "documents"],
+        &["export", format, "traces", "--out", "documents"],
     );
     let page = include_str!("../../../../docs/trajectories.md");
     for (field, what) in LOST {
         assert!(told.contains(&format!("{field}: {what}")), "{told}");
         assert!(page.contains(&format!("| `{field}` | {what} |")), "{field}");
     }
-    let imported = ["import", "atif", "documents", "--out", "back", "--json"];
+    let imported = ["import", format, "documents", "--out", "back", "--json"];
     let lines = expect(folder, 0, &imported);
+    let lines: Vec<Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines.len(), count);
+    let before = fs::read_dir(folder.join("traces")).unwrap();
+    let before = before.map(|entry| parts(&entry.unwrap().path()));
+    let before: BTreeMap<String, Value> = before.map(|parts| (played(&parts), parts)).collect();
     let mut lost = BTreeSet::new();
-    let mut episodes = 0;
-    for line in lines.lines() {
-        let told: Value = serde_json::from_str(line).unwrap();
-        let document = PathBuf::from(told["source"].as_str().unwrap());
-        let name = document.file_stem().unwrap().to_str().unwrap();
-        assert_eq!(told["losses"], json!([]), "{line}");
-        let before = parts(&folder.join("traces").join(format!("{name}.mcap")));
+    for told in &lines {
+        assert_eq!(told["losses"], json!([]), "{told}");
         let after = parts(&folder.join(told["trace"].as_str().unwrap()));
-        differences("", &before, &after, &mut lost);
-        episodes += 1;
+        differences("", &before[&played(&after)], &after, &mut lost);
     }
-    assert_eq!(episodes, 3 * count.parse::<usize>().unwrap() + 1);
     let fields: BTreeSet<&str> = LOST.iter().map(|(field, _)| *field).collect();
     let listed = |path: &String| {
         fields.iter().copied().find(|field| {
@@ -102,6 +118,61 @@ fn a_trace_comes_back_but_for_what_is_listed() {
     let seen: BTreeSet<&str> = lost.iter().filter_map(listed).collect();
     let stays: BTreeSet<&str> = &(&fields - &seen) - &BTreeSet::from_iter(MAY_STAY.iter().copied());
     assert!(stays.is_empty(), "listed, and not lost: {stays:?}");
+    println!(
+        "{count} episodes come back from {format} but for {} listed fields",
+        seen.len()
+    );
+
+    // The traces are like others, and the same again.
+    expect(folder, 0, &["ingest", "back", "--store", "store"]);
+    let again = ["import", format, "documents", "--out", "again", "--json"];
+    for line in expect(folder, 0, &again).lines() {
+        let told: Value = serde_json::from_str(line).unwrap();
+        let again = folder.join(told["trace"].as_str().unwrap());
+        let first = folder.join("back").join(again.file_name().unwrap());
+        assert_eq!(fs::read(again).unwrap(), fs::read(first).unwrap());
+    }
+    lines
+}
+
+#[test]
+fn a_trace_comes_back_from_a_log_of_inspect() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let count = episodes(folder);
+    comes_back_but_for_what_is_listed(folder, "inspect", count);
+    let mut logs: Vec<String> = fs::read_dir(folder.join("documents"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    logs.sort();
+    assert_eq!(logs, ["oracle.eval", "planner.eval", "wrong-object.eval"]);
+
+    // A torn archive, one that is none, and one without a sample.
+    let log = fs::read(folder.join("documents/oracle.eval")).unwrap();
+    fs::write(folder.join("torn.eval"), &log[..log.len() / 2]).unwrap();
+    fs::write(folder.join("none.eval"), "none").unwrap();
+    fs::write(folder.join("empty.json"), r#"{"eval": {}, "samples": []}"#).unwrap();
+    for (name, why) in [
+        ("torn.eval", "not a log of Inspect"),
+        ("none.eval", "not a log of Inspect"),
+        ("empty.json", "the log has no sample"),
+    ] {
+        let told = complaint(folder, 2, &["import", "inspect", name, "--out", "bad"]);
+        assert!(told.contains(why), "{told}");
+    }
+    let told = complaint(folder, 2, &["import", "inspect", "tasks", "--out", "bad"]);
+    assert!(told.contains("no log of Inspect here"), "{told}");
+    let rule = ["import", "inspect", "documents", "--success", "a>=b"];
+    assert!(complaint(folder, 2, &rule).contains("give NAME or NAME>=VALUE"));
+}
+
+#[test]
+fn a_trace_comes_back_but_for_what_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let count = episodes(folder);
+    comes_back_but_for_what_is_listed(folder, "atif", count);
     // A document that somebody changed is any agent's.
     let document = fs::read_dir(folder.join("documents"))
         .unwrap()
@@ -143,20 +214,6 @@ fn a_trace_comes_back_but_for_what_is_listed() {
     fs::copy(folder.join("traces/branch.mcap"), twin.join("branch.mcap")).unwrap();
     let told = complaint(folder, 2, &["export", "atif", "traces", "--out", "twice"]);
     assert!(told.contains("two traces are called branch"), "{told}");
-    println!(
-        "{episodes} episodes come back but for {} listed fields",
-        seen.len()
-    );
-
-    // The traces are like others, and the same again.
-    expect(folder, 0, &["ingest", "back", "--store", "store"]);
-    let again = ["import", "atif", "documents", "--out", "again", "--json"];
-    for line in expect(folder, 0, &again).lines() {
-        let told: Value = serde_json::from_str(line).unwrap();
-        let again = folder.join(told["trace"].as_str().unwrap());
-        let first = folder.join("back").join(again.file_name().unwrap());
-        assert_eq!(fs::read(again).unwrap(), fs::read(first).unwrap());
-    }
 }
 
 /// Everything of a trace that can be compared.
@@ -299,7 +356,8 @@ fn what_other_agents_did_is_read() {
         trace.steps[2].input.policy.as_ref().unwrap().raw,
         "All pass."
     );
-    assert!(!trace.end.unwrap().metrics.success);
+    assert_eq!(trace.end.unwrap().success(&trace.task), None);
+    assert!(!trace.task.has_goal());
     expect(folder, 0, &["ingest", "out", "--store", "store"]);
     let replayed = expect(folder, 1, &["replay", "out"]);
     assert!(replayed.contains("nothing to re-execute"), "{replayed}");

@@ -14,6 +14,7 @@ pub(super) fn end(
         metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
         steps: u32::try_from(steps.len()).expect("an episode has few steps"),
         graphs,
+        reported: Reported::default(),
     }
 }
 

@@ -13,8 +13,8 @@
 //!   policy) and instruction. Later ones are part of what the agent got after its last call.
 //! - `agent`: name and model of the policy; `version` and `tool_definitions` are parameters.
 //! - `extra.reel`: what a trace of Reel has beyond that ([`LOST`] lists what is not kept). With it
-//!   task, rewards, world graphs and the end are those of the trace; without it the task is
-//!   unknown, and no episode counts as a success.
+//!   task, rewards, world graphs and the end are those of the trace; without it the task has no
+//!   goal, and whether the episode succeeded is not known.
 
 mod model;
 mod reading;
@@ -25,6 +25,7 @@ pub use model::{
     Agent, Call, CallResult, Content, FinalMetrics, Media, Observation, Part, Source, Step,
     StepMetrics, Trajectory, VERSION,
 };
+pub(crate) use reading::{Episode, LogFacts, read_file};
 pub use reading::{documents, import};
 pub use writing::{Exported, export};
 
@@ -35,7 +36,7 @@ use serde::{Deserialize, Serialize};
 /// The tool that a turn without a call calls.
 pub const MESSAGE: &str = "message";
 /// Key of what is ours in `extra`.
-const OURS: &str = "reel";
+pub(crate) const OURS: &str = "reel";
 
 /// What of a trace is not the same after `reel export atif` and `reel import atif`: the field, and
 /// what becomes of it.
@@ -44,7 +45,7 @@ pub const LOST: &[(&str, &str)] = &[
     ("header.run_id", "that of the import"),
     (
         "header.backend",
-        "proxy: an imported episode is not executed again",
+        "imported: an imported episode is not executed again",
     ),
     ("header.build", "the version of Reel that imported it"),
     (

@@ -4,6 +4,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use crate::lenient::{or_default, or_empty};
+
 /// Version of the format that is written.
 pub const VERSION: &str = "ATIF-v1.7";
 /// How every version of the format begins that is read.
@@ -134,6 +136,26 @@ pub struct Step {
     pub extra: Map<String, Value>,
 }
 
+impl Step {
+    /// A turn without a number, of which nothing is said yet.
+    pub(crate) fn of(source: Source) -> Step {
+        Step {
+            step_id: 0,
+            timestamp: None,
+            source,
+            model_name: None,
+            message: Content::Text(String::new()),
+            reasoning_content: None,
+            tool_calls: Vec::new(),
+            observation: None,
+            metrics: None,
+            is_copied_context: None,
+            llm_call_count: None,
+            extra: Map::new(),
+        }
+    }
+}
+
 /// A text, or parts of which some are images.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(
@@ -258,23 +280,4 @@ pub struct FinalMetrics {
         deserialize_with = "or_empty"
     )]
     pub extra: Map<String, Value>,
-}
-
-/// A field that may be `null`.
-fn or_empty<'de, D, T>(deserializer: D) -> Result<T, D::Error>
-where
-    D: serde::Deserializer<'de>,
-    T: Default + Deserialize<'de>,
-{
-    Ok(Option::deserialize(deserializer)?.unwrap_or_default())
-}
-
-/// A field that is worth nothing where it is of another type: numbers of other libraries may be
-/// texts, negative or `null`.
-fn or_default<'de, D, T>(deserializer: D) -> Result<T, D::Error>
-where
-    D: serde::Deserializer<'de>,
-    T: Default + serde::de::DeserializeOwned,
-{
-    Ok(serde_json::from_value(Value::deserialize(deserializer)?).unwrap_or_default())
 }

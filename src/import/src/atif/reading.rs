@@ -1,7 +1,7 @@
 //! Documents of trajectories are found, read and written as traces.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering},
@@ -11,7 +11,7 @@ use reel_reward::{Preset, metrics, rewards};
 use reel_trace::{Images, Recorder, TraceError};
 use reel_world::{
     Digest, Scene, WorldGraph,
-    record::{Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord},
+    record::{Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, Reported, StartRecord},
 };
 use serde_json::Value;
 
@@ -102,7 +102,7 @@ pub fn import(
         open.extend(delegated.into_iter().rev());
         let version = &trajectory.schema_version;
         let written = if version.starts_with(VERSIONS) {
-            Episode::new(source, options).write(trajectory, out)
+            Episode::new(source, options, LogFacts::default()).write(trajectory, out)
         } else {
             Err(refuse(format!(
                 "version '{}' is not read; ATIF-v1.0 and what follows it are",
@@ -125,25 +125,52 @@ pub fn import(
     Ok(imported)
 }
 
+/// What a log tells of an episode beside its turns, for which trajectories have no field.
+#[derive(Default)]
+pub(crate) struct LogFacts {
+    /// Name of the task, where it is not that of the run.
+    pub(crate) task_id: Option<String>,
+    /// The set of tasks that it belongs to.
+    pub(crate) task_type: Option<String>,
+    /// Further facts of the task, which no agent sees.
+    pub(crate) task_facts: BTreeMap<String, Value>,
+    /// Settings of the agent.
+    pub(crate) parameters: BTreeMap<String, Value>,
+    /// The attempts at one task, and which of them it is.
+    pub(crate) group: Option<(String, u32)>,
+    /// The calls that failed, by their ids.
+    pub(crate) failed_calls: BTreeSet<String>,
+    /// Why it ended, where the log says so.
+    pub(crate) end: Option<EndReason>,
+    /// What was said of the result.
+    pub(crate) reported: Reported,
+}
+
 /// An episode on its way from a trajectory to a trace.
-pub(super) struct Episode<'a> {
+pub(crate) struct Episode<'a> {
     pub(super) source: &'a Path,
     options: &'a ImportOptions<'a>,
+    pub(super) facts: LogFacts,
     losses: Vec<ImportLoss>,
     pub(super) notes: Vec<String>,
 }
 
 impl<'a> Episode<'a> {
-    fn new(source: &'a Path, options: &'a ImportOptions<'a>) -> Self {
+    pub(crate) fn new(source: &'a Path, options: &'a ImportOptions<'a>, facts: LogFacts) -> Self {
         Self {
             source,
             options,
+            facts,
             losses: Vec::new(),
             notes: Vec::new(),
         }
     }
 
-    fn write(mut self, mut told: Trajectory, out: &Path) -> Result<ImportedEpisode, ImportError> {
+    pub(crate) fn write(
+        mut self,
+        mut told: Trajectory,
+        out: &Path,
+    ) -> Result<ImportedEpisode, ImportError> {
         let kept = self.kept::<KeptEpisode>(told.extra.remove(OURS), "extra");
         let (opening, mut decisions) = self.read(std::mem::take(&mut told.steps));
         if decisions.is_empty() {
@@ -184,6 +211,7 @@ impl<'a> Episode<'a> {
         let mut header = self.header(&told, &opening, kept.as_ref(), &task, &scene);
         // A document of ours without an end is of a recording that broke off.
         let broken_off = told.continued_trajectory_ref.is_some() || kept.is_some();
+        let reported = std::mem::take(&mut self.facts.reported);
         let end = kept.and_then(|kept| kept.end).unwrap_or_else(|| {
             let mut graphs = start.graphs.clone();
             for record in &records {
@@ -191,14 +219,15 @@ impl<'a> Episode<'a> {
                 graphs.registry.apply(&record.changes.registry);
             }
             EndRecord {
-                reason: if broken_off {
-                    EndReason::Aborted
-                } else {
-                    EndReason::Finished
+                reason: match self.facts.end {
+                    _ if broken_off => EndReason::Aborted,
+                    Some(reason) => reason,
+                    None => EndReason::Finished,
                 },
                 metrics: metrics(&preset, &task, &start, &records, &graphs),
                 graphs,
                 steps: records.len() as u32,
+                reported,
             }
         });
         // Two runs of an agent have equal inputs as far as they are known: what came of them tells
@@ -248,11 +277,11 @@ impl<'a> Episode<'a> {
             source: self.source.to_owned(),
             bytes: written?,
             trace,
+            success: end.success(&task),
             task_id: task.task_id,
             steps: end.steps,
             images: frames.iter().chain([&opening.frame]).flatten().count() as u32,
             end: end.reason,
-            success: end.metrics.success,
             losses: self.losses,
             notes: self.notes,
         })
@@ -310,7 +339,7 @@ impl<'a> Episode<'a> {
         }
     }
 
-    pub(super) fn lose(&mut self, message: String) {
+    pub(crate) fn lose(&mut self, message: String) {
         self.losses.push(ImportLoss {
             file: self.source.to_owned(),
             message,
@@ -323,7 +352,7 @@ impl<'a> Episode<'a> {
         opening: &Opening,
         kept: Option<&KeptEpisode>,
     ) -> TaskSetup {
-        let id = [&told.session_id, &told.trajectory_id]
+        let id = [&self.facts.task_id, &told.session_id, &told.trajectory_id]
             .into_iter()
             .flatten()
             .next();
@@ -347,12 +376,15 @@ impl<'a> Episode<'a> {
             .map(|task| (**task).clone())
             .or_else(|| kept.map(|kept| kept.task.clone()));
         let Some(task) = task else {
-            return unknown_task(
+            let mut setup = unknown_task(
                 task_id,
                 opening.instruction.clone(),
                 "unknown".to_owned(),
                 WorldGraph::default(),
             );
+            setup.task.task_type.clone_from(&self.facts.task_type);
+            setup.task.extra.clone_from(&self.facts.task_facts);
+            return setup;
         };
         let scene = self.options.scenes.and_then(|scenes| scenes.of(&task));
         let scene = scene.map_or_else(
@@ -394,12 +426,15 @@ impl<'a> Episode<'a> {
                 reward_preset: Preset::default().name().to_owned(),
                 policy: PolicyInfo {
                     name: told.agent.name.clone(),
+                    parameters: self.facts.parameters.clone(),
                     ..PolicyInfo::default()
                 },
+                group_id: self.facts.group.as_ref().map(|(group, _)| group.clone()),
+                rollout_index: self.facts.group.as_ref().map(|(_, number)| *number),
                 ..of_task
             },
         };
-        header.backend = Backend::Proxy;
+        header.backend = Backend::Imported;
         header.run_id = self.options.run_id.to_owned();
         header.episode_id.clear();
         header.build.clear();
@@ -436,7 +471,7 @@ impl<'a> Episode<'a> {
 }
 
 /// A file, unless it is no file or a large one.
-pub(super) fn read_file(path: &Path, most: u64) -> Result<Vec<u8>, String> {
+pub(crate) fn read_file(path: &Path, most: u64) -> Result<Vec<u8>, String> {
     let facts = fs::metadata(path).map_err(|error| format!("cannot be read: {error}"))?;
     if !facts.is_file() {
         return Err("it is no file".to_owned());

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_trace::decode_webp;
 use reel_world::{
     ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, Outcome, Tool, ToolCall,
@@ -19,6 +20,8 @@ use crate::{
     outcome,
 };
 
+/// Most characters of the name of an image in a message; its data may stand in its place.
+const NAME_CHARACTERS: usize = 80;
 /// Largest image that is read.
 const IMAGE_BYTES_MAX: u64 = 64 << 20;
 
@@ -128,10 +131,13 @@ impl Episode<'_> {
             join(&mut decision.result.text, &text);
             self.replace(&mut decision.frame, frame, place);
         }
-        for decision in &mut decisions[first..] {
+        for (number, decision) in decisions[first..].iter_mut().enumerate() {
             let text = &decision.result.text;
             let ours = Tool::parse(&decision.input.call).is_ok();
-            decision.result.error = ErrorCode::from_message(text).filter(|_| ours);
+            let failed = (ids.get(number)).is_some_and(|id| self.facts.failed_calls.contains(id));
+            decision.result.error = ErrorCode::from_message(text)
+                .filter(|_| ours)
+                .or(failed.then_some(ErrorCode::BackendError));
         }
         let spoke = policy != PolicyOutput::default();
         decisions[first].input.policy = spoke.then_some(policy);
@@ -175,7 +181,9 @@ impl Episode<'_> {
                 Part::Image { source } => match self.image(&source.path) {
                     Ok(image) => self.replace(&mut frame, Some(image), place),
                     Err(why) => {
-                        self.lose(format!("{place}: image {} is left out: {why}", source.path))
+                        let name: String =
+                            source.path.escape_debug().take(NAME_CHARACTERS).collect();
+                        self.lose(format!("{place}: image {name} is left out: {why}"));
                     }
                 },
                 Part::Audio { source } => {
@@ -189,13 +197,21 @@ impl Episode<'_> {
         (texts, frame)
     }
 
-    /// An image beside the document; addresses are not asked.
+    /// An image within the document or beside it; addresses are not asked.
     fn image(&self, path: &str) -> Result<Frame, String> {
-        if path.contains("://") {
+        let bytes = if let Some(data) = path.strip_prefix("data:") {
+            let (_, data) = data
+                .split_once(";base64,")
+                .ok_or("its data is not in base64")?;
+            STANDARD
+                .decode(data)
+                .map_err(|error| format!("its data is not in base64: {error}"))?
+        } else if path.contains("://") {
             return Err("it lies elsewhere; download it and name the file".to_owned());
-        }
-        let folder = self.source.parent().unwrap_or(Path::new("."));
-        let bytes = read_file(&folder.join(path), IMAGE_BYTES_MAX)?;
+        } else {
+            let folder = self.source.parent().unwrap_or(Path::new("."));
+            read_file(&folder.join(path), IMAGE_BYTES_MAX)?
+        };
         if !bytes.starts_with(b"RIFF") {
             return image::decode(&bytes);
         }
@@ -243,7 +259,8 @@ impl Decision {
         }
         if let Some(said) = input.policy {
             let policy = record.input.policy.get_or_insert_default();
-            (policy.raw, policy.reasoning, policy.tokens) = (said.raw, said.reasoning, said.tokens);
+            (policy.raw, policy.reasoning) = (said.raw, said.reasoning);
+            policy.tokens = said.tokens.or(policy.tokens);
         }
         (record, frame)
     }

@@ -55,11 +55,11 @@ pub fn export(trace: &Trace, folder: &str, tools: &[Value]) -> serde_json::Resul
     };
     let system = text("system_prompt").map(|prompt| Step {
         message: Content::Text(prompt),
-        ..turn(Source::System)
+        ..Step::of(Source::System)
     });
     let task = Step {
         message: with_image(None, &trace.task.instruction),
-        ..turn(Source::User)
+        ..Step::of(Source::User)
     };
     let mut steps: Vec<Step> = system.into_iter().chain([task]).collect();
     for record in &trace.steps {
@@ -99,24 +99,6 @@ pub fn export(trace: &Trace, folder: &str, tools: &[Value]) -> serde_json::Resul
         subagent_trajectories: Vec::new(),
     };
     Ok(Exported { trajectory, images })
-}
-
-/// A turn without a number, of which nothing is said yet.
-fn turn(source: Source) -> Step {
-    Step {
-        step_id: 0,
-        timestamp: None,
-        source,
-        model_name: None,
-        message: Content::Text(String::new()),
-        reasoning_content: None,
-        tool_calls: Vec::new(),
-        observation: None,
-        metrics: None,
-        is_copied_context: None,
-        llm_call_count: None,
-        extra: Map::new(),
-    }
 }
 
 /// The turn of a decision. Who has no words in our simulator has no model.
@@ -177,7 +159,7 @@ fn step(record: &StepRecord, backend: Backend, result: Content) -> serde_json::R
         llm_call_count: (backend == Backend::Sim && record.input.policy.is_none()).then_some(0),
         metrics: (metrics != StepMetrics::default()).then_some(metrics),
         extra: ours(&kept)?,
-        ..turn(Source::Agent)
+        ..Step::of(Source::Agent)
     })
 }
 

@@ -193,11 +193,11 @@ fn write(
         source: source.to_owned(),
         trace,
         bytes: summary.bytes,
+        success: recorded.end.success(&recorded.task),
         task_id: recorded.task.task_id,
         steps: recorded.end.steps,
         images: shown,
         end: recorded.end.reason,
-        success: recorded.end.metrics.success,
         losses: Vec::new(),
         notes: recorded.notes,
     })

@@ -39,7 +39,7 @@ pub enum PatternError {
         place: SourceLocation,
     },
     /// A name that is no tool.
-    #[error("unknown tool `{name}`{} {place}", hint(*nearest, "; a name that is no tool is asked for by `_[tool = '...']`"))]
+    #[error("unknown tool `{name}`{} {place}", hint(*nearest, "; the tool of another agent stands in quotes, \"...\""))]
     UnknownTool {
         /// The name as written in the pattern.
         name: String,

@@ -10,6 +10,7 @@
 //! | written | meaning |
 //! |---|---|
 //! | `pick` | one step with this tool (the paper's names) |
+//! | `"write_file"` | one step with this tool of another agent: in quotes any name is one |
 //! | `_` or `any` | one step, whatever it is |
 //! | `pick[ok]`, `_[reward < 0]`, `[reward < 0]` | one step that also fulfils the conditions in the bracket |
 //! | `!ask`, `!pick[failed]`, <code>!(ask&#124;pick)</code> | one step that does *not* fit what follows, bracket included |
@@ -21,8 +22,8 @@
 //! | `^`, `$` | the begin, the end of the episode |
 //!
 //! Tools: `nav_to walk_around show_object_by_category show_receptacles gaze_at pick place open
-//! close ask finish`, and `list_receptacles list_tasks finish_with_id`. A call of something that is
-//! no tool is found by its text: `_[tool = "teleport"]`.
+//! close ask finish`, and `list_receptacles list_tasks finish_with_id`. Without quotes another name is an
+//! error, which says what was probably meant.
 //!
 //! ## Conditions
 //!

@@ -120,7 +120,7 @@ impl<'a> Parser<'a> {
 
     fn starts_item(&self) -> bool {
         match self.kind() {
-            TokenKind::Word(_) => true,
+            TokenKind::Word(_) | TokenKind::Text(_) => true,
             TokenKind::Sign(sign) => ["^", "$", "..", "...", "(", "[", "!"].contains(sign),
             _ => false,
         }
@@ -253,17 +253,19 @@ impl<'a> Parser<'a> {
     }
 
     fn atom(&mut self) -> Result<Condition, PatternError> {
-        let tool = match self.kind() {
-            TokenKind::Word(word) => Some(word.clone()),
-            TokenKind::Sign("[") => None,
+        // A name in quotes is that of any agent's tool.
+        let (tool, quoted) = match self.kind() {
+            TokenKind::Word(word) => (Some(word.clone()), false),
+            TokenKind::Text(name) => (Some(name.clone()), true),
+            TokenKind::Sign("[") => (None, false),
             _ => return Err(self.unexpected("a step: a tool, `_`, `!`, `[` or `(`")),
         };
         let mut parts = Vec::new();
         if let Some(name) = tool {
             let place = self.at;
             self.at += 1;
-            if name != "_" && name != "any" {
-                if !is_tool(&name) {
+            if quoted || name != "_" && name != "any" {
+                if !quoted && !is_tool(&name) {
                     return Err(PatternError::UnknownTool {
                         nearest: nearest_tool(&name),
                         name,

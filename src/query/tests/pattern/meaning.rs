@@ -89,6 +89,14 @@ fn patterns_answer_the_questions_they_are_for() {
     ];
     #[rustfmt::skip]
     let cases: &[Case] = &[
+        // Tools of another agent, which may be called like our keywords.
+        (
+            "'write file' !(\"run_tests\")* $",
+            &["read", "write file", "run_tests", "write file", "read"],
+            Some(3..5),
+            1,
+        ),
+        ("\"any\"", &["any", "all", "any"], Some(0..1), 2),
         (
             canonical,
             &[

@@ -53,6 +53,8 @@ pub struct TaskFacts {
     pub(crate) candidates: Vec<Candidate>,
     /// How many questions the task is worth, before the preset's limit.
     pub(crate) ask_budget: u32,
+    /// Whether the task has a goal; without one nothing is rewarded.
+    pub(crate) has_goal: bool,
 }
 
 /// An element of `Delta_task`.
@@ -137,6 +139,7 @@ impl TaskFacts {
             .unwrap_or_default();
         let mut facts = Self::empty(Categories::of_task(task), category);
         facts.ask_budget = ambiguity::budget(task, scene);
+        facts.has_goal = task.has_goal();
         facts.name_all(task, scene);
         facts.set_goal(task);
         facts.set_start(&task.initial);
@@ -201,6 +204,7 @@ impl TaskFacts {
             floor: ReceptacleKey(0),
             candidates: Vec::new(),
             ask_budget: 0,
+            has_goal: true,
         }
     }
 

@@ -241,6 +241,7 @@ pub(super) async fn episode(
             "steps": trace.steps.len(),
             "images": trace.image_count(),
             "end": trace.end,
+            "success": trace.end.as_ref().and_then(|end| end.success(&trace.task)),
             "open_reward": open_reward(Preset::parse(&trace.header.reward_preset).as_ref(), &trace),
         }))
     });

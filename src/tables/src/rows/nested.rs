@@ -3,7 +3,7 @@
 
 use reel_world::{
     GraphEvent, Task,
-    record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, VisibleObject},
+    record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, Score, VisibleObject},
 };
 use serde::Serialize;
 
@@ -119,5 +119,23 @@ pub(super) fn visible(visible: &VisibleObject) -> Visible<'_> {
         y_min: *y_min,
         x_max: *x_max,
         y_max: *y_max,
+    }
+}
+
+/// A score that was told with an episode.
+#[derive(Serialize)]
+pub(crate) struct ScoreRow<'a> {
+    name: &'a str,
+    value: Option<f64>,
+    label: Option<&'a str>,
+    explanation: Option<&'a str>,
+}
+
+pub(super) fn score_row(score: &Score) -> ScoreRow<'_> {
+    ScoreRow {
+        name: &score.name,
+        value: score.value,
+        label: score.label.as_deref(),
+        explanation: score.explanation.as_deref(),
     }
 }

@@ -167,6 +167,14 @@ pub(super) const MEASURED: &[Column] = columns! {
     may image_rmse_px: Float, "root mean square error of the image registration, pixels";
 };
 
+/// A score that was told with an episode.
+const SCORE: &[Column] = columns! {
+    must name: Text, "the scorer; with a dot before the name of a part of its score";
+    may value: Float, "as a number";
+    may label: Text, "as it was told where it is no number";
+    may explanation: Text, "why, in the scorer's words";
+};
+
 pub(super) const EPISODES: &[Column] = columns! {
     must episode_id: Text, "digest of the episode's inputs, shortened";
     must run_id: Text, "the command that recorded it";
@@ -175,7 +183,7 @@ pub(super) const EPISODES: &[Column] = columns! {
     must task_id: Text, "the task";
     must task_digest: Text, "joins `tasks` and `objects`";
     must scene_digest: Text, "joins `scenes`";
-    must family: Text, "`FDP`, `FODP`, `FDO`, `SUL`";
+    must family: Text, "`FDP`, `FODP`, `FDO`, `SUL`; `other`: outside REAL-Bench";
     may task_type: Text, "e.g. `store`";
     must scene_id: Text, "the scene";
     must policy: Text, "the policy";
@@ -185,13 +193,16 @@ pub(super) const EPISODES: &[Column] = columns! {
     must preset: Text, "reward preset of the terms and metrics";
     must sim_version: Int, "version of the simulator";
     must build: Text, "version of Reel that recorded it";
-    must backend: Text, "`sim`, `robot`, `proxy`";
+    must backend: Text,
+        "`sim`, `robot`, `proxy`; `imported`: the log of another program";
     must skills: Text, "reliability of the simulated skills: `perfect`, `real-v1`";
     may end_reason: Text,
         "`finished`, `horizon`, `fault`, `aborted`; null if the trace is incomplete";
     may success: Flag,
-        "SR: every goal change holds; null, like the next six, if the trace is incomplete";
-    may completion: Float, "CR: share of the goal changes that hold";
+        "SR: every goal change holds; where the task has no goal `reported_success`; null, like \
+         the next six, if the trace is incomplete";
+    may completion: Float,
+        "CR: share of the goal changes that hold; null, like the rewards, where the task has no goal";
     may total_reward: Float, "cumulative reward, undiscounted";
     may discounted_return: Float, "discounted by 0.99 a step";
     may length: Int, "decisions";
@@ -200,7 +211,8 @@ pub(super) const EPISODES: &[Column] = columns! {
     must instruction: Text, "instruction to the agent";
     must fuzzy: Flag, "whether the instruction omits details of the precise one";
     may purpose: Text, "what the target is for, in fuzzy tasks";
-    must target: Text, "instance to move";
+    must target: Text,
+        "instance to move; empty, like category, source and destination, where the task has no goal";
     must target_category: Text, "its category";
     may target_caption: Text, "how people would describe it";
     must src: Text, "source receptacle";
@@ -221,6 +233,9 @@ pub(super) const EPISODES: &[Column] = columns! {
         "modification time of the file, nanoseconds since 1970; ingest skips unchanged files";
     must measurements: List(&Struct(MEASURED)), "measurements of a robot; the view `measurements`";
     must steps: List(&Struct(STEP)), "the decisions in order";
+    may reported_success: Flag,
+        "whether it succeeded, as somebody said where it ran; null: nobody did";
+    may scores: List(&Struct(SCORE)), "what scorers said where it ran";
 };
 
 /// A word that describes an object of a task.
@@ -248,14 +263,15 @@ pub(super) const OBJECT: &[Column] = columns! {
 pub(super) const TASKS: &[Column] = columns! {
     must task_id: Text, "the task";
     must task_digest: Text, "digest of the task's canonical JSON; the key";
-    must family: Text, "`FDP`, `FODP`, `FDO`, `SUL`";
+    must family: Text, "`FDP`, `FODP`, `FDO`, `SUL`; `other`: outside REAL-Bench";
     may task_type: Text, "e.g. `store`";
     must scene_id: Text, "the scene";
     must instruction: Text, "instruction to the agent";
     must precise_instruction: Text, "the precise instruction";
     must fuzzy: Flag, "whether the instruction omits details of the precise one";
     may purpose: Text, "what the target is for";
-    must target: Text, "instance to move";
+    must target: Text,
+        "instance to move; empty, like category, source and destination, where the task has no goal";
     must target_category: Text, "its category";
     must src: Text, "source receptacle";
     must dest: Text, "destination receptacle";

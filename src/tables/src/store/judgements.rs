@@ -18,7 +18,7 @@ pub struct ClassRow<'a> {
     pub trace_digest: &'a str,
     /// Digest of the rule set.
     pub rules_version: &'a str,
-    /// One of the four classes.
+    /// Class: one of the paper, or of a taxonomy of one's own.
     pub class: &'a str,
     /// Sub-class within the class, e.g. `missing_ask`.
     pub sub_class: &'a str,
@@ -54,7 +54,7 @@ pub struct ClassRow<'a> {
 pub struct Finding<'a> {
     /// Name of the rule that made the finding.
     pub rule: &'a str,
-    /// Failure class that the rule assigns, one of the four.
+    /// Failure class that the rule assigns.
     pub class: &'a str,
     /// Sub-class that the rule assigns within its class.
     pub sub_class: &'a str,

@@ -8,8 +8,8 @@ use reel_world::{
     ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget,
-        Metrics, Parent, PolicyInfo, PolicyOutput, RefusedReply, RewardTerm, RobotState,
-        StateDigests, UserReply, UserSource, VisibleObject,
+        Metrics, Parent, PolicyInfo, PolicyOutput, RefusedReply, Reported, RewardTerm, RobotState,
+        Score, StateDigests, UserReply, UserSource, VisibleObject,
     },
 };
 use serde::de::DeserializeOwned;
@@ -131,7 +131,20 @@ pub(crate) fn read_end(end: reel::EpisodeEnd, graphs: Graphs) -> Read<EndRecord>
         graphs,
         metrics,
         steps: end.steps,
+        reported: Reported {
+            success: end.reported_success,
+            scores: end.scores.into_iter().map(score).collect(),
+        },
     })
+}
+
+fn score(message: reel::Score) -> Score {
+    Score {
+        name: message.name,
+        value: message.value,
+        label: message.label,
+        explanation: message.explanation,
+    }
 }
 
 pub(crate) fn read_graphs(message: reel::WorldGraphs) -> Read<Graphs> {

@@ -4,8 +4,8 @@ use reel_world::{
     Digest, ErrorClass, FrameDigests, GraphEvent, TokenLogprobs, ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput,
-        RefusedReply, RobotState, StartRecord, StateDigests, StepRecord, UserReply, UserSource,
-        VisibleObject,
+        RefusedReply, RobotState, Score, StartRecord, StateDigests, StepRecord, UserReply,
+        UserSource, VisibleObject,
     },
 };
 use serde::Serialize;
@@ -89,7 +89,18 @@ pub(crate) fn episode_end(end: &EndRecord) -> reel::EpisodeEvent {
         metrics: Some(metrics),
         chain: Vec::new(),
         steps: end.steps,
+        reported_success: end.reported.success,
+        scores: end.reported.scores.iter().map(score).collect(),
     }))
+}
+
+fn score(score: &Score) -> reel::Score {
+    reel::Score {
+        name: score.name.clone(),
+        value: score.value,
+        label: score.label.clone(),
+        explanation: score.explanation.clone(),
+    }
 }
 
 /// Both graphs of a moment: `start` or `end`.

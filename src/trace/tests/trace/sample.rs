@@ -80,6 +80,18 @@ impl Source {
     fn list<T>(&mut self, mut make: impl FnMut(&mut Self) -> T) -> Vec<T> {
         (0..self.below(4)).map(|_| make(self)).collect()
     }
+    fn reported(&mut self) -> Reported {
+        let score = |s: &mut Self| Score {
+            name: s.text(),
+            value: s.maybe(|s| f64::from(s.float())),
+            label: s.maybe(Self::text),
+            explanation: s.maybe(Self::text),
+        };
+        Reported {
+            success: self.maybe(|s| s.below(2) == 0),
+            scores: self.list(score),
+        }
+    }
     fn reply(&mut self) -> UserReply {
         let source = [UserSource::RuleBased, UserSource::Model, UserSource::Human][self.below(3)];
         UserReply {
@@ -255,7 +267,13 @@ impl Source {
             group_id: self.maybe(Self::text),
             rollout_index: self.maybe(|s| s.next() as u32),
             task_id: task.task_id.clone(),
-            family: Family::ALL[self.below(4)],
+            family: [
+                Family::FDP,
+                Family::FODP,
+                Family::FDO,
+                Family::SUL,
+                Family::Other,
+            ][self.below(5)],
             scene_id: scene.scene_id.clone(),
             task_digest: Digest::of_json(&task),
             scene_digest: Digest::of_json(&scene),
@@ -269,7 +287,12 @@ impl Source {
                 checkpoint: self.maybe(Self::text),
                 parameters: self.list(|s| (s.text(), s.value())).into_iter().collect(),
             },
-            backend: [Backend::Sim, Backend::Robot, Backend::Proxy][self.below(3)],
+            backend: [
+                Backend::Sim,
+                Backend::Robot,
+                Backend::Proxy,
+                Backend::Imported,
+            ][self.below(4)],
             skills: Skills::ALL[self.below(2)],
             meshes: std::collections::BTreeMap::new(),
             parent: self.maybe(|s| Parent {
@@ -305,6 +328,7 @@ impl Source {
             graphs: self.graphs(),
             metrics,
             steps,
+            reported: self.reported(),
         };
         let steps = (0..steps).map(|step| self.step(step)).collect();
         Sample {

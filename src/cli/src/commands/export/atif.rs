@@ -63,7 +63,9 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         let header = &trace.header;
         let tools = match header.backend {
             Backend::Sim => Some(reel_prompt::functions(header.profile.names())),
-            Backend::Robot | Backend::Proxy => header.policy.parameters.get("tools").cloned(),
+            Backend::Robot | Backend::Proxy | Backend::Imported => {
+                header.policy.parameters.get("tools").cloned()
+            }
         };
         let tools = tools
             .as_ref()

@@ -12,7 +12,8 @@ use anyhow::{Context, bail};
 use reel_query::{Format, QuerySession, format};
 use reel_tables::{AnswerLabelRow, LabelRow, Store};
 use reel_taxonomy::{
-    CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
+    CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, stored_classes, to_csv,
+    to_json,
 };
 
 use crate::{ExitStatus, inputs};
@@ -159,6 +160,7 @@ pub fn run(arguments: &Arguments, store: &str, json: bool) -> anyhow::Result<Exi
                 Defaults {
                     author,
                     at_ms: now_ms,
+                    own_classes: &own_classes(store)?.into_values().collect(),
                 },
             )?;
             known_episodes(store, labels)
@@ -235,15 +237,19 @@ fn lines<'a>(labels: impl Iterator<Item = &'a LabelRow>) -> String {
 }
 
 fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
-    let of_sub_class = set
-        .sub_class
-        .as_deref()
-        .and_then(|name| RuleSet::built_in().class_of(name));
+    let own = own_classes(store)?;
+    let built_in = RuleSet::built_in();
+    let of_sub_class = set.sub_class.as_ref().and_then(|name| {
+        let class = built_in.class_of(name);
+        class.or_else(|| own.get(name).map(String::as_str))
+    });
+    let names: BTreeSet<&str> = own.values().map(String::as_str).collect();
+    let known: Vec<&str> = CLASSES.into_iter().chain(names).collect();
     let class = match (&set.class, of_sub_class) {
-        (Some(class), _) if CLASSES.contains(&class.as_str()) => class.clone(),
-        (Some(class), _) => bail!("the class '{class}' is none of {}", CLASSES.join(", ")),
+        (Some(class), _) if known.contains(&class.as_str()) => class.clone(),
+        (Some(class), _) => bail!("the class '{class}' is none of {}", known.join(", ")),
         (None, Some(class)) => class.to_owned(),
-        (None, None) => bail!("give --class: one of {}", CLASSES.join(", ")),
+        (None, None) => bail!("give --class: one of {}", known.join(", ")),
     };
     if set
         .confidence
@@ -275,6 +281,16 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<LabelRow> {
         at_ms,
         blind: set.blind,
     })
+}
+
+/// The classes of a taxonomy of one's own with which episodes of the store are classified, by sub-class.
+fn own_classes(store: &str) -> anyhow::Result<BTreeMap<String, String>> {
+    let session = QuerySession::new(inputs::store(store, None)?)?;
+    let classes = stored_classes(&session)?.into_iter();
+    let own = classes.filter(|episode| !CLASSES.contains(&episode.class.as_str()));
+    Ok(own
+        .map(|episode| (episode.sub_class, episode.class))
+        .collect())
 }
 
 /// Refuses a step that an episode of this length does not have.

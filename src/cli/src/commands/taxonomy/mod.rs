@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use reel_query::{Format, Limits, QuerySession, format};
 use reel_tables::Store;
 use reel_taxonomy::{
-    CLASSES, RuleSet, StoredClass, classify, drift,
+    RuleSet, StoredClass, classify, drift,
     sankey::{Flow, Sankey},
     stored_classes,
 };
@@ -192,7 +192,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
     let condition = arguments.condition.as_deref().unwrap_or("true");
     let (episodes, successes) = how_many(&session, condition)?;
     if !arguments.json {
-        print!("{}", table.text());
+        print!("{}", table.text(&set.classes()));
         println!(
             "{} failures of {episodes} episodes; rules version {}",
             verdicts.len(),
@@ -218,7 +218,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<ExitStatus> {
 /// Episodes that were played to an end, and how many of them succeeded.
 fn how_many(session: &QuerySession, condition: &str) -> anyhow::Result<(u64, u64)> {
     let sql = format!(
-        "SELECT count(success), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})"
+        "SELECT count(end_reason), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})"
     );
     let text = format(&session.run(&sql)?, Format::Csv)?;
     let counted = text.lines().nth(1).and_then(|line| line.split_once(','));
@@ -279,7 +279,7 @@ impl<'a> Table<'a> {
     }
 
     /// A line a class and sub-class, the families' columns first.
-    fn text(&self) -> String {
+    fn text(&self, classes: &[&str]) -> String {
         let sum = |counts: &BTreeMap<&str, u64>| counts.values().sum::<u64>();
         let failures: u64 = self.by_family.values().map(sum).sum();
         let columns = |of: &Counts<'a>| -> BTreeSet<&'a str> {
@@ -323,11 +323,11 @@ impl<'a> Table<'a> {
             .map(|column| format!(" {column:>0$}", width(column)))
             .collect();
         let mut text = format!("{:24} episodes   share{heads}\n", "");
-        for class in CLASSES {
+        for class in classes {
             let mut within: Vec<(&str, &str)> = self
                 .by_family
                 .keys()
-                .filter(|(name, _)| *name == class)
+                .filter(|(name, _)| name == class)
                 .copied()
                 .collect();
             within.sort_by_key(|key| (std::cmp::Reverse(sum(&self.by_family[key])), key.1));

@@ -11,8 +11,8 @@ use reel_trace::{
 use reel_world::{
     Digest, ErrorCode, FrameDigests, Outcome, Scene, Task, Tool,
     record::{
-        Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, RobotState, StartRecord,
-        StepInput, StepRecord, UserReply, UserSource,
+        Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, Reported, RobotState,
+        StartRecord, StepInput, StepRecord, UserReply, UserSource,
     },
 };
 use serde_json::json;
@@ -236,6 +236,10 @@ impl EpisodeBuilder {
             graphs,
             metrics,
             steps: records.len() as u32,
+            reported: Reported {
+                success: told_success,
+                ..Reported::default()
+            },
         };
         let steps = records
             .into_iter()

@@ -74,6 +74,7 @@ impl TaskType {
             // REAL-Bench has more to store, too.
             Family::FDO => &[TaskType::Store, TaskType::Store, TaskType::Retrieve],
             Family::SUL => &[TaskType::Interactive],
+            Family::Other => &[],
         }
     }
 
