@@ -55,6 +55,8 @@ mod real_formats;
 mod recovery;
 #[cfg(all(feature = "analytics", feature = "service"))]
 mod remarks;
+#[cfg(feature = "service")]
+mod replay_server;
 mod scene_import;
 #[cfg(feature = "service")]
 mod server;
