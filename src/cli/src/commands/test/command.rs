@@ -11,7 +11,9 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_server::{ReplayServer, Tape, TapeReport, TapeSessions, TapeSettings, TapeStatus, Tapes};
+use reel_server::{
+    ReplayServer, Tape, TapeReport, TapeSessions, TapeSettings, TapeStatus, Tapes, deviation,
+};
 
 use super::Outcome;
 
@@ -62,7 +64,7 @@ pub fn play(
         reason: report.reason.clone(),
     };
     if report.status == TapeStatus::Unplayed {
-        outcome.reason = Some("the agent made no call".to_owned());
+        outcome.deviation = deviation(0, tape.call(0).as_ref(), None);
     }
     match ended {
         Err(error) => outcome.reason = Some(format!("{error:#}")),

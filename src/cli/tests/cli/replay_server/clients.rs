@@ -143,11 +143,7 @@ impl StreamableClient {
         let (head, _) = post(address, "/mcp", "", &message.to_string());
         let session = head
             .lines()
-            .find_map(|line| {
-                line.to_lowercase()
-                    .starts_with("mcp-session-id:")
-                    .then_some(line)
-            })
+            .find(|line| line.to_lowercase().starts_with("mcp-session-id:"))
             .unwrap_or_else(|| panic!("{head}"));
         let session = session.split_once(':').unwrap().1.trim().to_owned();
         let client = Self {
