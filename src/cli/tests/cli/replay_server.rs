@@ -19,7 +19,7 @@ use crate::{
     stdio_client::{StdioClient, traces},
 };
 use clients::{Client, ReplayServer, SseClient, StreamableClient};
-use mutations::{Random, mutate};
+use mutations::{Mutation, Random, mutate};
 
 const PROFILES: [&str; 3] = ["paper", "real-repo", "real-gspo"];
 
@@ -57,13 +57,13 @@ fn scripts(folder: &Path, profile: &str, tasks: usize) -> Scripts {
         expect(folder, 0, &run);
         traces(&folder.join(out))
     };
-    let (planned, random) = (run("planner"), run("random"));
-    // One agent in four plays at random: most of what it calls fails.
+    let (planned, explored) = (run("planner"), run("explorer"));
+    // One agent in four tries every tool on whatever it sees.
     let chosen = planned
         .iter()
         .enumerate()
         .map(|(index, trace)| match index % 4 {
-            3 => &random[index],
+            3 => &explored[index],
             _ => trace,
         });
     chosen
@@ -156,9 +156,12 @@ fn recordings_without_images_are_rendered_again() {
         panic!("one recording")
     };
     let path = trace.path.to_str().unwrap();
-    expect(folder, 0, &["trace", "compact", path]);
-    assert_eq!(Trace::read(&trace.path).unwrap().image_count(), 0);
-    let mut client = StdioClient::start(folder, &["--replay", path]);
+    expect(folder, 0, &["trace", "compact", path, "--out", "lean"]);
+    let [lean] = &traces(&folder.join("lean"))[..] else {
+        panic!("one lean recording")
+    };
+    assert_eq!(lean.image_count(), 0);
+    let mut client = StdioClient::start(folder, &["--replay", "lean"]);
     assert!(
         play(&mut client, &scripts) == live,
         "rendered again, the answers differ"
@@ -174,75 +177,59 @@ fn the_first_deviation_of_mutated_calls_is_named() {
     let folder = folder.path();
     let scripts = scripts(folder, "paper", 4);
     record(folder, "paper", &scripts);
-    let recorded = traces(&folder.join("live/traces"));
     let mut random = Random(seed);
-    let mut made = Vec::new();
+    let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
+    let recorded = traces(&folder.join("live/traces"));
+    for trace in &recorded {
+        let calls = trace.steps.iter().map(|step| step.input.call.clone());
+        let calls: Vec<ToolCall> = calls.collect();
+        let drawn = std::iter::repeat_with(|| mutate(&calls, &mut random)).flatten();
+        let made: Vec<Mutation> = drawn.take(count.div_ceil(recorded.len())).collect();
+        for (mutation, report) in made.iter().zip(deviate(folder, trace, &made)) {
+            let found = &report["deviation"];
+            let told = format!("seed {seed}: {mutation:?}\n{report}");
+            assert_eq!(found["step"], json!(mutation.step), "{told}");
+            assert_eq!(found["kind"], mutation.deviation, "{told}");
+            assert_eq!(found["argument"], json!(mutation.argument), "{told}");
+            *kinds.entry(mutation.kind).or_default() += 1;
+        }
+    }
+    let count: usize = kinds.values().sum();
+    eprintln!("{count} mutations, each first deviation named: {kinds:?}");
+}
+
+/// Makes mutated calls up to the first that deviates, each in an episode of its own of one session: what
+/// is reported of each.
+fn deviate(folder: &Path, trace: &Trace, mutations: &[Mutation]) -> Vec<Value> {
+    let path = trace.path.to_str().unwrap();
     let replay = [
         "--replay",
-        "live/traces",
+        path,
         "--report",
         "report.jsonl",
         "--data",
         "off",
     ];
     let mut client = StdioClient::start(folder, &replay);
-    while made.len() < count {
-        let trace = &recorded[made.len() % recorded.len()];
-        let calls: Vec<ToolCall> = trace
-            .steps
-            .iter()
-            .map(|step| step.input.call.clone())
-            .collect();
-        let Some(mutation) = mutate(&calls, &mut random) else {
-            continue;
-        };
+    for mutation in mutations {
         client.call("finish_with_id", &json!({"task_id": trace.header.task_id}));
         let upto = mutation.calls.len().min(mutation.step + 1);
         for (index, call) in mutation.calls[..upto].iter().enumerate() {
             let answer = Client::call(&mut client, &call.name, &call.arguments);
             let answer: Value = serde_json::from_str(&answer).unwrap();
             let said = &answer["result"]["_meta"]["reel/replay"]["deviation"]["step"];
-            let expected = (index == mutation.step).then_some(mutation.step);
-            assert_eq!(
-                said.as_u64(),
-                expected.map(|step| step as u64),
-                "{mutation:?}\n{answer}"
-            );
+            let expected = (index == mutation.step).then_some(mutation.step as u64);
+            assert_eq!(said.as_u64(), expected, "{mutation:?}\n{answer}");
         }
-        made.push(mutation);
     }
     assert_eq!(client.exit_code(), Some(1), "calls deviated");
     let report = fs::read_to_string(folder.join("report.jsonl")).unwrap();
-    let reports: Vec<Value> = report
+    let lines = report
         .lines()
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    // A deviating `finish` begins the next recording, in which nothing is played.
-    let reports: Vec<&Value> = reports
-        .iter()
-        .filter(|it| it["status"] != "unplayed")
-        .collect();
-    assert_eq!(reports.len(), made.len());
-    let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
-    for (mutation, report) in made.iter().zip(reports) {
-        let found = &report["deviation"];
-        assert_eq!(
-            found["step"],
-            json!(mutation.step),
-            "seed {seed}: {mutation:?}\n{report}"
-        );
-        assert_eq!(
-            found["kind"], mutation.deviation,
-            "seed {seed}: {mutation:?}\n{report}"
-        );
-        assert_eq!(
-            found["argument"],
-            json!(mutation.argument),
-            "seed {seed}: {mutation:?}\n{report}"
-        );
-        *kinds.entry(mutation.kind).or_default() += 1;
-    }
-    eprintln!("{count} mutations, each first deviation named: {kinds:?}");
+        .map(|line| serde_json::from_str(line).unwrap());
+    let reports: Vec<Value> = lines.collect();
+    assert_eq!(reports.len(), mutations.len());
+    reports
 }
 
 #[test]
