@@ -93,7 +93,7 @@ impl ReplayArguments {
         let left = outcome.left.clone();
         let report = report.map(Mutex::new);
         let observer = move |went: &TapeReport| {
-            eprintln!("reel: {}", told(went));
+            eprintln!("reel: {}", summary(went));
             let stayed = [TapeStatus::OnTape, TapeStatus::Unplayed].contains(&went.status);
             left.fetch_or(!stayed, Ordering::Relaxed);
             if let Some(file) = &report {
@@ -130,7 +130,7 @@ impl Outcome {
 ///
 /// # Errors
 /// When one cannot be read, or they are of different kinds of server.
-pub fn tapes(paths: &[PathBuf], assets: &inputs::Assets) -> anyhow::Result<Tapes> {
+fn tapes(paths: &[PathBuf], assets: &inputs::Assets) -> anyhow::Result<Tapes> {
     let files = assets.trace_files()?;
     let paths = inputs::traces(&files, paths)?;
     let tapes = paths
@@ -144,7 +144,7 @@ fn create(path: &Path) -> anyhow::Result<File> {
 }
 
 /// How an agent went along a recording, in a line.
-pub fn told(went: &TapeReport) -> String {
+fn summary(went: &TapeReport) -> String {
     let path = went.trace.display();
     let reason = went.reason.as_deref().unwrap_or_default();
     match (went.status, &went.deviation) {

@@ -108,7 +108,7 @@ pub struct Transports {
     pub keep_alive: Duration,
     /// Most bytes of a message.
     pub max_body: usize,
-    /// Ends every stream.
+    /// Ends every stream when it is cancelled.
     pub closing: CancellationToken,
 }
 

@@ -82,7 +82,7 @@ impl ReplayServer {
         Self::start(sessions, SocketAddr::from((Ipv4Addr::LOCALHOST, 0)))
     }
 
-    /// Where it listens.
+    /// The address that it listens on, with its port.
     pub fn address(&self) -> SocketAddr {
         self.address
     }

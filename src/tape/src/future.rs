@@ -49,7 +49,10 @@ impl LiveFuture {
         Ok(Self(session))
     }
 
-    /// Makes a call.
+    /// Makes a call in the simulator, and records it.
+    ///
+    /// # Errors
+    /// When no episode runs, or the branch cannot be written.
     pub fn call(&mut self, input: StepInput) -> Result<CallResult, LiveError> {
         self.0.call(input)
     }
@@ -59,7 +62,10 @@ impl LiveFuture {
         self.0.is_running()
     }
 
-    /// Ends it: how it ended, and its trace.
+    /// Ends the episode: how it ended, and its trace.
+    ///
+    /// # Errors
+    /// When the branch cannot be written.
     pub fn end(mut self) -> Result<(Option<EndedEpisode>, Option<PathBuf>), LiveError> {
         self.0.abort()?;
         let state = self.0.state();

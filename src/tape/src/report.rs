@@ -25,7 +25,7 @@ pub enum EpisodeStatus {
 pub struct EpisodeReport {
     /// The session in which it was played.
     pub session: String,
-    /// The recording.
+    /// Path of the recording that was answered from.
     pub trace: PathBuf,
     /// Id of the recorded task.
     pub task_id: String,

@@ -110,7 +110,7 @@ impl TapeSession {
         }
     }
 
-    /// Answers a call.
+    /// Answers a call of a tool, recorded or not.
     pub(crate) fn call(&mut self, input: StepInput) -> Answer {
         let is_recorded = self
             .expected()

@@ -50,12 +50,12 @@ impl Tape {
         Self { trace }
     }
 
-    /// The recording.
+    /// The records of the recording.
     pub fn trace(&self) -> &Trace {
         &self.trace
     }
 
-    /// Where it lies.
+    /// Path of the trace that was read.
     pub fn path(&self) -> &Path {
         &self.trace.path
     }

@@ -82,7 +82,7 @@ enum Status {
 /// A test case: one recording.
 #[derive(Clone, Debug, Serialize)]
 struct Case {
-    /// The recording.
+    /// Path of the recording that it is tested against.
     trace: PathBuf,
     /// Id of its task; `None` if it cannot be read.
     task_id: Option<String>,

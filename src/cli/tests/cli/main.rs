@@ -9,6 +9,8 @@ macro_rules! reel {
 }
 
 #[cfg(feature = "service")]
+mod agent_tests;
+#[cfg(feature = "service")]
 mod agents;
 #[cfg(feature = "analytics")]
 mod agreement;
