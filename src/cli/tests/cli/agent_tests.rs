@@ -121,7 +121,7 @@ fn a_command_is_tested_over_mcp() {
     assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
     assert_eq!(case["deviation"]["step"], 2, "{case}");
     assert_eq!(test("0").0["deviation"]["step"], 0);
-    calls[1] = json!({"name": "walk_around", "arguments": {}});
+    calls[1] = json!({"name": "look_twice", "arguments": {}});
     write(&calls);
     let (case, code) = test("3");
     assert_eq!(code, Some(1), "{case}");
