@@ -149,17 +149,30 @@ impl RunningEpisode {
     /// be ended even so.
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
         while self.episode.ended().is_none() && self.known.calls < HORIZON {
-            let input = {
-                let truth = policy.needs_privileged().then(|| self.episode.privileged());
-                policy.act(&PolicyContext {
-                    truth: truth.as_ref(),
-                    ..self.known.context()
-                })
-            };
-            let input = input.map_err(|source| self.unanswered(source))?;
+            let input = self.decide(policy)?;
             self.step(input)?;
         }
         Ok(())
+    }
+
+    /// The call that a policy decides now, in the words of the episode's profile. It is not made.
+    ///
+    /// # Errors
+    /// When somebody whom the policy asks does not answer.
+    pub fn decide(&self, policy: &mut dyn Policy) -> Result<StepInput, AgentError> {
+        let decided = {
+            let truth = policy.needs_privileged().then(|| self.episode.privileged());
+            policy.act(&PolicyContext {
+                truth: truth.as_ref(),
+                ..self.known.context()
+            })
+        };
+        let input = decided.map_err(|source| self.unanswered(source))?;
+        let profile = self.episode.header().profile;
+        Ok(StepInput {
+            call: profile.to_server_call(input.call),
+            ..input
+        })
     }
 
     /// Ends it, as aborted where it still runs. `unreachable` is why the policy gave up on the

@@ -25,6 +25,8 @@ mod names;
 mod progress;
 #[cfg(feature = "service")]
 mod prompt;
+#[cfg(feature = "service")]
+mod replay_server;
 mod settings;
 
 use std::{ffi::OsString, sync::OnceLock};
@@ -70,6 +72,9 @@ enum Command {
     #[command(about = "Record any MCP server: a proxy between an agent and its tool server")]
     #[cfg(feature = "service")]
     Record(commands::record::Arguments),
+    #[command(about = "Test an agent against recordings: does it still make the recorded calls?")]
+    #[cfg(feature = "service")]
+    Test(commands::test::Arguments),
     #[command(about = "Print a trace as a readable transcript")]
     Show(commands::show::Arguments),
     #[command(about = "Open an episode in Rerun, or in its web viewer")]
@@ -221,6 +226,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Mcp(arguments) => commands::serve::mcp(&arguments),
         #[cfg(feature = "service")]
         Command::Record(arguments) => commands::record::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Test(arguments) => commands::test::run(arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
         #[cfg(feature = "rerun")]
         Command::View(arguments) => commands::view::run(&arguments),

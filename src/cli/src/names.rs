@@ -7,7 +7,7 @@ use clap::{Command, CommandFactory as _};
 /// The commands under their headings, as `reel --help` lists them.
 #[rustfmt::skip]
 const HEADINGS: [(&str, &[&str]); 6] = [
-    ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record"]),
+    ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record", "test"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
     ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export"]),

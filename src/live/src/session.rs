@@ -122,6 +122,23 @@ pub struct PrivilegedState {
     pub robot: RobotState,
 }
 
+impl PrivilegedState {
+    /// The state of an episode as it is now.
+    pub fn of(episode: &Episode) -> Self {
+        let simulator = episode.simulator();
+        Self {
+            graphs: simulator.graphs(),
+            objects_by_receptacle: simulator.objects_by_receptacle(),
+            markers: simulator
+                .has_marker_map()
+                .then(|| simulator.markers().to_vec()),
+            held: simulator.held().cloned(),
+            landmark: simulator.landmark().cloned(),
+            robot: simulator.robot(),
+        }
+    }
+}
+
 /// How a session stands, for people.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct SessionStatus {
@@ -209,7 +226,7 @@ impl Session {
         playing.recorder.step(&record, frame.as_ref())?;
         let shows_all = frame.is_none() && self.setup.profile.is_published();
         let look = shows_all.then(|| playing.episode.render_frame());
-        let view = view(&playing.episode);
+        let view = PrivilegedState::of(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
             let RunningEpisode {
@@ -484,20 +501,6 @@ impl Session {
             Phase::Broken { reason, .. } => LiveError::Broken(reason.clone()),
             _ => LiveError::NoEpisode,
         }
-    }
-}
-
-fn view(episode: &Episode) -> PrivilegedState {
-    let simulator = episode.simulator();
-    PrivilegedState {
-        graphs: simulator.graphs(),
-        objects_by_receptacle: simulator.objects_by_receptacle(),
-        markers: simulator
-            .has_marker_map()
-            .then(|| simulator.markers().to_vec()),
-        held: simulator.held().cloned(),
-        landmark: simulator.landmark().cloned(),
-        robot: simulator.robot(),
     }
 }
 

@@ -32,7 +32,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use crate::Caller;
+use crate::{Caller, as_it_came};
 
 /// Messages that may wait in each direction of one connection.
 const QUEUE: usize = 64;
@@ -157,6 +157,7 @@ impl Connections {
                 JsonRpcMessage::Error(error) => open.client.has_read(error.id.as_ref()),
                 _ => {}
             }
+            let message = as_it_came::outgoing(message);
             let json = serde_json::to_string(&message).expect("a message of the protocol is JSON");
             Event::default().event("message").data(json)
         });

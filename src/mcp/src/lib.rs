@@ -5,6 +5,7 @@
 //! profile shows is in `response`, and nothing else reaches a policy.
 
 mod answers;
+mod as_it_came;
 mod caller;
 mod catalogue;
 mod event_store;
@@ -20,15 +21,16 @@ mod sessions;
 mod waiting;
 
 pub use answers::{AnsweredInput, OutsideAnswers};
+pub use as_it_came::{call_as_it_came, outgoing_result, tools_as_they_came};
 pub use caller::Caller;
 pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
 pub use handler::{
     AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
 };
-pub use methods::{VERSIONS, agreed_version, refusal};
+pub use methods::{VERSIONS, WITH_SESSIONS, agreed_version, refusal};
 pub use policy_output::policy_output;
 pub use questions::{Decision, OpenQuestion, Question, Questions, SessionCalls, Wish, Withdrawn};
-pub use response::{Response, refuse, task_ids, tool_result};
-pub use router::{Worker, router, stdio, streamable_http};
+pub use response::{Response, image, refuse, task_ids, tool_result};
+pub use router::{Transports, Worker, router, router_of, stdio, streamable_http};
 pub use waiting::WaitingSessions;

@@ -30,7 +30,7 @@ pub const VERSIONS: &[ProtocolVersion] = &[
 ];
 
 /// Those of [`VERSIONS`] that have sessions.
-pub(crate) const WITH_SESSIONS: &[ProtocolVersion] = VERSIONS.split_at(VERSIONS.len() - 1).0;
+pub const WITH_SESSIONS: &[ProtocolVersion] = VERSIONS.split_at(VERSIONS.len() - 1).0;
 
 /// The methods of a server that has tools and nothing else, for its `impl ServerHandler`.
 #[macro_export]

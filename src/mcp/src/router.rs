@@ -99,6 +99,50 @@ pub fn router(
         .merge(workers)
 }
 
+/// What bounds the transports of a server, and what ends them.
+#[derive(Clone, Debug)]
+pub struct Transports {
+    /// How many sessions, and how many streams of `/sse`, may be open at a time.
+    pub sessions: usize,
+    /// A session ends when nothing came or went for so long.
+    pub keep_alive: Duration,
+    /// Most bytes of a message.
+    pub max_body: usize,
+    /// Ends every stream when it is cancelled.
+    pub closing: CancellationToken,
+}
+
+/// `/mcp`, `/sse` and `/messages/` of another server than that of live episodes: `factory` makes
+/// the service of each session. Host and Origin are the caller's to check.
+pub fn router_of<S: ServerHandler>(
+    factory: impl Fn() -> S + Clone + Send + Sync + 'static,
+    transports: &Transports,
+) -> Router {
+    let (limit, closing) = (transports.sessions, transports.closing.clone());
+    let connections = Connections::default();
+    let (posted_to, opened) = (connections.clone(), factory.clone());
+    let stream = {
+        let closing = closing.clone();
+        move || async move {
+            let caller = Caller::current().unwrap_or_default();
+            let limits = (limit, limit);
+            connections.open(opened(), random(), MESSAGES, limits, (caller, &closing))
+        }
+    };
+    let posted = move |Query(session): Query<Session>, body: Bytes| async move {
+        let id = session.session_id.as_deref();
+        posted_to.message(id, &body).await
+    };
+    let sessions = Sessions::new(limit, limit, transports.keep_alive);
+    Router::new()
+        .route("/sse", get(stream))
+        .route(MESSAGES, post(posted))
+        .route_service(
+            "/mcp",
+            serve(sessions, factory, transports.max_body, closing),
+        )
+}
+
 /// The service of Streamable HTTP, with a handler from `factory` for each of so many sessions in
 /// all and of one token; who wants one more is told so with 503 or 429. A session ends when nothing
 /// came or went for `keep_alive`, or sooner while it calls no tool; every stream with `closing`.

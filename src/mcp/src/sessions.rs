@@ -40,7 +40,7 @@ use tokio::{
 };
 
 use crate::{
-    Caller,
+    Caller, as_it_came,
     event_store::{Events, SessionEvents},
 };
 
@@ -212,10 +212,11 @@ impl Session {
         S: Stream<Item = ServerSseMessage> + Send + Sync + 'static,
     {
         let events = self.events.clone();
-        Box::pin(stream.inspect(move |event| {
+        let taken = stream.inspect(move |event| {
             let _listening = &listening;
             events.taken(event);
-        }))
+        });
+        Box::pin(taken.map(as_it_came::outgoing_event))
     }
 
     fn listen(&self) -> Listening {

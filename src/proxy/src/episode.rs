@@ -8,7 +8,7 @@ use reel_import::{
     CallObservation, ObservedState, StartedEpisode, TaskSetup, same_graph_for_both, unknown_task,
 };
 use reel_reward::{OpenReward, Rewarder, metrics, open_reward};
-use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
+use reel_trace::{AnsweredRequest, Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
     Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
     Task, Tool, ToolCall, ToolText,
@@ -33,6 +33,8 @@ pub(crate) struct Episodes {
     begun: u32,
     /// Calls that went by unrecorded since the last episode began.
     unrecorded: u32,
+    /// The server's list of tools as it came, if the agent asked for it.
+    tools: Option<String>,
     now: Now,
 }
 
@@ -93,6 +95,7 @@ impl Episodes {
             policy,
             begun: 0,
             unrecorded: 0,
+            tools: None,
             now: Now::Nothing,
         }
     }
@@ -106,6 +109,11 @@ impl Episodes {
                 .take(64)
                 .collect();
         }
+    }
+
+    /// Keeps the server's list of tools for the episodes that begin from now on.
+    pub(crate) fn set_tools(&mut self, tools: String) {
+        self.tools = Some(tools);
     }
 
     /// Notes that a call goes by unrecorded.
@@ -149,7 +157,7 @@ impl Episodes {
         if matches!(self.now, Now::Nothing) {
             let begun = self.generic();
             // Nothing has happened yet: the next call may try again.
-            self.begin(begun, None)
+            self.begin(begun, None, None)
                 .inspect_err(|_| self.now = Now::Nothing)?;
         }
         let policy = PolicyOutput {
@@ -203,7 +211,7 @@ impl Episodes {
             return Ok(());
         };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
-        self.begin(begun, image.as_ref())
+        self.begin(begun, image.as_ref(), answer.answer.as_deref())
     }
 
     /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of
@@ -293,8 +301,11 @@ impl Episodes {
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
         let recorder = &mut playing.recorder;
+        let as_it_came = answer.answer.as_deref();
+        let request = AnsweredRequest::Step(record.step);
         let written = recorder
             .timing(record.step, &timing)
+            .and_then(|()| as_it_came.map_or(Ok(()), |json| recorder.mcp_answer(request, json)))
             .and_then(|()| match image {
                 Some(Image::AsItCame(png)) => recorder.step_with_base64(&record, png),
                 Some(Image::Fitted(original, frame)) => {
@@ -322,6 +333,7 @@ impl Episodes {
         &mut self,
         begun: StartedEpisode,
         image: Option<&Image>,
+        answer: Option<&str>,
     ) -> Result<(), RecordingError> {
         let StartedEpisode {
             setting:
@@ -369,8 +381,15 @@ impl Episodes {
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         let mut rewarder = setup.preset.rewarder(&task, &scene);
         rewarder.start(&start);
+        let before = [
+            (AnsweredRequest::ToolList, self.tools.as_deref()),
+            (AnsweredRequest::Start, answer),
+        ];
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
             |mut recorder| {
+                for (request, json) in before {
+                    json.map_or(Ok(()), |json| recorder.mcp_answer(request, json))?;
+                }
                 let started = match image {
                     Some(Image::AsItCame(png)) => recorder.start_with_base64(&start, png),
                     Some(Image::Fitted(original, frame)) => {

@@ -35,6 +35,8 @@ pub(crate) struct Session {
 struct Inner {
     episodes: Episodes,
     open: Option<Open>,
+    /// The request for the tools that is not answered.
+    lists_tools: Option<Value>,
     /// When the agent got the last result, or the session began.
     agent_has_it: Instant,
     last_seen: Instant,
@@ -71,6 +73,7 @@ impl Session {
         let inner = Inner {
             episodes,
             open: None,
+            lists_tools: None,
             agent_has_it: now,
             last_seen: now,
         };
@@ -106,6 +109,10 @@ impl Session {
                 if let Some(name) = name {
                     self.lock().episodes.set_policy(&name);
                 }
+                return Ok(None);
+            }
+            FromAgent::ListsTools(id) => {
+                self.lock().lists_tools = Some(id);
                 return Ok(None);
             }
             FromAgent::Cancelled(id) => {
@@ -165,6 +172,13 @@ impl Session {
         let came = Instant::now();
         let mut inner = self.lock();
         inner.last_seen = came;
+        if let Some(id) = &inner.lists_tools
+            && let Some(tools) = tap::raw_answer(id, message)
+        {
+            inner.lists_tools = None;
+            inner.episodes.set_tools(tools);
+            return Ok(());
+        }
         let Some(answer) = inner
             .open
             .as_ref()

@@ -26,6 +26,8 @@ pub(crate) enum FromAgent {
     Hello(Option<String>),
     /// Calls of tools; more than one in a batch.
     Calls(Vec<Call>),
+    /// The agent asks for the first tools of the server.
+    ListsTools(Value),
     /// The agent takes a request back.
     Cancelled(Value),
     /// Something else of the protocol.
@@ -49,6 +51,10 @@ pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
                 Some(id) => FromAgent::Cancelled(id.clone()),
                 None => FromAgent::Other,
             },
+            Some("tools/list") if message.pointer("/params/cursor").is_none() => {
+                let id = message.get("id").cloned();
+                id.map_or(FromAgent::Other, FromAgent::ListsTools)
+            }
             Some("tools/call") => {
                 call(&message).map_or(FromAgent::Strange, |call| FromAgent::Calls(vec![call]))
             }
@@ -111,6 +117,8 @@ pub(crate) struct ToolResultContent {
     pub structured: Option<Value>,
     /// Whether it is an error, of the tool or of the protocol.
     pub failed: bool,
+    /// The answer as it came: a JSON object with its result or its error. `None` if none came.
+    pub answer: Option<String>,
 }
 
 impl ToolResultContent {
@@ -167,16 +175,35 @@ pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<ToolResultContent>
     answer(id, serde_json::from_slice(message).ok()?)
 }
 
+/// The answer to a request as it came, a JSON object with its result or its error, if it is there.
+pub(crate) fn raw_answer(id: &Value, message: &[u8]) -> Option<String> {
+    let message: Message = serde_json::from_slice(message).ok()?;
+    let answers = message.method.is_none() && message.id.as_ref() == Some(id);
+    as_it_came(&message).filter(|_| answers)
+}
+
+fn as_it_came(message: &Message) -> Option<String> {
+    match (&message.result, &message.error) {
+        (_, Some(error)) => Some(format!("{{\"error\":{error}}}")),
+        (Some(result), None) => Some(format!("{{\"result\":{result}}}")),
+        (None, None) => None,
+    }
+}
+
 fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
     if message.method.is_some() || message.id.as_ref() != Some(id) {
         return None;
     }
+    let as_it_came = as_it_came(&message);
     if let Some(error) = message.error {
         let text = error
             .get("message")
             .and_then(Value::as_str)
             .map_or_else(|| error.to_string(), str::to_owned);
-        return Some(ToolResultContent::none(&text));
+        return Some(ToolResultContent {
+            answer: as_it_came,
+            ..ToolResultContent::none(&text)
+        });
     }
     let mut result = message.result?;
     let mut answer = ToolResultContent {
@@ -188,6 +215,7 @@ fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
             .get("structuredContent")
             .filter(|value| !value.is_null())
             .cloned(),
+        answer: as_it_came,
         ..ToolResultContent::default()
     };
     let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {

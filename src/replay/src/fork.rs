@@ -148,6 +148,14 @@ impl<'t> Fork<'t> {
     }
 }
 
+/// What the episode of a trace is a function of, with everything as it was recorded.
+///
+/// # Errors
+/// Why nothing can be executed.
+pub fn episode_config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
+    player::config(trace)
+}
+
 /// What the episode of a trace starts from, but with skills that never fail, for a branch that
 /// differs from its first call on. `policy` says who decides in it.
 ///

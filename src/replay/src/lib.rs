@@ -34,7 +34,7 @@ pub use file_verdict::{
     FileVerdict, verify, verify_all, verify_all_from_snapshots, verify_bytes,
     verify_catching_panics, verify_file,
 };
-pub use fork::{BranchVerification, Fork, verify_branch, with_perfect_skills};
+pub use fork::{BranchVerification, Fork, episode_config, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Replay, StepMismatch, check_meshes};
 pub use reel_episode::Rollout;

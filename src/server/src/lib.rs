@@ -22,6 +22,7 @@ mod mock_llm;
 mod openenv;
 #[cfg(feature = "tables")]
 mod pages;
+mod replay;
 mod rest;
 mod routes;
 mod run;
@@ -44,6 +45,11 @@ pub use config::{Config, ConfigError, Limits, LogFormat, MatcherConfig, Order, P
 pub use in_memory::InMemoryServer;
 pub use mock_llm::{MockOptions, mock_llm};
 pub use reel_mcp::{AnswerSources, AskResponder, AskUser, LookUp};
+pub use reel_tape::{
+    Deviation, EpisodeReport as TapeReport, EpisodeStatus as TapeStatus, Tape, TapeError,
+    TapeSessions, TapeSettings, Tapes, deviation,
+};
+pub use replay::{ReplayServer, run_replay_stdio};
 pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};

@@ -13,7 +13,7 @@ use tokio::{
 use crate::{Config, ServeError, Service, service::run_name, start_logs};
 
 /// How long work that nobody waits for may take to end.
-const AT_LAST: Duration = Duration::from_secs(1);
+pub(crate) const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the
 /// number of tasks. Questions about the store read traces from `trace_files`; `sources` answer

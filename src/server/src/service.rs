@@ -131,6 +131,11 @@ pub enum ServeError {
         "{0} is not a loopback address and there are no tokens, so everyone who reaches it has every role; create a token with `reel server token create NAME --role act`, or listen on 127.0.0.1"
     )]
     Open(SocketAddr),
+    /// A replay server has no tokens.
+    #[error(
+        "{0} is not a loopback address, and a replay server knows no tokens: listen on 127.0.0.1, and let agents of other machines come through a tunnel"
+    )]
+    ReplayOpen(SocketAddr),
     /// The address cannot be taken.
     #[error("cannot listen on {address}: {source}")]
     Listen {

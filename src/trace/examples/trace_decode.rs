@@ -51,6 +51,7 @@ fn decode_all(path: &str) -> u64 {
             "/robot/vla" => decode::<reel::VlaLatency>(data),
             "/robot/alignment" => decode::<reel::Alignment>(data),
             "/policy/latency" => decode::<reel::PolicyLatency>(data),
+            "/mcp/answer" => decode::<reel::McpAnswer>(data),
             "/chain" => decode::<reel::ChainLink>(data),
             "/packed/episode" => decode::<reel::PackedEpisode>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),

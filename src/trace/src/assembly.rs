@@ -12,7 +12,7 @@ use reel_world::{
 use serde::de::DeserializeOwned;
 
 use crate::{
-    Timing, Trace, TraceError,
+    McpAnswers, Timing, Trace, TraceError,
     chain::{Covered, MessageChain},
     container::Item,
     journal::{
@@ -58,6 +58,7 @@ pub(crate) struct Assembly<'a> {
     /// The moment, or the end, whose link has not come yet.
     unlinked: Option<Unlinked>,
     timings: BTreeMap<u32, Timing>,
+    mcp_answers: McpAnswers,
     robot: RobotLog,
     sensors: SensorReader,
     original: Option<CameraImage>,
@@ -94,6 +95,7 @@ impl<'a> Assembly<'a> {
             chain: MessageChain::new(),
             unlinked: None,
             timings: BTreeMap::new(),
+            mcp_answers: McpAnswers::new(),
             robot: RobotLog::default(),
             sensors: SensorReader::default(),
             original: None,
@@ -267,6 +269,7 @@ impl<'a> Assembly<'a> {
             links: self.links,
             covered: self.covered,
             timings: self.timings,
+            mcp_answers: self.mcp_answers,
             robot: self.robot,
             sensors: self.sensors.into_channels(),
             originals: self.originals,

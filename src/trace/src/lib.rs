@@ -8,7 +8,7 @@
 //! Equal records give equal bytes: log times are simulation time after a fixed epoch; of episodes
 //! that were not simulated here, the time their policy took. What a robot measured (`/robot/...`,
 //! `/camera/original`) stands beside the records, with the clock of the robot in it; so does what else
-//! its recording holds (`/recorded/...`), in the robot's own messages.
+//! its recording holds (`/recorded/...`), in the robot's own messages, and what an MCP server answered (`/mcp/answer`).
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 
@@ -26,6 +26,7 @@ mod image;
 mod journal;
 mod limits;
 mod logprobs;
+mod mcp_answer;
 mod reader;
 mod recorder;
 mod recover;
@@ -49,6 +50,7 @@ pub use image::{
 };
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
+pub use mcp_answer::{AnsweredRequest, McpAnswers};
 pub use reader::{RecordsReader, Trace};
 pub use recorder::{
     Durability, FrameLayers, Images, RecordOptions, Recorder, Timing, TraceSummary,

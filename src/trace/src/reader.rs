@@ -13,7 +13,7 @@ use reel_world::{
 };
 
 use crate::{
-    FrameLayers, Timing, TraceError, TraceFiles,
+    FrameLayers, McpAnswers, Timing, TraceError, TraceFiles,
     assembly::Assembly,
     chain::Covered,
     container::{self, At, Closing, Item, Visitor},
@@ -51,6 +51,9 @@ pub struct Trace {
     pub recoveries: Vec<BTreeMap<String, String>>,
     /// By step, the clock of episodes that were recorded while they were played elsewhere.
     pub timings: BTreeMap<u32, Timing>,
+    /// What the MCP server answered, as it came; empty for episodes that were not recorded between an
+    /// agent and its server, and where records alone were read.
+    pub mcp_answers: McpAnswers,
     /// What a robot measured; empty for episodes without one.
     pub robot: RobotLog,
     /// What else the robot's recording holds; empty for episodes without a robot, and where records

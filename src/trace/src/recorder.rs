@@ -14,7 +14,7 @@ use reel_world::{
 use serde::Serialize;
 
 use crate::{
-    Disk, DiskFile, LocalDisk, TraceError, TraceFiles,
+    AnsweredRequest, Disk, DiskFile, LocalDisk, TraceError, TraceFiles,
     chain::Covered,
     container,
     files::{self, PART},
@@ -262,6 +262,18 @@ impl Recorder {
     pub fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
         self.journal
             .timing(step, timing)
+            .map_err(|error| self.unwritten(error))
+    }
+
+    /// Records what an MCP server answered, as it came: before the start the list of tools and the
+    /// answer that began the episode, of a step between its input and what came of it. Acknowledged
+    /// with what follows. With [`Images::None`] an answer that holds an image is left out.
+    ///
+    /// # Errors
+    /// When it is called out of turn or the file cannot be written.
+    pub fn mcp_answer(&mut self, request: AnsweredRequest, json: &str) -> Result<(), TraceError> {
+        self.journal
+            .mcp_answer(request, json)
             .map_err(|error| self.unwritten(error))
     }
 

@@ -9,8 +9,8 @@ use reel_world::{
 };
 
 use crate::{
-    FrameLayers, Images, LocalDisk, PackedEpisode, Trace, TraceError, TraceSummary, container,
-    files,
+    AnsweredRequest, FrameLayers, Images, LocalDisk, PackedEpisode, Trace, TraceError,
+    TraceSummary, container, files,
     journal::{FrameSource, Journal, Layers},
     limits::Limits,
 };
@@ -84,6 +84,12 @@ impl Trace {
         let head = (&self.header, &*self.task, &*self.scene);
         let sink = Cursor::new(Vec::new());
         let mut journal = Journal::create(sink, path, head, stored, recoveries, self.covered)?;
+        let answer = |journal: &mut Journal<_>, request: AnsweredRequest| {
+            let json = self.mcp_answers.get(&request);
+            json.map_or(Ok(()), |json| journal.mcp_answer(request, json))
+        };
+        answer(&mut journal, AnsweredRequest::ToolList)?;
+        answer(&mut journal, AnsweredRequest::Start)?;
         journal.robot(None, &self.robot)?;
         if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
@@ -96,6 +102,7 @@ impl Trace {
             if let Some(timing) = self.timings.get(&step.step) {
                 journal.timing(step.step, timing)?;
             }
+            answer(&mut journal, AnsweredRequest::Step(step.step))?;
             journal.robot(Some(step.step), &self.robot)?;
             if let Some(original) = self.camera_image(Some(step.step)) {
                 journal.original(Some(step.step), original)?;

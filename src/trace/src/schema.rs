@@ -69,6 +69,7 @@ channels! {
     INSTANCES = 24, "/camera/head/instances", "foxglove.RawImage";
     CHAIN = 25, "/chain", "reel.v1.ChainLink";
     POLICY_LATENCY = 26, "/policy/latency", "reel.v1.PolicyLatency";
+    MCP_ANSWER = 27, "/mcp/answer", "reel.v1.McpAnswer";
 }
 
 /// Finds a channel by its topic.

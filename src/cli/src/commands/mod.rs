@@ -46,6 +46,8 @@ pub mod store;
 pub mod task;
 #[cfg(feature = "analytics")]
 pub mod taxonomy;
+#[cfg(feature = "service")]
+pub mod test;
 pub mod trace;
 #[cfg(feature = "rerun")]
 pub mod view;

@@ -13,7 +13,7 @@ use reel_llm::{
     agent::ModelUser,
     client::{ApiKey, Cache, CallLog, Client, Endpoint},
 };
-use reel_server::{AnswerSources, AskResponder, AskUser, Config, Order, TlsFiles};
+use reel_server::{AnswerSources, AskResponder, AskUser, Config, Order, TapeSettings, TlsFiles};
 use reel_world::Profile;
 
 use crate::{
@@ -22,10 +22,12 @@ use crate::{
     inputs,
     match_arguments::{EMBEDDINGS, MatchArguments, Matching},
     model::RealClock,
+    replay_server::ReplayArguments,
 };
 
 /// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
-/// Every call is persisted before it is answered.
+/// Every call is persisted before it is answered. With --replay recordings answer: on /mcp and /sse, and
+/// nothing else; exit code 1 then: a call differs from the recorded one, or is missing.
 ///
 ///   /mcp                 an agent with a world of its own (Streamable HTTP); /sse: the same over legacy HTTP+SSE
 ///   /w/NAME/mcp, .../sse a worker's world, which survives reconnects
@@ -39,6 +41,7 @@ use crate::{
 /// Examples:
 ///   reel serve                                              # tasks that Reel makes, in its own home
 ///   reel serve --tasks real-bench/tasks --profile real-repo # what reel task real-bench wrote
+///   reel serve --replay traces --report report.jsonl        # answer from recordings: docs/regression.md
 ///   reel serve --config serve.toml --listen 0.0.0.0:8801     # requires tokens: reel server token create NAME --role act
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -66,6 +69,9 @@ pub struct Arguments {
 ///
 /// Example, in a client's configuration:
 ///   {"mcpServers": {"reel": {"command": "reel", "args": ["mcp", "--data", "/var/lib/reel"]}}}
+///   {"mcpServers": {"reel": {"command": "reel", "args": ["mcp", "--replay", "/var/lib/recordings"]}}}
+///
+/// Exit code 1, with --replay: a call differs from the recorded one, or is missing.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Mcp {
@@ -125,6 +131,8 @@ pub struct Settings {
     #[arg(long, value_name = "NAME")]
     user_model: Option<String>,
     #[command(flatten)]
+    replay: ReplayArguments,
+    #[command(flatten)]
     matching: MatchArguments,
     /// OpenAI-compatible endpoint of the user model and the embedding model, up to /v1
     #[arg(long, value_name = "URL")]
@@ -182,6 +190,16 @@ impl Settings {
         config.data = self.data.clone().unwrap_or(config.data);
         config.assets = self.assets.path().map(Path::to_owned).or(config.assets);
         Ok(config)
+    }
+}
+
+impl Settings {
+    /// Where what follows off tape is recorded, and as whose.
+    fn tape_settings(&self, config: &Config) -> TapeSettings {
+        TapeSettings {
+            branches: config.data.join("branches"),
+            policy: self.policy.clone(),
+        }
     }
 }
 
@@ -283,6 +301,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         });
     }
     config.check()?;
+    let replay = &arguments.settings.replay;
+    if replay.is_given() {
+        let settings = arguments.settings.tape_settings(&config);
+        return replay.http(settings, &arguments.settings.assets, config.listen);
+    }
     let sources = arguments.settings.sources(&config)?;
     let scheme = config.tls.as_ref().map_or("http", |_| "https");
     reel_server::run(
@@ -299,6 +322,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 /// Serves one agent over standard input and output (`reel mcp`).
 pub fn mcp(arguments: &Mcp) -> anyhow::Result<ExitStatus> {
     let config = arguments.settings.config()?;
+    let replay = &arguments.settings.replay;
+    if replay.is_given() {
+        let settings = arguments.settings.tape_settings(&config);
+        return replay.stdio(settings, &arguments.settings.assets);
+    }
     let sources = arguments.settings.sources(&config)?;
     reel_server::run_stdio(config, sources)?;
     Ok(ExitStatus::Success)

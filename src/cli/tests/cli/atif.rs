@@ -20,6 +20,7 @@ const MAY_STAY: &[&str] = &[
     "depth",
     "masks",
     "timings",
+    "mcp_answers",
     "robot",
     "sensors",
 ];

@@ -9,6 +9,8 @@ macro_rules! reel {
 }
 
 #[cfg(feature = "service")]
+mod agent_tests;
+#[cfg(feature = "service")]
 mod agents;
 #[cfg(feature = "analytics")]
 mod agreement;
@@ -55,6 +57,8 @@ mod real_formats;
 mod recovery;
 #[cfg(all(feature = "analytics", feature = "service"))]
 mod remarks;
+#[cfg(feature = "service")]
+mod replay_server;
 mod scene_import;
 #[cfg(feature = "service")]
 mod server;

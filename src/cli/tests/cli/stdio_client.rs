@@ -19,9 +19,13 @@ pub struct StdioClient {
 
 impl StdioClient {
     pub fn start(folder: &Path, arguments: &[&str]) -> Self {
+        Self::start_command(folder, &[&["mcp"], arguments].concat())
+    }
+
+    /// A client of a command that is an MCP server over standard input and output.
+    pub fn start_command(folder: &Path, arguments: &[&str]) -> Self {
         let mut server = Command::new(env!("CARGO_BIN_EXE_reel"))
             .current_dir(folder)
-            .arg("mcp")
             .args(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -56,14 +60,27 @@ impl StdioClient {
 
     /// The message that answers a request.
     pub fn answer(&mut self, id: u64) -> Value {
+        serde_json::from_str(&self.answer_text(id)).unwrap()
+    }
+
+    /// The text of the message that answers a request, byte for byte.
+    pub fn answer_text(&mut self, id: u64) -> String {
         loop {
             let mut line = String::new();
             assert!(self.answers.read_line(&mut line).unwrap() > 0, "it ended");
             let answer: Value = serde_json::from_str(&line).unwrap();
             if answer["id"] == id {
-                return answer;
+                return line.trim_end().to_owned();
             }
         }
+    }
+
+    /// The text of the answer to a request.
+    pub fn request_text(&mut self, method: &str, params: &Value) -> String {
+        self.sent += 1;
+        let id = self.sent;
+        self.write(&json!({"jsonrpc": "2.0", "id": id, "method": method, "params": params}));
+        self.answer_text(id)
     }
 
     /// The text of a tool's result, and whether it is an error.
@@ -77,9 +94,14 @@ impl StdioClient {
     }
 
     /// Goes away, and waits for the server to end.
-    pub fn leave(mut self) {
+    pub fn leave(self) {
+        assert_eq!(self.exit_code(), Some(0));
+    }
+
+    /// Goes away: the exit code of the server.
+    pub fn exit_code(mut self) -> Option<i32> {
         drop(self.server.stdin.take());
-        assert!(self.server.wait().unwrap().success());
+        self.server.wait().unwrap().code()
     }
 }
 

@@ -72,6 +72,7 @@ pub const LOST: &[(&str, &str)] = &[
     ("depth", "absent"),
     ("masks", "absent"),
     ("timings", "absent"),
+    ("mcp_answers", "absent"),
     ("robot", "what a robot measured is absent"),
     ("sensors", "absent"),
 ];

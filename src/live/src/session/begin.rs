@@ -7,7 +7,7 @@ use reel_episode::Episode;
 use reel_trace::{FrameLayers, RecordOptions, Recorder};
 use reel_world::{Frame, Task, record::PolicyInfo};
 
-use super::{Phase, RunningEpisode, Session, StartedEpisode, part, view};
+use super::{Phase, PrivilegedState, RunningEpisode, Session, StartedEpisode, part};
 use crate::{
     LiveError,
     setup::{EpisodeKey, EpisodeRequest},
@@ -247,7 +247,7 @@ impl Session {
             of: self.setup.tasks.len(),
             number,
             frame,
-            view: view(episode),
+            view: PrivilegedState::of(episode),
             taken_over: None,
             task,
         };

@@ -39,7 +39,8 @@ pub fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult
     }
 }
 
-fn image(frame: &Frame) -> ContentBlock {
+/// A frame as a block of a result: a PNG file in Base64.
+pub fn image(frame: &Frame) -> ContentBlock {
     let png = reel_trace::encode_png_fastest(
         &frame.rgb,
         reel_world::FRAME_WIDTH as u32,

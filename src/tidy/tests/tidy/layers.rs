@@ -45,6 +45,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("taxonomy", &["world", "tables", "query", "llm"]),
     ("live", &["world", "reward", "episode", "trace"]),
     ("mcp", &["world", "trace", "live"]),
+    // reward: the preset of a branch
+    ("tape", &["world", "reward", "episode", "trace", "replay", "live", "mcp"]),
     (
         "server",
         &[
@@ -61,6 +63,7 @@ const LAYERS: &[(&str, &[&str])] = &[
             "view",
             "live",
             "mcp",
+            "tape",
             "llm",
         ],
     ),
@@ -91,9 +94,9 @@ const LAYERS: &[(&str, &[&str])] = &[
 /// `*` is a prefix.
 #[rustfmt::skip]
 const ONLY_IN: &[(&str, &[&str])] = &[
-    ("axum*", &["mcp", "proxy", "server"]),
+    ("axum*", &["mcp", "proxy", "server", "tape"]),
     // tidy: so that programs and tests build it with the same features (features.rs)
-    ("rmcp", &["mcp", "server", "tidy"]),
+    ("rmcp", &["mcp", "server", "tape", "tidy"]),
     ("hyper*", &["server"]),
     ("httparse", &["proxy"]),
     ("tower*", &["server"]),
@@ -123,7 +126,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("re_sdk*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("object_store", &["cluster", "tables"]),
-    ("tokio*", &["cluster", "tables", "query", "live", "mcp", "proxy", "server"]),
+    ("tokio*", &["cluster", "tables", "query", "live", "mcp", "proxy", "server", "tape"]),
     (
         "rayon",
         &[

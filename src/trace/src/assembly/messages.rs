@@ -16,6 +16,7 @@ use crate::{
     chain::{self, Covered},
     codec, image,
     journal::header_metadata,
+    mcp_answer,
     robot::{Alignment, CameraImage, PrimitiveOutcome, VlaLatency},
     schema::{
         self,
@@ -123,6 +124,18 @@ impl Assembly<'_> {
                     took_ns: message.took_ns,
                 };
                 match self.timings.insert(message.step, timing) {
+                    None => Ok(()),
+                    Some(_) => Err("it was already said".into()),
+                }
+            }
+            schema::MCP_ANSWER if self.records_only.is_some() => Ok(()),
+            schema::MCP_ANSWER => {
+                let message: reel::McpAnswer = decode(data)?;
+                self.expect_moment(message.step)?;
+                let request = mcp_answer::request(&message).ok_or_else(|| {
+                    format!("{:?} is not a method with an answer", message.method)
+                })?;
+                match self.mcp_answers.insert(request, message.json) {
                     None => Ok(()),
                     Some(_) => Err("it was already said".into()),
                 }

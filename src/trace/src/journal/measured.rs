@@ -5,7 +5,7 @@ use std::io::{Seek, Write};
 
 use super::{Expected, Journal};
 use crate::{
-    Images, Timing, TraceError, codec,
+    AnsweredRequest, Images, Timing, TraceError, codec, mcp_answer,
     robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{self, reel},
     sensors::{SensorChannel, SensorKind},
@@ -19,6 +19,19 @@ impl<W: Write + Seek> Journal<W> {
             return Err(self.out_of_turn(&format!("the timing of step {step}")));
         }
         self.message(schema::TIMING, &codec::timing(step, timing))
+    }
+
+    /// Records what a server answered, as it came; without images, only what holds none.
+    pub(crate) fn mcp_answer(
+        &mut self,
+        request: AnsweredRequest,
+        json: &str,
+    ) -> Result<(), TraceError> {
+        self.expect_moment(request.step(), "the answer of a server")?;
+        if self.images == Images::None && mcp_answer::has_image(json) {
+            return Ok(());
+        }
+        self.message(schema::MCP_ANSWER, &mcp_answer::message(request, json))
     }
 
     /// Records where the robot was.
