@@ -1,7 +1,7 @@
 //! Parsers of the crates around DataFusion, which takes long to build: questions in SQL, patterns
 //! over steps, labels, rules, opinions of judges.
 
-use std::{path::Path, time::Duration};
+use std::{collections::BTreeSet, path::Path, time::Duration};
 
 use reel_query::{Limits, QuerySession, pattern::Pattern};
 use reel_tables::Store;
@@ -37,9 +37,11 @@ fn opinion(bytes: &[u8]) {
 /// Labels of people and of injected faults.
 fn labels(bytes: &[u8]) {
     text(bytes, |text| {
+        let own_classes = BTreeSet::new();
         let defaults = || Defaults {
             author: "fuzz",
             at_ms: 0,
+            own_classes: &own_classes,
         };
         let _ = reel_taxonomy::from_csv(text, "labels.csv", defaults());
         let _ = reel_taxonomy::from_json(text, "labels.json", defaults());

@@ -194,6 +194,7 @@ export type End = {
   graphs: Graphs;
   metrics: Metrics;
   reason: "finished" | "horizon" | "fault" | "aborted";
+  reported?: Reported;
   steps: number;
 };
 
@@ -276,7 +277,7 @@ export type Graphs = { physics: Graph; registry: Graph };
 
 /** Header of a trace. */
 export type Header = {
-  backend: "sim" | "robot" | "proxy";
+  backend: "sim" | "robot" | "proxy" | "imported";
   build: string;
   episode_id: string;
   family: string;
@@ -503,6 +504,9 @@ export type RemarkKind = "star" | "tag" | "comment";
 /** Verdict of a replay. */
 export type ReplayVerdict = { exact: boolean; message: string; trace: string; verdict: string };
 
+/** What a scorer, a benchmark or a person said of the episode where it ran. */
+export type Reported = { scores?: Score[]; success?: boolean };
+
 /** What an episode is to be. Without parameters: the next task of the server, at the server's seed. */
 export type ResetBody = {
   call?: number | null;
@@ -561,6 +565,9 @@ export type RunTally = {
 
 /** The scene of a trace. */
 export type Scene = { receptacles: Receptacle[]; rooms: Room[]; scene_id: string; walls?: Wall[] };
+
+/** A score of one scorer. */
+export type Score = { explanation?: string; label?: string; name: string; value?: number };
 
 /** A live session. */
 export type Session = {
@@ -697,6 +704,7 @@ export type TraceEpisode = {
   open_reward: string | null;
   start: Start;
   steps: number;
+  success: boolean | null;
   task: Task;
   trace: string;
 };

@@ -21,7 +21,7 @@ pub(super) struct Header {
     pub(super) samples: Option<Vec<Sample>>,
 }
 
-/// What was evaluated.
+/// What was evaluated: a task, with which model and solver.
 #[derive(Clone, Debug, Default, Deserialize)]
 pub(super) struct Spec {
     #[serde(default)]
@@ -38,7 +38,7 @@ pub(super) struct Spec {
     pub(super) config: SpecConfig,
 }
 
-/// How it was evaluated.
+/// How it was evaluated: how often each sample was played.
 #[derive(Clone, Debug, Default, Deserialize)]
 pub(super) struct SpecConfig {
     #[serde(default, deserialize_with = "or_default")]
@@ -48,7 +48,7 @@ pub(super) struct SpecConfig {
 /// One sample of a dataset as one agent played it.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub(super) struct Sample {
-    /// Text or number.
+    /// Its name in the dataset: a text or a number.
     pub(super) id: Value,
     #[serde(default = "one")]
     pub(super) epoch: u32,
@@ -146,7 +146,7 @@ impl Default for Content {
     }
 }
 
-/// A part of a content.
+/// A part of a content, by its type.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
 pub(super) enum Part {

@@ -45,14 +45,14 @@ fn published_tasks_are_found_again_and_succeed() {
         assert_eq!((&*trace.task, &*trace.scene), (&**task, &scene));
         assert_eq!(
             (report.success, &report.losses[..], &report.notes[..]),
-            (true, &[][..], &[][..]),
+            (Some(true), &[][..], &[][..]),
             "{}",
             task.task_id
         );
         let (alone, made) = imported(&folder, &out);
         assert_eq!(
             (alone.success, &alone.notes[..]),
-            (true, &[][..]),
+            (Some(true), &[][..]),
             "{}",
             task.task_id
         );

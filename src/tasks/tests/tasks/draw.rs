@@ -80,6 +80,7 @@ fn families_are_what_they_are_called() {
                 };
                 assert_eq!(task.task_type.as_deref(), Some(expected));
             }
+            Family::Other => panic!("not of REAL-Bench"),
             Family::SUL => {
                 let purpose = task.purpose.as_deref().unwrap();
                 assert!(

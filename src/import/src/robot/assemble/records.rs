@@ -216,16 +216,20 @@ impl EpisodeBuilder {
             Some(_) => graphs.clone(),
             None => {
                 if self.first.is_none() || !known {
-                    notes.push(
-                        "the recording does not say whether the episode succeeded; it counts as a failure"
-                            .to_owned(),
-                    );
+                    let counts = if task.has_goal() {
+                        "; it counts as a failure"
+                    } else {
+                        ""
+                    };
+                    notes.push(format!(
+                        "the recording does not say whether the episode succeeded{counts}"
+                    ));
                 }
                 graphs.clone()
             }
         };
         let metrics = metrics(&preset, &task, &start, &records, &judged);
-        if told_success.is_some_and(|told| told != metrics.success) {
+        if task.has_goal() && told_success.is_some_and(|told| told != metrics.success) {
             notes.push(format!(
                 "the recording says success {}, the graphs {}",
                 !metrics.success, metrics.success

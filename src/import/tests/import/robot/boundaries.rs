@@ -136,9 +136,9 @@ fn several_episodes_in_a_recording() {
         .map(|it| (it.task_id.as_str(), it.steps, it.end, it.success))
         .collect();
     let expected = [
-        ("FDO/one", 2, EndReason::Horizon, false),
-        ("SUL/two", 1, EndReason::Finished, false),
-        ("unknown", 1, EndReason::Aborted, false),
+        ("FDO/one", 2, EndReason::Horizon, None),
+        ("SUL/two", 1, EndReason::Finished, None),
+        ("unknown", 1, EndReason::Aborted, None),
     ];
     assert_eq!(ends, expected);
     let codes: Vec<_> = traces[0]

@@ -22,12 +22,11 @@ fn every_field_comes_through() {
             imported.end,
             imported.success
         ),
-        (7, 3, EndReason::Finished, true)
+        (7, 3, EndReason::Finished, Some(true))
     );
     assert_eq!(imported.losses, []);
     let notes = [
         "the task is not known; give its task file with --tasks",
-        "nothing tells which objects fit the task's words, and from step 3 on the reward for asking depends on it: the total is a lower bound; --tasks gives the task's own file",
         "success is what the recording says (true); no graph and goal tell it",
     ];
     assert_eq!(imported.notes, notes);
