@@ -35,7 +35,7 @@ def trajectory():
 def log(folder, name, moment="2026-01-01T00:00:00+00:00"):
     """A log of every attempt, written by Inspect's own writer in the form that the name's end says."""
     from inspect_ai.log import EvalConfig, EvalDataset, EvalLog, EvalResults, EvalSample, EvalSpec, write_eval_log
-    from inspect_ai.model import ChatMessageAssistant, ChatMessageSystem, ChatMessageTool, ChatMessageUser, ModelOutput
+    from inspect_ai.model import ChatCompletionChoice, ChatMessageAssistant, ChatMessageSystem, ChatMessageTool, ChatMessageUser, ModelOutput
     from inspect_ai.scorer import Score
     from inspect_ai.tool import ToolCall, ToolCallError
 
@@ -55,7 +55,7 @@ def log(folder, name, moment="2026-01-01T00:00:00+00:00"):
         }
         samples.append(EvalSample(
             id=task, epoch=1, input=f"Mend the {task}.", target="make returns 0", messages=messages, scores=scores,
-            output=ModelOutput.from_content("some/model", "Done."), uuid=f"sample-{task}", metadata={"repository": task},
+            output=ModelOutput(model="some/model", choices=[ChatCompletionChoice(message=messages[-1], stop_reason="stop")]), uuid=f"sample-{task}", metadata={"repository": task},
         ))
     spec = EvalSpec(
         eval_id="eval-1", run_id="run-1", created=moment, task="builds", task_id="task-1", model="some/model", config=EvalConfig(epochs=1),

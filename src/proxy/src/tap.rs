@@ -289,7 +289,10 @@ mod tests {
             read(r#"{"method":"notifications/cancelled","params":{"requestId":"a"}}"#),
             FromAgent::Cancelled(json!("a"))
         );
-        assert_eq!(read(r#"{"id":1,"method":"tools/list"}"#), FromAgent::Other);
+        assert_eq!(
+            read(r#"{"id":1,"method":"tools/list"}"#),
+            FromAgent::ListsTools(json!(1))
+        );
         assert_eq!(read(r#"{"id":1,"result":{}}"#), FromAgent::Other);
         assert_eq!(
             read(r#"{"id":1,"method":"tools/call"}"#),

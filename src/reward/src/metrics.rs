@@ -20,7 +20,7 @@ use crate::{
 /// registry and without doors by asset for `real-repo` and by category for `real-trainer`. An `ask`
 /// counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the shortest path of the
 /// start record and `p` the path driven, both in metres; where both are zero it is `S`.
-/// A task without a goal is never a success here, and its completion is 0.
+/// A task without a goal is never a success here, its completion is 0, and it has no SPL.
 pub fn metrics(
     preset: &Preset,
     task: &Task,
@@ -43,7 +43,8 @@ pub fn metrics(
     };
     let success = task.has_goal() && held == wanted;
     let rewards: Vec<f64> = steps.iter().map(StepRecord::reward_total).collect();
-    let spl = start.shortest_path_m.map(|shortest| {
+    let shortest = start.shortest_path_m.filter(|_| task.has_goal());
+    let spl = shortest.map(|shortest| {
         let shortest = f64::from(shortest);
         let driven = f64::from(
             steps

@@ -52,6 +52,7 @@ fn decode_all(path: &str) -> u64 {
             "/robot/alignment" => decode::<reel::Alignment>(data),
             "/policy/latency" => decode::<reel::PolicyLatency>(data),
             "/mcp/answer" => decode::<reel::McpAnswer>(data),
+            "/reported" => decode::<reel::ReportedOutcome>(data),
             "/chain" => decode::<reel::ChainLink>(data),
             "/packed/episode" => decode::<reel::PackedEpisode>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),

@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use reel_world::{
     Digest, Scene, Task, ToolCall,
-    record::{EndRecord, EpisodeHeader, Graphs, StartRecord, StepInput, StepRecord},
+    record::{EndRecord, EpisodeHeader, Graphs, Reported, StartRecord, StepInput, StepRecord},
 };
 use serde::de::DeserializeOwned;
 
@@ -59,6 +59,8 @@ pub(crate) struct Assembly<'a> {
     unlinked: Option<Unlinked>,
     timings: BTreeMap<u32, Timing>,
     mcp_answers: McpAnswers,
+    /// What was said of the result, until the end comes.
+    reported: Option<Reported>,
     robot: RobotLog,
     sensors: SensorReader,
     original: Option<CameraImage>,
@@ -96,6 +98,7 @@ impl<'a> Assembly<'a> {
             unlinked: None,
             timings: BTreeMap::new(),
             mcp_answers: McpAnswers::new(),
+            reported: None,
             robot: RobotLog::default(),
             sensors: SensorReader::default(),
             original: None,

@@ -355,6 +355,9 @@ impl<W: Write + Seek> Journal<W> {
             schema::WORLD_GRAPH,
             &codec::world_graphs("end", &record.graphs),
         )?;
+        if !record.reported.is_empty() {
+            self.message(schema::REPORTED, &codec::reported(&record.reported))?;
+        }
         let metrics = &record.metrics;
         let line = format!(
             "{} after {} steps: success {}, completion {:.2}, total reward {:.3}",

@@ -8,7 +8,8 @@
 //! Equal records give equal bytes: log times are simulation time after a fixed epoch; of episodes
 //! that were not simulated here, the time their policy took. What a robot measured (`/robot/...`,
 //! `/camera/original`) stands beside the records, with the clock of the robot in it; so does what else
-//! its recording holds (`/recorded/...`), in the robot's own messages, and what an MCP server answered (`/mcp/answer`).
+//! its recording holds (`/recorded/...`), in the robot's own messages, what an MCP server answered (`/mcp/answer`), and what
+//! was said of the result where the episode ran (`/reported`).
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 

@@ -70,6 +70,7 @@ channels! {
     CHAIN = 25, "/chain", "reel.v1.ChainLink";
     POLICY_LATENCY = 26, "/policy/latency", "reel.v1.PolicyLatency";
     MCP_ANSWER = 27, "/mcp/answer", "reel.v1.McpAnswer";
+    REPORTED = 28, "/reported", "reel.v1.ReportedOutcome";
 }
 
 /// Finds a channel by its topic.

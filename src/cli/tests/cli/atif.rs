@@ -147,7 +147,15 @@ fn a_trace_comes_back_from_a_log_of_inspect() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     logs.sort();
-    assert_eq!(logs, ["oracle.eval", "planner.eval", "wrong-object.eval"]);
+    assert_eq!(
+        logs,
+        [
+            "branch.eval",
+            "oracle.eval",
+            "planner.eval",
+            "wrong-object.eval"
+        ]
+    );
 
     // A torn archive, one that is none, and one without a sample.
     let log = fs::read(folder.join("documents/oracle.eval")).unwrap();

@@ -91,8 +91,8 @@ fn patterns_answer_the_questions_they_are_for() {
     let cases: &[Case] = &[
         // Tools of another agent, which may be called like our keywords.
         (
-            "'write file' !(\"run_tests\")* $",
-            &["read", "write file", "run_tests", "write file", "read"],
+            "'write_file' !(\"run_tests\")* $",
+            &["read", "write_file", "run_tests", "write_file", "read"],
             Some(3..5),
             1,
         ),

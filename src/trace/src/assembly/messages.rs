@@ -140,6 +140,10 @@ impl Assembly<'_> {
                     Some(_) => Err("it was already said".into()),
                 }
             }
+            schema::REPORTED => {
+                let said = codec::read_reported(decode(data)?);
+                once(&mut self.reported, said)
+            }
             schema::ODOMETRY => {
                 let measured = codec::read_odometry(decode(data)?)?;
                 self.expect_moment(measured.step)?;
@@ -428,7 +432,8 @@ impl Assembly<'_> {
             .clone()
             .ok_or("the graphs of the end are missing before it")?;
         let link = message.chain.clone();
-        let end = codec::read_end(message, graphs)?;
+        let reported = self.reported.take().unwrap_or_default();
+        let end = codec::read_end(message, graphs, reported)?;
         if end.steps != self.step_count() {
             return Err(format!(
                 "it speaks of {} steps, but there are {}",

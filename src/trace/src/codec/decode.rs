@@ -113,7 +113,11 @@ pub(crate) fn read_visible(objects: Vec<reel::VisibleObject>) -> Read<Vec<Visibl
     objects.into_iter().map(object).collect()
 }
 
-pub(crate) fn read_end(end: reel::EpisodeEnd, graphs: Graphs) -> Read<EndRecord> {
+pub(crate) fn read_end(
+    end: reel::EpisodeEnd,
+    graphs: Graphs,
+    reported: Reported,
+) -> Read<EndRecord> {
     let metrics = end.metrics.ok_or("metrics are missing")?;
     let metrics = Metrics {
         success: metrics.success,
@@ -131,11 +135,15 @@ pub(crate) fn read_end(end: reel::EpisodeEnd, graphs: Graphs) -> Read<EndRecord>
         graphs,
         metrics,
         steps: end.steps,
-        reported: Reported {
-            success: end.reported_success,
-            scores: end.scores.into_iter().map(score).collect(),
-        },
+        reported,
     })
+}
+
+pub(crate) fn read_reported(message: reel::ReportedOutcome) -> Reported {
+    Reported {
+        success: message.success,
+        scores: message.scores.into_iter().map(score).collect(),
+    }
 }
 
 fn score(message: reel::Score) -> Score {

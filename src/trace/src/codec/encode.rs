@@ -4,8 +4,8 @@ use reel_world::{
     Digest, ErrorClass, FrameDigests, GraphEvent, TokenLogprobs, ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput,
-        RefusedReply, RobotState, Score, StartRecord, StateDigests, StepRecord, UserReply,
-        UserSource, VisibleObject,
+        RefusedReply, Reported, RobotState, Score, StartRecord, StateDigests, StepRecord,
+        UserReply, UserSource, VisibleObject,
     },
 };
 use serde::Serialize;
@@ -89,9 +89,15 @@ pub(crate) fn episode_end(end: &EndRecord) -> reel::EpisodeEvent {
         metrics: Some(metrics),
         chain: Vec::new(),
         steps: end.steps,
-        reported_success: end.reported.success,
-        scores: end.reported.scores.iter().map(score).collect(),
     }))
+}
+
+/// What was said of the result, as the message of `/reported`.
+pub(crate) fn reported(said: &Reported) -> reel::ReportedOutcome {
+    reel::ReportedOutcome {
+        success: said.success,
+        scores: said.scores.iter().map(score).collect(),
+    }
 }
 
 fn score(score: &Score) -> reel::Score {

@@ -267,13 +267,7 @@ impl Source {
             group_id: self.maybe(Self::text),
             rollout_index: self.maybe(|s| s.next() as u32),
             task_id: task.task_id.clone(),
-            family: [
-                Family::FDP,
-                Family::FODP,
-                Family::FDO,
-                Family::SUL,
-                Family::Other,
-            ][self.below(5)],
+            family: Family::ALL[self.below(4)],
             scene_id: scene.scene_id.clone(),
             task_digest: Digest::of_json(&task),
             scene_digest: Digest::of_json(&scene),
@@ -287,12 +281,7 @@ impl Source {
                 checkpoint: self.maybe(Self::text),
                 parameters: self.list(|s| (s.text(), s.value())).into_iter().collect(),
             },
-            backend: [
-                Backend::Sim,
-                Backend::Robot,
-                Backend::Proxy,
-                Backend::Imported,
-            ][self.below(4)],
+            backend: [Backend::Sim, Backend::Robot, Backend::Proxy][self.below(3)],
             skills: Skills::ALL[self.below(2)],
             meshes: std::collections::BTreeMap::new(),
             parent: self.maybe(|s| Parent {

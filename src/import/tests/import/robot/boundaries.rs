@@ -136,7 +136,7 @@ fn several_episodes_in_a_recording() {
         .map(|it| (it.task_id.as_str(), it.steps, it.end, it.success))
         .collect();
     let expected = [
-        ("FDO/one", 2, EndReason::Horizon, None),
+        ("FDO/one", 2, EndReason::Horizon, Some(false)),
         ("SUL/two", 1, EndReason::Finished, None),
         ("unknown", 1, EndReason::Aborted, None),
     ];
