@@ -244,6 +244,9 @@ class Rows:
         episodes["start_objects"] = Nested(self.start_object_counts, columns_of(VISIBLE_COLUMNS, self.start_objects))
         episodes["measurements"] = Nested([0] * len(self.episodes), dict.fromkeys(MEASURED_COLUMNS, ()))
         episodes["steps"] = Nested(self.step_counts, steps)
+        # Nobody scores what the simulator played.
+        episodes["reported_success"] = [None] * len(self.episodes)
+        episodes["scores"] = Nested([0] * len(self.episodes), dict.fromkeys(("name", "value", "label", "explanation"), ()))
         tables = {"episodes": episodes}
         for table, rows in (("tasks", self.tasks), ("scenes", self.scenes), ("quarantine", self.quarantine)):
             tables[table] = columns_of(schemas[table].names, rows)

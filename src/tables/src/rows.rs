@@ -148,7 +148,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) measurements: Vec<Measured<'a>>,
     pub(crate) steps: Vec<Step<'a>>,
     pub(crate) reported_success: Option<bool>,
-    pub(crate) scores: Option<Vec<ScoreRow<'a>>>,
+    pub(crate) scores: Vec<ScoreRow<'a>>,
 }
 
 fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
@@ -218,8 +218,10 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         steps: steps(trace),
         reported_success: end.as_ref().and_then(|end| end.reported.success),
         scores: end
-            .as_ref()
-            .map(|end| end.reported.scores.iter().map(score_row).collect()),
+            .iter()
+            .flat_map(|end| &end.reported.scores)
+            .map(score_row)
+            .collect(),
     }
 }
 

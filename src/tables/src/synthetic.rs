@@ -197,7 +197,7 @@ impl SyntheticWriter<'_> {
             measurements: Vec::new(),
             steps,
             reported_success: None,
-            scores: Some(Vec::new()),
+            scores: Vec::new(),
         }
     }
 }

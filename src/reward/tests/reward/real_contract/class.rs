@@ -49,7 +49,7 @@ fn flat(case: &Value) -> (Task, Scene) {
     let [initial, goal] = graphs;
     let task = json!({
         "task_id": "t", "family": "FDP", "scene_id": "s", "instruction": "", "precise_instruction": "", "objects": [],
-        "initial": initial, "goal": goal, "target": "", "src": "a", "dest": "b",
+        "initial": initial, "goal": goal, "target": "unknown", "src": "a", "dest": "b",
     });
     (
         serde_json::from_value(task).unwrap(),
