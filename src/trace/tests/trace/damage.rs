@@ -272,7 +272,8 @@ fn every_message_is_missed() {
             (counter.get() != index + 1).then(|| data.to_vec())
         });
         // what viewers draw, and what stands beside the records
-        let may_be_missing = ["/tf", "/scene", "/log", "/logprobs"].contains(&topic.as_str());
+        let beside = ["/tf", "/scene", "/log", "/logprobs", "/reported"];
+        let may_be_missing = beside.contains(&topic.as_str());
         assert_eq!(
             read(&without).is_ok(),
             may_be_missing,
