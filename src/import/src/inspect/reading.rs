@@ -29,7 +29,7 @@ const ATTACHMENT: &str = "attachment://";
 
 /// Which score says that a sample was a success, and from which value on: `NAME` or `NAME>=VALUE`.
 /// Without one the first score does, if it is correct or incorrect (`C`, `I`, `N`), true or
-/// false, 1 or 0; of others nobody knows.
+/// false, 1 or 0; of any other value nobody knows.
 #[derive(Clone, PartialEq, Debug)]
 pub struct SuccessRule {
     /// The score, as [`Score::name`] names it.
