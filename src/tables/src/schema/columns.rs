@@ -168,7 +168,7 @@ pub(super) const MEASURED: &[Column] = columns! {
 };
 
 /// A score that was told with an episode.
-const SCORE: &[Column] = columns! {
+pub(super) const SCORE: &[Column] = columns! {
     must name: Text, "the scorer; with a dot before the name of a part of its score";
     may value: Float, "as a number";
     may label: Text, "as it was told where it is no number";

@@ -14,7 +14,7 @@ pub use columns::STEP;
 use columns::{
     ANSWER_LABELS, ATTRIBUTION, BLAME, CHANGE, CLAIM, CLASSES, CONTRADICTIONS, COUNTERFACTUALS,
     EPISODES, FINDING, LABELS, LOGPROBS, MARKER, MEASURED, OBJECT, QUARANTINE, RECEPTACLE, REMARKS,
-    RESCORED, SCENES, STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
+    RESCORED, SCENES, SCORE, STEP_TERM, TASKS, TERM, VERDICTS, VISIBLE,
 };
 
 /// One of the tables that a store holds.
@@ -379,6 +379,7 @@ pub fn document() -> String {
 const NESTED: [(&str, &[Column]); 12] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     ("A measurement of a robot (`episodes.measurements`, view `measurements`)", MEASURED),
+    ("A reported score (`episodes.scores`)", SCORE),
     ("Log-probabilities (`steps.logprobs`, view `logprobs`)", LOGPROBS),
     ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
     ("A reward term (`steps.terms`, view `rewards`)", TERM),
