@@ -376,7 +376,7 @@ pub fn document() -> String {
 
 /// Nested structs with a section of their own.
 #[rustfmt::skip]
-const NESTED: [(&str, &[Column]); 12] = [
+const NESTED: [(&str, &[Column]); 13] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     ("A measurement of a robot (`episodes.measurements`, view `measurements`)", MEASURED),
     ("A reported score (`episodes.scores`)", SCORE),
