@@ -48,7 +48,7 @@ impl ExportSettings {
 /// An episode that replays exactly, ready to be written.
 #[derive(Clone, Debug)]
 pub struct EncodedEpisode {
-    /// The instruction.
+    /// The instruction, which is the task of every frame.
     pub(crate) task: String,
     pub(crate) frames: Vec<FrameRow>,
     /// Rows of `language_persistent`, the same in every frame.
@@ -69,7 +69,7 @@ pub(crate) struct FrameRow {
     pub(crate) phase: i64,
     pub(crate) reward: f32,
     pub(crate) is_last: bool,
-    /// Rows of `language_events`.
+    /// Rows of `language_events`: a reply of the user, and the call.
     pub(crate) events: Value,
 }
 
