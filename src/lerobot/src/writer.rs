@@ -30,7 +30,7 @@ const MIB: u64 = 1 << 20;
 /// How much a dataset holds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct DatasetCounts {
-    /// Number of episodes.
+    /// Number of episodes, each from one trace.
     pub episodes: u64,
     /// Number of frames of all episodes.
     pub frames: u64,

@@ -59,7 +59,7 @@ pub struct MotionFrame {
     pub call: u32,
     /// What of the call it shows.
     pub phase: MotionPhase,
-    /// The robot then.
+    /// The state of the robot in this frame.
     pub state: MotionState,
     /// The image of the head camera, 640 x 480, RGB.
     pub rgb: Vec<u8>,
