@@ -73,7 +73,7 @@ pub struct EncodedFrames {
 }
 
 impl EncodedFrames {
-    /// Number of frames.
+    /// Number of frames that were encoded.
     pub fn len(&self) -> usize {
         self.units.len()
     }
@@ -270,7 +270,7 @@ impl Mp4File {
         Ok(begun)
     }
 
-    /// Number of frames that were appended.
+    /// Number of frames that were appended so far.
     pub fn frames(&self) -> u64 {
         self.frames
     }
