@@ -4,6 +4,8 @@
 mod atif;
 mod coco;
 #[cfg(feature = "analytics")]
+mod lerobot;
+#[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
 mod real_annotation;
@@ -56,6 +58,9 @@ enum Command {
     #[command(about = "Traces as trajectories of ATIF, which other tools for agents read")]
     #[cfg(feature = "analytics")]
     Atif(atif::Arguments),
+    #[command(about = "Episodes with their motion and video as a LeRobot dataset")]
+    #[cfg(feature = "analytics")]
+    Lerobot(Box<lerobot::Arguments>),
     #[command(about = "Frames of traces with masks of everything in them, as COCO has it")]
     Coco(coco::Arguments),
     /// One episode as a Rerun recording: images, transforms, boxes, transcript, rewards
@@ -130,6 +135,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::RealEval(arguments) => real_eval::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::Atif(arguments) => atif::execute(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Lerobot(arguments) => lerobot::execute(arguments),
         Command::Coco(arguments) => coco::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::RealAnnotation(arguments) => real_annotation::run(arguments),
