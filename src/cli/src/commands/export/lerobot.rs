@@ -73,7 +73,7 @@ enum Outcome {
     Refused(String),
 }
 
-/// Writes the dataset.
+/// Writes a dataset of all traces that replay exactly.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let settings = arguments.settings()?;
     if arguments.out.exists() {
