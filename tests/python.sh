@@ -18,12 +18,21 @@ if ! current; then
     if ! python3 -c 'import ensurepip' 2>/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
       { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv; } >&2
     fi
-    python3 -m venv --clear "$home" >&2
+    # The first Python that is new enough: of the PATH, else one that pyenv keeps.
+    least=$(sed -n 's/^# python: //p' "$requirements")
+    for python in python3 python3.1{2,3,4} "${PYENV_ROOT:-$HOME/.pyenv}"/versions/3.*/bin/python3; do
+      "$python" -c "import sys; sys.exit(sys.version_info < tuple(map(int, '${least:-3.0}'.split('.'))))" 2>/dev/null && break
+      python=
+    done
+    [[ -n $python ]] || { echo "no Python $least or newer; install one" >&2 && exit 1; }
+    "$python" -m venv --clear "$home" >&2
     pip=(timeout 600 "$home/bin/python" -m pip install -q --disable-pip-version-check --retries 2)
     "${pip[@]}" -r "$requirements" >&2
     alone=$(sed -n 's/^# without dependencies: //p' "$requirements")
     # shellcheck disable=SC2086
     [[ -z $alone ]] || "${pip[@]}" --no-deps --ignore-requires-python $alone >&2
+    afterwards=$(sed -n 's/^# afterwards: //p' "$requirements")
+    [[ -z $afterwards ]] || "$home/bin/python" "$here/python/$afterwards" >&2
     cp "$requirements" "$home/requirements.txt"
   fi
 fi

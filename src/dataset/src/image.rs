@@ -298,7 +298,11 @@ impl ImageOptions {
     }
 }
 
-fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, String> {
+/// An image of 8-bit RGB in another size, filtered by convolution; sizes are width and height in pixels.
+///
+/// # Errors
+/// When the pixels do not fill the size, or a side is 0.
+pub fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, String> {
     let source = TypedImageRef::<U8x3>::from_buffer(from.0, from.1, rgb)
         .map_err(|error| error.to_string())?;
     let mut resized = vec![0; to.0 as usize * to.1 as usize * 3];

@@ -32,7 +32,7 @@ pub use example::{
     EpisodeInfo, Example, ExampleOptions, Examples, SharedText, Style, Turn, examples,
 };
 pub use format::Format;
-pub use image::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage};
+pub use image::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage, resize};
 pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, UNFINISHED, files};
 pub use privileged::{Leak, LeakKind, PrivilegedFacts, find_leak, strip};
 pub use refusal::{RefusalReason, RefusedDecision};

@@ -6,8 +6,8 @@ use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{
-    ActuationNoise, CallContext, PreparedTask, Simulator, Snapshot, ToolResult, render::Detail,
-    sim_version,
+    ActuationNoise, CallContext, MotionSample, PreparedTask, Simulator, Snapshot, ToolResult,
+    render::Detail, sim_version,
 };
 use reel_world::{
     ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, ToolText,
@@ -469,6 +469,17 @@ impl Episode {
     /// The motion states after the watched physics step; none where it was not executed.
     pub fn take_watched(&mut self) -> Option<Vec<BodyState>> {
         self.simulator.take_watched()
+    }
+
+    /// Renders what the head sees after these physics steps of the episode in the next call; see
+    /// [`Simulator::sample_motion`].
+    pub fn sample_motion(&mut self, sim_steps: impl IntoIterator<Item = u64>) {
+        self.simulator.sample_motion(sim_steps);
+    }
+
+    /// The samples of the last call; see [`Simulator::take_samples`].
+    pub fn take_samples(&mut self) -> Vec<MotionSample> {
+        self.simulator.take_samples()
     }
 
     /// What the robot's head sees.

@@ -11,6 +11,7 @@ mod explain;
 mod file_verdict;
 mod fork;
 mod mint;
+mod motion;
 mod player;
 mod repack;
 mod seek;
@@ -36,6 +37,7 @@ pub use file_verdict::{
 };
 pub use fork::{BranchVerification, Fork, episode_config, verify_branch, with_perfect_skills};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
+pub use motion::{MotionFrame, MotionPhase, MotionRate, MotionState, motion};
 pub use player::{Replay, StepMismatch, check_meshes};
 pub use reel_episode::Rollout;
 pub use reel_sim::{SIM_VERSION, render::Detail};

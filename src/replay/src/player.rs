@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use reel_episode::{Episode, EpisodeConfig, Rollout, StepOutput};
 use reel_reward::Preset;
-use reel_sim::{SIM_CHANGES, Snapshot, render::Detail, sim_version};
+use reel_sim::{MotionSample, SIM_CHANGES, Snapshot, render::Detail, sim_version};
 use reel_trace::Trace;
 use reel_world::{
     Frame, Meshes, Scene, Task,
@@ -156,6 +156,17 @@ impl<'t> Replay<'t> {
     /// Keeps the motion states after one physics step of the next call; see [`Episode::watch`].
     pub(crate) fn watch(&mut self, physics_step: usize) {
         self.episode.watch(physics_step);
+    }
+
+    /// Renders what the head sees after these physics steps in the next call; see
+    /// [`Episode::sample_motion`].
+    pub(crate) fn sample_motion(&mut self, sim_steps: impl IntoIterator<Item = u64>) {
+        self.episode.sample_motion(sim_steps);
+    }
+
+    /// The samples of the last call.
+    pub(crate) fn take_samples(&mut self) -> Vec<MotionSample> {
+        self.episode.take_samples()
     }
 
     /// The motion states after the watched physics step.

@@ -25,7 +25,7 @@ mod tools;
 pub use drawn_bodies::{DrawnBody, held_pose, robot_pose};
 pub use perception::{Perception, Segment};
 pub use prepared_task::PreparedTask;
-pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
+pub use simulator::{MotionSample, SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
 pub use skills::ActuationNoise;
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tools::{CallContext, ToolResult};

@@ -151,6 +151,8 @@ impl Simulator {
             step_digests: Vec::new(),
             watch: None,
             watched: None,
+            sample_at: std::collections::VecDeque::new(),
+            samples: Vec::new(),
         };
         match restored.digest() {
             found if found == snapshot.digest => Ok(restored),

@@ -3,6 +3,7 @@
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 
+mod av1;
 mod canvas;
 mod coco;
 mod contact_sheet;
@@ -17,6 +18,7 @@ mod state_text;
 mod transcript;
 mod video;
 
+pub use av1::{Av1Encoder, EncodedFrames, Mp4Error, Mp4File, SIDE_MAX, SIDE_MIN, VideoSettings};
 pub use coco::{CocoCounts, CocoDataset, CocoError};
 pub use contact_sheet::contact_sheet;
 pub use gltf_scene::glb;
@@ -45,6 +47,9 @@ pub enum ViewError {
     /// A film is too large.
     #[error("a GIF has at most 65,535 x 65,535 pixels, not {width} x {height}")]
     VideoSize { width: usize, height: usize },
+    /// A film cannot be encoded or written as MP4.
+    #[error(transparent)]
+    Mp4(#[from] Mp4Error),
     /// The Rerun recording cannot be made.
     #[error("cannot make the Rerun recording: {reason}")]
     Rerun { reason: String },

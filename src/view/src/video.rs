@@ -1,14 +1,14 @@
 //! An episode as a video: one a call, with the call, what came of it and the reward
-//! beneath; two episodes side by side. Images come from whoever drew them; the film is a GIF, or
-//! raw images for an encoder.
+//! beneath; two episodes side by side. Images come from whoever drew them; the film is a GIF or an MP4.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, num::NonZeroU32, path::Path};
 
 use reel_trace::Trace;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use crate::{
     ViewError,
+    av1::{Av1Encoder, Mp4File, VideoSettings},
     canvas::{
         Canvas, Colour, Font,
         colours::{BLUE, CARD, FAINT, GREEN, INK, PAPER, RED},
@@ -27,6 +27,13 @@ const CAPTION: usize = STRIP + 2 * PADDING + (2 + TOLD_LINES) * LINE;
 const GAP: usize = 8;
 /// The last image stays so many times as long.
 const LAST: usize = 3;
+
+/// Ticks of a second in an MP4.
+const TIMESCALE: NonZeroU32 = NonZeroU32::new(90_000).unwrap();
+/// Images from one that decodes alone to the next, where a player may jump to.
+const KEY_FRAME_INTERVAL: u64 = 30;
+/// Texts stay sharp up to this quantizer.
+const QUANTIZER: u8 = 60;
 
 /// Moving images in memory.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -121,6 +128,27 @@ impl Video {
         }
         drop(encoder);
         Ok(bytes)
+    }
+
+    /// Writes an MP4 with AV1 that shows so many images a second; the last one stays three times as long.
+    ///
+    /// # Errors
+    /// When it is larger than a video can be, or the file cannot be written.
+    pub fn write_mp4(&self, fps: f64, path: &Path) -> Result<(), ViewError> {
+        let settings = VideoSettings {
+            width: self.width,
+            height: self.height,
+            key_frame_interval: KEY_FRAME_INTERVAL,
+            quantizer: QUANTIZER,
+        };
+        let mut encoder = Av1Encoder::new(settings)?;
+        for image in self.stream() {
+            encoder.push(image)?;
+        }
+        let duration = (f64::from(TIMESCALE.get()) / fps.clamp(0.01, 50.0)).round() as u32;
+        let mut file = Mp4File::create(path, settings, TIMESCALE, duration)?;
+        file.append(&encoder.finish()?)?;
+        Ok(file.finish()?)
     }
 
     /// The images as a stream for an encoder that takes each equally long.

@@ -95,6 +95,14 @@ fn cameras_and_films() {
             .unwrap()
             .starts_with(b"GIF89a")
     );
+    for out in ["film.mp4", "again.mp4"] {
+        let told = reel!(folder, "trace video {trace} --fps 2 --out {out}");
+        assert!(told.contains("640 x 644"), "{told}");
+    }
+    let mp4 = fs::read(folder.join("film.mp4")).unwrap();
+    assert_eq!(&mp4[4..8], b"ftyp");
+    assert!(mp4.windows(4).any(|four| four == b"av01"));
+    assert!(fs::read(folder.join("again.mp4")).unwrap() == mp4);
     assert!(
         complaint(folder, 2, &format!("trace video {trace} --out film.avi"))
             .contains("a .gif or an .mp4")

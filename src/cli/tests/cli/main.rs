@@ -40,6 +40,8 @@ mod gspo;
 mod hostile;
 mod import;
 mod layers;
+#[cfg(feature = "analytics")]
+mod lerobot;
 mod making;
 #[cfg(feature = "analytics")]
 mod meshes;

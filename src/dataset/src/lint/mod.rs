@@ -26,5 +26,5 @@ pub use files::row_files;
 pub use image::{ImageError, ImageFormat, ImageHeader};
 pub use json::{JsonError, JsonText, JsonTexts};
 pub use reel_world::answer::{AssistantTurn, Call};
-pub use report::{CheckReport, ExampleRef, Finding, Report, Severity};
+pub use report::{CheckReport, ExampleRef, Finding, Report, Severity, write_checks};
 pub use show::{image_bytes, show};

@@ -136,55 +136,59 @@ impl fmt::Display for Report {
         if self.files.len() > FILES_SHOWN {
             writeln!(f, "  and {} more", self.files.len() - FILES_SHOWN)?;
         }
-        writeln!(
-            f,
-            "\n{:<16} {:>9} {:>9} {:>8}",
-            "check", "findings", "rows", "share"
-        )?;
-        for check in &self.checks {
-            let verdict = match check.worst {
-                _ if !check.applies => "-",
-                None => "ok",
-                Some(Severity::Note) => "note",
-                Some(Severity::Warning) => "warning",
-                Some(Severity::Error) => "ERROR",
+        write_checks(f, &self.checks)
+    }
+}
+
+/// Prints what checks found: a table, and then the findings that were kept.
+///
+/// # Errors
+/// When the formatter does.
+pub fn write_checks(f: &mut fmt::Formatter<'_>, checks: &[CheckReport]) -> fmt::Result {
+    writeln!(
+        f,
+        "\n{:<16} {:>9} {:>9} {:>8}",
+        "check", "findings", "rows", "share"
+    )?;
+    for check in checks {
+        let verdict = match check.worst {
+            _ if !check.applies => "-",
+            None => "ok",
+            Some(Severity::Note) => "note",
+            Some(Severity::Warning) => "warning",
+            Some(Severity::Error) => "ERROR",
+        };
+        let (findings, rows, share) = (
+            check.findings,
+            check.rows,
+            format!("{:.1}%", 100.0 * check.share),
+        );
+        let line = format!(
+            "{:<16} {findings:>9} {rows:>9} {share:>8}  {verdict:<7}  {}",
+            check.check, check.note
+        );
+        writeln!(f, "{}", line.trim_end())?;
+    }
+    for check in checks.iter().filter(|check| !check.examples.is_empty()) {
+        writeln!(f, "\n{}: {}", check.check, check.description)?;
+        for (kind, count) in &check.kinds {
+            let of_kind: Vec<&Finding> = check
+                .examples
+                .iter()
+                .filter(|finding| finding.kind == *kind)
+                .collect();
+            let shown = if (of_kind.len() as u64) < *count {
+                format!(", {} shown", of_kind.len())
+            } else {
+                String::new()
             };
-            let (findings, rows, share) = (
-                check.findings,
-                check.rows,
-                format!("{:.1}%", 100.0 * check.share),
-            );
-            let line = format!(
-                "{:<16} {findings:>9} {rows:>9} {share:>8}  {verdict:<7}  {}",
-                check.check, check.note
-            );
-            writeln!(f, "{}", line.trim_end())?;
-        }
-        for check in self
-            .checks
-            .iter()
-            .filter(|check| !check.examples.is_empty())
-        {
-            writeln!(f, "\n{}: {}", check.check, check.description)?;
-            for (kind, count) in &check.kinds {
-                let of_kind: Vec<&Finding> = check
-                    .examples
-                    .iter()
-                    .filter(|finding| finding.kind == *kind)
-                    .collect();
-                let shown = if (of_kind.len() as u64) < *count {
-                    format!(", {} shown", of_kind.len())
-                } else {
-                    String::new()
-                };
-                writeln!(f, "  {kind}: {count}{shown}")?;
-                for finding in of_kind {
-                    write_finding(f, finding)?;
-                }
+            writeln!(f, "  {kind}: {count}{shown}")?;
+            for finding in of_kind {
+                write_finding(f, finding)?;
             }
         }
-        Ok(())
     }
+    Ok(())
 }
 
 /// Files that a readable report names.

@@ -6,6 +6,7 @@ mod explain;
 mod forgeries;
 mod golden;
 mod meshes;
+mod motion;
 mod mutations;
 mod published;
 mod restore;

@@ -7,11 +7,16 @@ mod gspo;
 mod join;
 mod profile;
 
-use std::{fs, path::PathBuf, sync::Arc};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use anyhow::{Context, bail};
 use reel_dataset::TokenizerFile;
 use reel_dataset::lint::{Dataset, Format, LintOptions, image_bytes, lint, show};
+use reel_lerobot::lint::{is_lerobot, lint as lint_dataset};
 
 use crate::{ExitStatus, progress};
 
@@ -35,10 +40,15 @@ enum Command {
     /// Look for leaks, contradictions, duplicates, bad labels, missing images and what the
     /// loader would do silently
     ///
+    /// In a LeRobot dataset of version 3 (a folder with meta/info.json): metadata against frames,
+    /// videos and statistics, splits, duplicates, and ground truth in observations. The options
+    /// about tokens and similarity do not apply there.
+    ///
     /// Exit code 1: something is an error.
     ///
     /// Example:
     ///   reel dataset lint sft
+    ///   reel dataset lint lerobot
     #[command(verbatim_doc_comment)]
     Lint {
         #[command(flatten)]
@@ -136,6 +146,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             if let Some(path) = tokenizer {
                 options.tokenizer = Arc::new(TokenizerFile::open(path)?);
             }
+            if let [root] = &input.paths[..]
+                && is_lerobot(root)
+            {
+                return lint_lerobot(root, *examples, *json);
+            }
             let dataset = input.open()?;
             let spinner = progress::spinner();
             spinner.set_message("rows");
@@ -186,6 +201,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             Ok(ExitStatus::Success)
         }
     }
+}
+
+/// Checks a LeRobot dataset, which says itself what it holds.
+fn lint_lerobot(root: &Path, examples: usize, json: bool) -> anyhow::Result<ExitStatus> {
+    let spinner = progress::spinner();
+    spinner.set_message("frames");
+    let report = lint_dataset(root, examples, |frames| spinner.set_position(frames));
+    spinner.finish_and_clear();
+    let report = report?;
+    if json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print!("{report}");
+    }
+    Ok(if report.is_bad() {
+        ExitStatus::CheckFailed
+    } else {
+        ExitStatus::Success
+    })
 }
 
 impl Input {

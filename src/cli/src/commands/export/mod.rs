@@ -6,6 +6,8 @@ mod coco;
 #[cfg(feature = "analytics")]
 mod inspect;
 #[cfg(feature = "analytics")]
+mod lerobot;
+#[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
 mod real_annotation;
@@ -61,6 +63,9 @@ enum Command {
     #[command(about = "Traces as logs of Inspect, for its viewer and Inspect Scout")]
     #[cfg(feature = "analytics")]
     Inspect(inspect::Arguments),
+    #[command(about = "Episodes with their motion and video as a LeRobot dataset")]
+    #[cfg(feature = "analytics")]
+    Lerobot(Box<lerobot::Arguments>),
     #[command(about = "Frames of traces with masks of everything in them, as COCO has it")]
     Coco(coco::Arguments),
     /// One episode as a Rerun recording: images, transforms, boxes, transcript, rewards
@@ -137,6 +142,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::Atif(arguments) => atif::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::Inspect(arguments) => inspect::execute(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Lerobot(arguments) => lerobot::execute(arguments),
         Command::Coco(arguments) => coco::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::RealAnnotation(arguments) => real_annotation::run(arguments),

@@ -246,7 +246,7 @@ fn split_by(name: &str) -> Result<SplitBy, String> {
 }
 
 /// The command without what does not decide what is in the dataset.
-fn command(arguments: impl Iterator<Item = String>) -> String {
+pub fn command(arguments: impl Iterator<Item = String>) -> String {
     let mut said = vec!["reel".to_owned()];
     let mut arguments = arguments;
     while let Some(argument) = arguments.next() {

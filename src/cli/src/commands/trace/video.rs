@@ -1,11 +1,6 @@
 //! `reel trace video`: an episode as a video, with the calls as captions.
 
-use std::{
-    fs,
-    io::{ErrorKind, Write},
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-};
+use std::{fs, path::PathBuf};
 
 use anyhow::{Context, bail};
 use reel_replay::{compare, views};
@@ -15,14 +10,14 @@ use serde_json::json;
 
 use crate::{ExitStatus, camera::Camera, inputs};
 
-/// Write an episode as GIF or MP4: one frame a call, with the call, its result and the reward as
+/// Write an episode as GIF or MP4 (AV1): one frame a call, with the call, its result and the reward as
 /// captions. An exact replay renders the frames, from any camera.
 ///
 /// Examples:
 ///   reel trace video trace.mcap
 ///   reel trace video trace.mcap --camera top-down --out above.gif
 ///   reel trace video trace.mcap --compare branch.mcap --camera follow:target --fps 2
-///   reel trace video trace.mcap --out episode.mp4          # where ffmpeg is on the PATH
+///   reel trace video trace.mcap --out episode.mp4          # AV1
 ///
 /// Exit code 1: a trace does not replay exactly.
 #[derive(clap::Args)]
@@ -96,7 +91,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .collect();
     let film = Video::new(&parts);
     match kind.as_str() {
-        "mp4" => mp4(&film, arguments.fps, &out)?,
+        "mp4" => film.write_mp4(arguments.fps, &out)?,
         _ => fs::write(&out, film.gif(arguments.fps)?)
             .with_context(|| format!("cannot write {}", out.display()))?,
     }
@@ -120,52 +115,4 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         );
     }
     Ok(ExitStatus::Success)
-}
-
-/// Pipes the images through ffmpeg.
-fn mp4(film: &Video, fps: f64, out: &Path) -> anyhow::Result<()> {
-    let size = format!("{}x{}", film.width, film.height);
-    let rate = fps.to_string();
-    let mut encoder = match Command::new("ffmpeg")
-        .args([
-            "-loglevel",
-            "error",
-            "-y",
-            "-f",
-            "rawvideo",
-            "-pix_fmt",
-            "rgb24",
-            "-s",
-            &size,
-            "-framerate",
-            &rate,
-            "-i",
-            "-",
-        ])
-        .args(["-r", "25", "-pix_fmt", "yuv420p"])
-        .arg(out)
-        .stdin(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-    {
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            bail!("an .mp4 needs ffmpeg on the PATH; write a .gif instead")
-        }
-        spawned => spawned.context("cannot run ffmpeg")?,
-    };
-    let written = match encoder.stdin.take() {
-        Some(mut input) => film.stream().try_for_each(|image| input.write_all(image)),
-        None => Ok(()),
-    };
-    let output = encoder
-        .wait_with_output()
-        .context("cannot wait for ffmpeg")?;
-    if !output.status.success() {
-        bail!(
-            "ffmpeg cannot write {}: {}",
-            out.display(),
-            String::from_utf8_lossy(&output.stderr).trim()
-        );
-    }
-    written.with_context(|| format!("cannot send frames for {} to ffmpeg", out.display()))
 }

@@ -1,0 +1,361 @@
+//! Each kind of damage is found, by the check and the kind that name it.
+
+use std::{
+    fs::{self, File},
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use arrow::{
+    array::{ArrayRef, AsArray, Float32Array, Int64Array, RecordBatch},
+    datatypes::{DataType, Field, Float32Type, Int64Type, Schema},
+};
+use parquet::arrow::{ArrowWriter, arrow_reader::ParquetRecordBatchReaderBuilder};
+use reel_lerobot::{
+    CAMERA,
+    lint::{LeRobotLintError, is_lerobot, lint},
+};
+use serde_json::{Value, json};
+
+use crate::export::{SETTINGS, export, traces};
+
+const DATA: &str = "data/chunk-000/file-000.parquet";
+const EPISODES: &str = "meta/episodes/chunk-000/file-000.parquet";
+
+/// What every damage begins from.
+struct Datasets {
+    folder: tempfile::TempDir,
+    whole: PathBuf,
+}
+
+impl Datasets {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let traces = traces(folder.path());
+        let whole = folder.path().join("whole");
+        export(&whole, SETTINGS, [&traces[0], &traces[1], &traces[0]]);
+        Self { folder, whole }
+    }
+
+    /// Damages a copy; the findings as `check/kind`, without the episode that is there twice.
+    fn found(&self, name: &str, damage: impl FnOnce(&Path)) -> Vec<String> {
+        let root = self.folder.path().join(name);
+        copy(&self.whole, &root);
+        damage(&root);
+        assert!(is_lerobot(&root));
+        let report = lint(&root, 2, |_| ()).unwrap();
+        let kinds = report.checks.iter().flat_map(|check| {
+            check
+                .kinds
+                .keys()
+                .map(move |kind| format!("{}/{kind}", check.check))
+        });
+        kinds.filter(|kind| kind != "duplicates/episode").collect()
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy(&path, &target);
+        } else {
+            fs::copy(&path, &target).unwrap();
+        }
+    }
+}
+
+fn edit(path: PathBuf, change: impl FnOnce(&mut Value)) {
+    let mut value: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    change(&mut value);
+    fs::write(path, value.to_string()).unwrap();
+}
+
+fn info(change: impl FnOnce(&mut Value)) -> impl FnOnce(&Path) {
+    |root| edit(root.join("meta/info.json"), change)
+}
+
+/// Writes a table anew with one column changed.
+fn column(
+    file: &'static str,
+    name: &'static str,
+    change: impl Fn(&ArrayRef) -> ArrayRef,
+) -> impl FnOnce(&Path) {
+    move |root| {
+        let path = root.join(file);
+        let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
+        let schema = reader.schema().clone();
+        let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
+        let mut writer =
+            ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
+        for batch in batches {
+            let index = schema.index_of(name).unwrap();
+            let mut columns = batch.columns().to_vec();
+            columns[index] = change(&columns[index]);
+            writer
+                .write(&RecordBatch::try_new(schema.clone(), columns).unwrap())
+                .unwrap();
+        }
+        writer.close().unwrap();
+    }
+}
+
+fn integers(change: impl Fn(usize, i64) -> i64) -> impl Fn(&ArrayRef) -> ArrayRef {
+    move |column| {
+        let values = column
+            .as_primitive::<Int64Type>()
+            .values()
+            .iter()
+            .enumerate();
+        Arc::new(
+            values
+                .map(|(row, value)| change(row, *value))
+                .collect::<Int64Array>(),
+        )
+    }
+}
+
+fn floats(change: impl Fn(usize, f32) -> f32) -> impl Fn(&ArrayRef) -> ArrayRef {
+    move |column| {
+        let values = column
+            .as_primitive::<Float32Type>()
+            .values()
+            .iter()
+            .enumerate();
+        Arc::new(
+            values
+                .map(|(row, value)| change(row, *value))
+                .collect::<Float32Array>(),
+        )
+    }
+}
+
+#[test]
+fn damage_of_the_metadata_is_found() {
+    let datasets = Datasets::new();
+    let found = |name: &str, change: fn(&mut Value)| datasets.found(name, info(change));
+    assert_eq!(datasets.found("none", |_| ()), Vec::<String>::new());
+    assert_eq!(
+        found("frames", |info| info["total_frames"] = json!(7)),
+        ["metadata/total"]
+    );
+    assert_eq!(
+        found("tasks", |info| drop(
+            info.as_object_mut().unwrap().remove("total_tasks")
+        )),
+        ["metadata/missing"]
+    );
+    assert_eq!(
+        found("fps", |info| info["fps"] = json!(2)),
+        [
+            "frames/timestamp",
+            "videos/fps",
+            "videos/length",
+            "videos/too-short"
+        ]
+    );
+    assert_eq!(
+        found("type", |info| info["features"]["action"]["dtype"] =
+            json!("float64")),
+        ["features/type"]
+    );
+    assert_eq!(
+        found(
+            "goal",
+            |info| info["features"]["observation.state"]["names"][0] = json!("goal_x")
+        ),
+        ["leaks/name"]
+    );
+    assert_eq!(
+        found("undeclared", |info| drop(
+            info["features"]
+                .as_object_mut()
+                .unwrap()
+                .remove("next.done")
+        )),
+        ["features/undeclared"]
+    );
+    assert_eq!(
+        found("missing", |info| info["features"]["observation.force"] =
+            json!({"dtype": "float32", "shape": [3]})),
+        ["features/missing"]
+    );
+    let stats = datasets.found("stats", |root| {
+        edit(root.join("meta/stats.json"), |stats| {
+            stats["action"]["mean"][0] = json!(40.0)
+        });
+    });
+    assert_eq!(stats, ["statistics/differs"]);
+}
+
+#[test]
+fn splits_that_cross_are_found() {
+    let datasets = Datasets::new();
+    let found =
+        |name: &str, splits: Value| datasets.found(name, info(move |info| info["splits"] = splits));
+    assert_eq!(
+        found("overlap", json!({"train": "0:3", "test": "2:3"})),
+        [
+            "splits/overlap",
+            "splits/shared-task",
+            "duplicates/across-splits"
+        ]
+    );
+    assert_eq!(
+        found("left-out", json!({"train": "0:2"})),
+        ["splits/left-out", "duplicates/across-splits"]
+    );
+    assert_eq!(
+        found("range", json!({"train": "0:3", "test": "3:9"})),
+        ["splits/range"]
+    );
+    assert_eq!(
+        found("repeated", json!({"train": "0:2", "test": "2:3"})),
+        ["splits/shared-task", "duplicates/across-splits"]
+    );
+    assert_eq!(found("none", json!({})), ["splits/missing"]);
+}
+
+#[test]
+fn damage_of_the_frames_is_found() {
+    let datasets = Datasets::new();
+    let found = |name: &str, damage: Box<dyn FnOnce(&Path)>| datasets.found(name, damage);
+    let shifted = column(
+        DATA,
+        "frame_index",
+        integers(|row, value| value + i64::from(row == 1)),
+    );
+    assert_eq!(
+        found("frame", Box::new(shifted)),
+        ["frames/frame-index", "statistics/differs"]
+    );
+    let task = column(
+        DATA,
+        "task_index",
+        integers(|row, value| if row == 0 { 9 } else { value }),
+    );
+    assert_eq!(
+        found("task", Box::new(task)),
+        ["frames/task", "statistics/differs"]
+    );
+    let late = column(
+        DATA,
+        "timestamp",
+        floats(|row, value| if row == 2 { value + 0.01 } else { value }),
+    );
+    assert_eq!(
+        found("late", Box::new(late)),
+        ["frames/timestamp", "statistics/differs"]
+    );
+    let nan = column(
+        DATA,
+        "next.reward",
+        floats(|row, value| if row == 2 { f32::NAN } else { value }),
+    );
+    assert_eq!(
+        found("nan", Box::new(nan)),
+        ["frames/not-finite", "statistics/differs"]
+    );
+    let length = column(
+        EPISODES,
+        "length",
+        integers(|row, value| value + i64::from(row == 1)),
+    );
+    assert_eq!(
+        found("length", Box::new(length)),
+        ["episodes/frame-count", "episodes/length", "videos/length"]
+    );
+    let gap = column(
+        EPISODES,
+        "dataset_from_index",
+        integers(|row, value| value + i64::from(row == 2)),
+    );
+    assert_eq!(
+        found("gap", Box::new(gap)),
+        ["episodes/first-index", "episodes/length", "episodes/range"]
+    );
+    let torn = |root: &Path| {
+        let bytes = fs::read(root.join(DATA)).unwrap();
+        fs::write(root.join(DATA), &bytes[..bytes.len() / 2]).unwrap();
+    };
+    assert!(found("torn", Box::new(torn)).contains(&"episodes/unreadable".to_owned()));
+    // An observation that is the reward under another name.
+    let told = |root: &Path| {
+        let path = root.join(DATA);
+        let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
+        let mut fields: Vec<Arc<Field>> = reader.schema().fields().iter().cloned().collect();
+        fields.push(Arc::new(Field::new(
+            "observation.sensor",
+            DataType::Float32,
+            true,
+        )));
+        let schema = Arc::new(Schema::new(fields));
+        let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
+        let mut writer =
+            ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
+        for batch in batches {
+            let mut columns = batch.columns().to_vec();
+            columns.push(batch.column_by_name("next.reward").unwrap().clone());
+            writer
+                .write(&RecordBatch::try_new(schema.clone(), columns).unwrap())
+                .unwrap();
+        }
+        writer.close().unwrap();
+        let feature = json!({"dtype": "float32", "shape": [1], "names": null});
+        edit(root.join("meta/info.json"), |info| {
+            info["features"]["observation.sensor"] = feature
+        });
+    };
+    assert_eq!(
+        found("told", Box::new(told)),
+        ["statistics/missing", "leaks/equal"]
+    );
+}
+
+#[test]
+fn damage_of_the_videos_is_found() {
+    let datasets = Datasets::new();
+    let video = |root: &Path| {
+        root.join("videos")
+            .join(CAMERA)
+            .join("chunk-000/file-000.mp4")
+    };
+    let gone = datasets.found("gone", |root| fs::remove_file(video(root)).unwrap());
+    assert_eq!(gone, ["videos/missing"]);
+    let torn = datasets.found("torn", |root| {
+        let bytes = fs::read(video(root)).unwrap();
+        fs::write(video(root), &bytes[..bytes.len() / 2]).unwrap();
+    });
+    assert_eq!(torn, ["videos/unreadable"]);
+    // The video of fewer episodes.
+    let short = datasets.found("short", |root| {
+        let traces = traces(datasets.folder.path());
+        let other = datasets.folder.path().join("other");
+        export(&other, SETTINGS, &traces);
+        fs::copy(video(&other), video(root)).unwrap();
+    });
+    assert_eq!(short, ["videos/too-short"]);
+}
+
+#[test]
+fn what_cannot_be_checked_at_all_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(!is_lerobot(folder.path()));
+    assert!(matches!(
+        lint(folder.path(), 1, |_| ()),
+        Err(LeRobotLintError::Read { .. })
+    ));
+    fs::create_dir(folder.path().join("meta")).unwrap();
+    fs::write(
+        folder.path().join("meta/info.json"),
+        r#"{"codebase_version": "v3.0", "fps": 0}"#,
+    )
+    .unwrap();
+    assert!(is_lerobot(folder.path()));
+    assert!(matches!(
+        lint(folder.path(), 1, |_| ()),
+        Err(LeRobotLintError::Info { .. })
+    ));
+}
