@@ -67,9 +67,11 @@ pub(crate) fn features(settings: &ExportSettings) -> Map<String, Value> {
     add("call.phase", named(&PHASES));
     add("next.reward", one("float32"));
     add("next.done", one("bool"));
-    let language = json!({"dtype": "language", "shape": [1], "names": null});
-    add("language_persistent", language.clone());
-    add("language_events", language);
+    if settings.language {
+        let language = json!({"dtype": "language", "shape": [1], "names": null});
+        add("language_persistent", language.clone());
+        add("language_events", language);
+    }
     add("timestamp", one("float32"));
     for name in ["frame_index", "episode_index", "index", "task_index"] {
         add(name, one("int64"));
@@ -78,7 +80,7 @@ pub(crate) fn features(settings: &ExportSettings) -> Map<String, Value> {
 }
 
 /// The columns of the files below `data`.
-pub(crate) fn frame_schema() -> Schema {
+pub(crate) fn frame_schema(settings: &ExportSettings) -> Schema {
     let vector = || list(DataType::Float32);
     let fields = [
         ("observation.state", vector()),
@@ -96,10 +98,12 @@ pub(crate) fn frame_schema() -> Schema {
         ("index", DataType::Int64),
         ("task_index", DataType::Int64),
     ];
+    let written = |name: &str| settings.language || !name.starts_with("language_");
+    let written = fields.into_iter().filter(|(name, _)| written(name));
     Schema::new(
-        fields
+        written
             .map(|(name, data_type)| Field::new(name, data_type, true))
-            .to_vec(),
+            .collect::<Vec<_>>(),
     )
 }
 
@@ -129,7 +133,7 @@ pub(crate) fn episode_schema() -> Schema {
             "task_id",
             "scene_id",
             "policy",
-            "trace_chain",
+            "trace_digest",
             "verdict",
         ]
         .map(|name| text(&format!("reel/{name}"))),

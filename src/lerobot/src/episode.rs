@@ -25,6 +25,8 @@ pub struct ExportSettings {
     pub height: usize,
     /// Quantizer of the video from 0 (best) to 255 (smallest).
     pub quantizer: u8,
+    /// Whether there are columns for subtasks and calls in words, which LeRobot reads from 0.6 on.
+    pub language: bool,
     /// Seed of the wordings of subtasks.
     pub seed: u64,
 }
@@ -114,7 +116,7 @@ pub fn encode(trace: &Trace, settings: &ExportSettings) -> Result<EncodedEpisode
         pixels,
         origin: json!({
             "episode_id": trace.header.episode_id, "task_id": trace.header.task_id, "scene_id": trace.header.scene_id,
-            "policy": trace.header.policy.name, "trace_chain": trace.chain().to_string(), "verdict": "exact",
+            "policy": trace.header.policy.name, "trace_digest": trace.chain().to_string(), "verdict": "exact",
             "success": trace.end.as_ref().is_some_and(|end| end.metrics.success),
         }),
     })

@@ -75,7 +75,7 @@ impl LeRobotWriter {
         Ok(Self {
             root: root.to_owned(),
             settings,
-            data: Table::new(root.join("data"), frame_schema()),
+            data: Table::new(root.join("data"), frame_schema(&settings)),
             episodes: Table::new(root.join("meta/episodes"), episode_schema()),
             video: None,
             video_file: 0,

@@ -14,6 +14,7 @@ pub(crate) const SETTINGS: ExportSettings = ExportSettings {
     width: 64,
     height: 48,
     quantizer: 100,
+    language: true,
     seed: 0,
 };
 
@@ -62,7 +63,15 @@ fn equal_traces_give_equal_files_that_the_lint_accepts() {
         ..SETTINGS
     };
     let mut lengths = Vec::new();
-    for (name, settings) in [("decisions", SETTINGS), ("motion", moving)] {
+    let wordless = ExportSettings {
+        language: false,
+        ..SETTINGS
+    };
+    for (name, settings) in [
+        ("decisions", SETTINGS),
+        ("motion", moving),
+        ("wordless", wordless),
+    ] {
         let [one, other] =
             ["one", "other"].map(|part| folder.path().join(format!("{name}-{part}")));
         export(&one, settings, &traces);
@@ -77,6 +86,9 @@ fn equal_traces_give_equal_files_that_the_lint_accepts() {
         let info: Value =
             serde_json::from_slice(&fs::read(one.join("meta/info.json")).unwrap()).unwrap();
         assert_eq!(info["total_frames"], report.frames);
+        for column in ["language_persistent", "language_events"] {
+            assert_eq!(info["features"][column].is_object(), settings.language);
+        }
         lengths.push(report.frames);
     }
     let calls: usize = traces.iter().map(|trace| trace.steps.len()).sum();

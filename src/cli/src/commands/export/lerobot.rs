@@ -44,6 +44,9 @@ pub struct Arguments {
     /// Show the numbers of marked things, as the agent saw them
     #[arg(long, conflicts_with = "fps")]
     marks: bool,
+    /// Leave out subtasks and calls in words, for tools that know LeRobot before 0.6
+    #[arg(long)]
+    no_language: bool,
     /// Only episodes that succeeded
     #[arg(long)]
     successful: bool,
@@ -187,6 +190,7 @@ impl Arguments {
             width,
             height,
             quantizer: self.quantizer,
+            language: !self.no_language,
             seed: self.seed,
         })
     }
