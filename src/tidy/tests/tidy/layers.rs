@@ -8,6 +8,7 @@ use reel_tidy::{crates, root};
 #[rustfmt::skip]
 const LAYERS: &[(&str, &[&str])] = &[
     ("world", &[]),
+    ("redact", &[]),
     ("reward", &["world"]),
     ("sim", &["world"]),
     ("trace", &["world"]),
@@ -43,7 +44,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
     ("import", &["world", "reward", "trace"]),
-    ("proxy", &["world", "reward", "trace", "import"]),
+    ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
     ("live", &["world", "reward", "episode", "trace"]),
     ("mcp", &["world", "trace", "live"]),
@@ -154,7 +155,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ),
     ("rand_core", &["sim", "tasks", "agents", "annotate", "server"]),
     ("strsim", &["query", "reward"]),
-    ("toml", &["cli", "import", "proxy", "reward", "server"]),
+    ("toml", &["cli", "import", "proxy", "redact", "reward", "server"]),
     ("rustls*", &["proxy"]),
     ("ureq", &["llm"]),
     ("gltf*", &["tasks", "view"]),
