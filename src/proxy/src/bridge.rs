@@ -32,7 +32,7 @@ use serde_json::{Value, json};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio_stream::{StreamExt, wrappers::UnboundedReceiverStream};
 
-use crate::ProxyError;
+use crate::{ProxyError, Setup};
 
 /// Where it is reached.
 const PATH: &str = "/mcp";
@@ -47,6 +47,8 @@ const SERVER_ERROR: i64 = -32000;
 /// Servers of sessions, by the id of the session.
 pub struct Bridge {
     command: Vec<String>,
+    /// The command without its secrets.
+    shown: String,
     /// As the recorder's requests name it in `Host`. A page that reaches this port past the
     /// recorder names another (DNS rebinding).
     authority: String,
@@ -60,9 +62,9 @@ impl Bridge {
     /// When there is no command, or the system refuses.
     pub fn start(
         command: &[String],
-        message_max: usize,
-        idle: Duration,
+        setup: &Setup,
     ) -> Result<(Arc<Self>, String), ProxyError> {
+        let (message_max, idle) = (setup.message_max, setup.idle);
         if command.is_empty() {
             return Err(ProxyError::Spawn {
                 command: String::new(),
@@ -74,6 +76,7 @@ impl Bridge {
         listener.set_nonblocking(true)?;
         let bridge = Arc::new(Self {
             command: command.to_owned(),
+            shown: setup.rules.shown(&command.join(" ")),
             authority: address.to_string(),
             links: Mutex::default(),
         });
@@ -330,20 +333,21 @@ impl Listeners {
             .get("id")
             .filter(|_| message.get("method").is_none())
             .map(Value::to_string);
+        let mut unheard = Some(line);
         if let Some(place) = self
             .requests
             .iter()
             .position(|(id, _)| Some(id) == answers.as_ref())
+            && let Some(line) = unheard.take()
         {
-            // The end of the channel is the end of the request's stream.
-            let _ = self.requests.remove(place).1.send(line);
-            return;
+            // The end of the channel is the end of the request's stream. Where its connection broke, the answer goes
+            // where the session listens next.
+            unheard = self.requests.remove(place).1.send(line).err().map(|error| error.0);
         }
         let listeners = self
             .stream
             .iter()
             .chain(self.requests.iter().map(|(_, tell)| tell));
-        let mut unheard = Some(line);
         for listener in listeners {
             let Some(line) = unheard.take() else { break };
             unheard = listener.send(line).err().map(|error| error.0);
@@ -396,7 +400,7 @@ fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, R
     };
     let (begun, link) = if method == Some("initialize") && !headers.contains_key(SESSION) {
         let (session, link) = bridge.begin().map_err(|error| {
-            let command = bridge.command.join(" ");
+            let command = &bridge.shown;
             failed(format!(
                 "cannot start the server: {error}; check the words behind --stdio: {command}"
             ))

@@ -13,6 +13,8 @@ use std::{
     time::Duration,
 };
 
+use reel_redact::Rules;
+
 use crate::{
     ProxyError, Setup,
     connection::{Connection, Streams, answer},
@@ -47,7 +49,7 @@ impl Upstream {
     /// What is wrong with it.
     pub fn parse(url: &str) -> Result<Self, ProxyError> {
         let wrong = |what| ProxyError::Url {
-            url: url.to_owned(),
+            url: Rules::built_in().shown(url),
             problem: what,
         };
         let schemes = [("http://", false), ("https://", true)];
