@@ -60,10 +60,7 @@ impl Bridge {
     ///
     /// # Errors
     /// When there is no command, or the system refuses.
-    pub fn start(
-        command: &[String],
-        setup: &Setup,
-    ) -> Result<(Arc<Self>, String), ProxyError> {
+    pub fn start(command: &[String], setup: &Setup) -> Result<(Arc<Self>, String), ProxyError> {
         let (message_max, idle) = (setup.message_max, setup.idle);
         if command.is_empty() {
             return Err(ProxyError::Spawn {
@@ -342,7 +339,13 @@ impl Listeners {
         {
             // The end of the channel is the end of the request's stream. Where its connection broke, the answer goes
             // where the session listens next.
-            unheard = self.requests.remove(place).1.send(line).err().map(|error| error.0);
+            unheard = self
+                .requests
+                .remove(place)
+                .1
+                .send(line)
+                .err()
+                .map(|error| error.0);
         }
         let listeners = self
             .stream

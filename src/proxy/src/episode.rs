@@ -408,7 +408,9 @@ impl Episodes {
             (AnsweredRequest::Start, answer.answer.as_deref()),
         ];
         let mut redacted = answer.redacted.clone();
-        self.redacted.iter().for_each(|more| add(&mut redacted, more));
+        self.redacted
+            .iter()
+            .for_each(|more| add(&mut redacted, more));
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
             |mut recorder| {
                 for (request, json) in before {

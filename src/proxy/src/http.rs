@@ -195,6 +195,14 @@ impl Proxy {
         })
     }
 
+    /// Passes on and records from now on, until nobody is left to do it for.
+    #[cfg(test)]
+    pub(crate) fn start(self) -> Arc<Shared> {
+        let shared = self.shared.clone();
+        thread::spawn(move || accept(&self.listener, &self.shared));
+        shared
+    }
+
     /// Where it listens.
     ///
     /// # Errors

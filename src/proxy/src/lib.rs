@@ -29,6 +29,8 @@ mod sse;
 mod stdio;
 mod stop;
 mod tap;
+#[cfg(test)]
+mod tests;
 mod tls;
 mod wire;
 

@@ -156,7 +156,10 @@ impl PendingTask {
         let told = match message.task_notification(&self.task_id) {
             Some(told) => told,
             None => {
-                let place = self.asked.iter().position(|(id, _)| message.is_answer_to(id))?;
+                let place = self
+                    .asked
+                    .iter()
+                    .position(|(id, _)| message.is_answer_to(id))?;
                 let (id, method) = self.asked.remove(place)?;
                 let answer = message.answer_to(&id)?;
                 if method == TaskMethod::Result {

@@ -94,6 +94,8 @@ fn message(bytes: &[u8]) {
         let _ = result.content(&mut redactor).payload();
     }
     if let tap::FromAgent::Calls(mut calls) = tap::from_agent(bytes) {
-        calls.iter_mut().for_each(|call| drop(call.redact(&mut redactor)));
+        calls
+            .iter_mut()
+            .for_each(|call| drop(call.redact(&mut redactor)));
     }
 }

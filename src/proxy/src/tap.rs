@@ -284,7 +284,10 @@ pub(crate) fn task_status(mut told: Value) -> Option<TaskStatus> {
     };
     let why = told.get("statusMessage").and_then(Value::as_str);
     let why = why.map_or(String::new(), |why| format!(" ({why})"));
-    Some(answer.map_or(TaskStatus::Ended(format!("is {status}{why}")), TaskStatus::Final))
+    Some(answer.map_or(
+        TaskStatus::Ended(format!("is {status}{why}")),
+        TaskStatus::Final,
+    ))
 }
 
 impl Answer {
@@ -502,11 +505,27 @@ mod tests {
         let read = |json: Value| from_agent(json.to_string().as_bytes());
         let asks = json!({"id": 3, "method": "tasks/result", "params": {"taskId": "t"}});
         let (id, method, task_id) = (json!(3), TaskMethod::Result, "t".to_owned());
-        assert_eq!(read(asks), FromAgent::AsksForTask { id, method, task_id });
-        assert_eq!(read(json!({"method": "tasks/get", "params": {}})), FromAgent::Other);
+        assert_eq!(
+            read(asks),
+            FromAgent::AsksForTask {
+                id,
+                method,
+                task_id
+            }
+        );
+        assert_eq!(
+            read(json!({"method": "tasks/get", "params": {}})),
+            FromAgent::Other
+        );
         let task = |result: Value| Answer::Result(result).task();
-        assert_eq!(task(json!({"task": {"taskId": "t", "status": "working"}})), Some("t".into()));
-        assert_eq!(task(json!({"resultType": "task", "taskId": "t"})), Some("t".into()));
+        assert_eq!(
+            task(json!({"task": {"taskId": "t", "status": "working"}})),
+            Some("t".into())
+        );
+        assert_eq!(
+            task(json!({"resultType": "task", "taskId": "t"})),
+            Some("t".into())
+        );
         assert_eq!(task(json!({"content": [], "task": {"taskId": "t"}})), None);
         assert_eq!(task_status(json!({"status": "working"})), None);
         assert_eq!(

@@ -108,7 +108,10 @@ impl Head {
                     secrets.extend(pairs.map(|(_, value)| (name.as_str(), value.trim())));
                 }
                 "mcp-session-id" => secrets.push(("session", value)),
-                _ if ["key", "token", "secret", "password"].iter().any(|end| name.ends_with(end)) => {
+                _ if ["key", "token", "secret", "password"]
+                    .iter()
+                    .any(|end| name.ends_with(end)) =>
+                {
                     secrets.push((name.as_str(), value));
                 }
                 _ => {}

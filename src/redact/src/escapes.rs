@@ -110,10 +110,7 @@ mod tests {
         let resolved = Unescaped::of(source).unwrap().unwrap();
         assert_eq!(resolved.text, "ask-\"x\" 😀 \\q end");
         let at = resolved.text.find("sk-\"x").unwrap();
-        assert_eq!(
-            &source[resolved.in_source(at..at + 5)],
-            r#"\u0073k-\"x"#
-        );
+        assert_eq!(&source[resolved.in_source(at..at + 5)], r#"\u0073k-\"x"#);
         let face = resolved.text.find('😀').unwrap();
         assert_eq!(&source[resolved.in_source(face..face + 4)], r"\ud83d\ude00");
         assert_eq!(Unescaped::of("plain"), Ok(None));

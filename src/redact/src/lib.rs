@@ -10,5 +10,5 @@ mod escapes;
 mod redactor;
 mod rules;
 
-pub use redactor::{Redactions, Redactor, Scope, replace_value};
+pub use redactor::{Redactions, Redactor, Scope, is_recorded_as, replace_value};
 pub use rules::{RULES_FILE_MAX, RuleSource, Rules, RulesError};

@@ -277,7 +277,10 @@ impl Redactor {
             self.search(shown, scope, &mut found);
             for secret in &mut found[before..] {
                 let range = secret.range.clone();
-                secret.range = views.iter().rev().fold(range, |range, view| view.in_source(range));
+                secret.range = views
+                    .iter()
+                    .rev()
+                    .fold(range, |range, view| view.in_source(range));
             }
             let shown = views.last().map_or(text, |view| view.text.as_str());
             match Unescaped::of(shown) {
@@ -313,7 +316,9 @@ impl Redactor {
         }
         for regex in &self.rules.members {
             for groups in regex.captures_iter(text) {
-                let member = groups.name(MEMBER).and_then(|name| self.rules.key(name.as_str()));
+                let member = groups
+                    .name(MEMBER)
+                    .and_then(|name| self.rules.key(name.as_str()));
                 let (Some(name), Some(secret)) = (member, groups.name(SECRET)) else {
                     continue;
                 };
@@ -365,7 +370,10 @@ impl Redactor {
             .min_by_key(|it| (it.rank, it.secret.len()))
             .expect("a group of secrets has one");
         let secret = unescaped(&best.secret);
-        let remembered = self.known.get(&best.secret).or_else(|| self.known.get(&secret));
+        let remembered = self
+            .known
+            .get(&best.secret)
+            .or_else(|| self.known.get(&secret));
         let (name, label) = remembered.map_or((best.name.clone(), None), |it| {
             (it.name.clone(), it.label.clone())
         });
@@ -407,6 +415,77 @@ impl Redactor {
     }
 }
 
+/// Whether a recorded value is what an actual one was recorded as: equal, but for labels, each of which stands for any
+/// secret.
+pub fn is_recorded_as(actual: &Value, recorded: &Value) -> bool {
+    match (actual, recorded) {
+        (Value::Object(actual), Value::Object(recorded)) => {
+            // A name that holds a secret has a label, too.
+            let named = |name: &String| {
+                let same = actual.get(name);
+                same.or_else(|| {
+                    let mut names = actual.iter().filter(|(other, _)| fits(other, name));
+                    names.next().map(|(_, value)| value)
+                })
+            };
+            actual.len() == recorded.len()
+                && recorded
+                    .iter()
+                    .all(|(name, value)| named(name).is_some_and(|it| is_recorded_as(it, value)))
+        }
+        (Value::Array(actual), Value::Array(recorded)) => {
+            actual.len() == recorded.len()
+                && actual
+                    .iter()
+                    .zip(recorded)
+                    .all(|(actual, recorded)| is_recorded_as(actual, recorded))
+        }
+        (Value::String(actual), Value::String(recorded)) => fits(actual, recorded),
+        (Value::Number(_), Value::String(recorded)) => is_label(recorded),
+        _ => actual == recorded,
+    }
+}
+
+/// Whether a text is a recorded one, in which labels stand for secrets.
+fn fits(actual: &str, recorded: &str) -> bool {
+    let parts = around_labels(recorded);
+    let [first, behind @ ..] = &parts[..] else {
+        return false;
+    };
+    let (Some((last, between)), Some(rest)) = (behind.split_last(), actual.strip_prefix(first)) else {
+        return actual == recorded;
+    };
+    // As in a pattern with wildcards: the first place where a part stands is as good as any. No secret is empty.
+    let mut rest = rest;
+    for part in between {
+        let Some(secret) = rest.chars().next() else {
+            return false;
+        };
+        match rest[secret.len_utf8()..].find(part) {
+            Some(at) => rest = &rest[secret.len_utf8() + at + part.len()..],
+            None => return false,
+        }
+    }
+    rest.strip_suffix(last).is_some_and(|secret| !secret.is_empty())
+}
+
+/// What stands before, between and behind the labels of a text.
+fn around_labels(text: &str) -> Vec<&str> {
+    let (mut parts, mut from, mut at) = (Vec::new(), 0, 0);
+    while let Some(begin) = text[at..].find("[redacted:").map(|found| at + found) {
+        let end = text[begin..].find(']').map(|found| begin + found + 1);
+        match end.filter(|end| is_label(&text[begin..*end])) {
+            Some(end) => {
+                parts.push(&text[from..begin]);
+                (from, at) = (end, end);
+            }
+            None => at = begin + 1,
+        }
+    }
+    parts.push(&text[from..]);
+    parts
+}
+
 /// A text without one value, such as a key that an endpoint repeats in its errors, however JSON escapes it.
 pub fn replace_value(text: &str, name: &str, value: &str) -> String {
     if value.is_empty() {
@@ -438,7 +517,9 @@ fn unescaped(secret: &str) -> String {
 
 /// Whether a text is a label of ours.
 fn is_label(text: &str) -> bool {
-    let inner = text.strip_prefix("[redacted:").and_then(|rest| rest.strip_suffix(']'));
+    let inner = text
+        .strip_prefix("[redacted:")
+        .and_then(|rest| rest.strip_suffix(']'));
     inner.is_some_and(|inner| {
         !inner.is_empty()
             && inner

@@ -46,9 +46,18 @@ const SHAPES: &[(&str, &str)] = &[
     ("token", r"(?-u:\b)ya29\.[A-Za-z0-9_-]{20,}"),
     ("token", r"(?-u:\b)npm_[A-Za-z0-9]{30,}"),
     ("token", r"(?-u:\b)pypi-[A-Za-z0-9_-]{16,}"),
-    ("aws-key", r"(?-u:\b)A(?:KIA|SIA|GPA|IDA|ROA|NPA)[A-Z0-9]{16}(?-u:\b)"),
-    ("jwt", r"(?-u:\b)eyJ[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]*"),
-    ("bearer", r"(?i-u:\bbearer)[ \t]+(?P<secret>[A-Za-z0-9._~+/-]{12,}=*)"),
+    (
+        "aws-key",
+        r"(?-u:\b)A(?:KIA|SIA|GPA|IDA|ROA|NPA)[A-Z0-9]{16}(?-u:\b)",
+    ),
+    (
+        "jwt",
+        r"(?-u:\b)eyJ[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]*",
+    ),
+    (
+        "bearer",
+        r"(?i-u:\bbearer)[ \t]+(?P<secret>[A-Za-z0-9._~+/-]{12,}=*)",
+    ),
     (
         "private-key",
         r"-----BEGIN [A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,10}-----(?s:.*?)(?:-----END [A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,10}-----|\z)",
@@ -226,7 +235,11 @@ impl Rules {
                 .as_bool()
                 .ok_or_else(|| file.error(value.span().start, "built_in is true or false"))?,
         };
-        let mut rules = if with_built_in { Self::built_in() } else { Self::none() };
+        let mut rules = if with_built_in {
+            Self::built_in()
+        } else {
+            Self::none()
+        };
         rules.source = match with_built_in {
             true => RuleSource::BuiltInAndFile,
             false => RuleSource::File,
@@ -244,14 +257,18 @@ impl Rules {
                 }
                 "pointers" => {
                     for (at, pointer) in file.strings(value, "pointers")? {
-                        rules.pointers.push(segments(pointer).map_err(|what| file.error(at, what))?);
+                        rules
+                            .pointers
+                            .push(segments(pointer).map_err(|what| file.error(at, what))?);
                     }
                 }
                 "patterns" => rules.patterns.extend(file.patterns(value)?),
                 other => {
                     return Err(file.error(
                         key.span().start,
-                        format!("unknown key '{other}'; there are: built_in, keys, pointers, patterns"),
+                        format!(
+                            "unknown key '{other}'; there are: built_in, keys, pointers, patterns"
+                        ),
                     ));
                 }
             }
@@ -335,7 +352,8 @@ impl Rules {
 
     fn compile_members(&mut self) {
         // The longest first: a password of `api_key` is one of `key`, too.
-        self.keys.sort_by_key(|key| std::cmp::Reverse(key.plain.len()));
+        self.keys
+            .sort_by_key(|key| std::cmp::Reverse(key.plain.len()));
         let names: Vec<String> = self.keys.iter().map(Key::spelled).collect();
         // Whatever stands before a name belongs to it.
         let name = format!("(?P<{MEMBER}>(?i-u:{}))", names.join("|"));
@@ -363,16 +381,20 @@ fn label_name(key: &str) -> String {
 
 /// Whether a variable of the environment with this name holds a secret.
 fn names_secret(name: &str) -> bool {
-    let name = name.to_ascii_uppercase().replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    let name = name
+        .to_ascii_uppercase()
+        .replace(|c: char| !c.is_ascii_alphanumeric(), "_");
     let last = name.rsplit('_').next().unwrap_or_default();
     let words = format!("_{name}_");
     let tells = |key: &&str| {
         let key = key.to_ascii_uppercase();
         let fused = key.replace('_', "");
-        last.ends_with(&fused) || [key, fused].iter().any(|key| words.contains(&format!("_{key}_")))
+        last.ends_with(&fused)
+            || [key, fused]
+                .iter()
+                .any(|key| words.contains(&format!("_{key}_")))
     };
-    !VARIABLE_PLACES.contains(&last)
-        && (VARIABLE_ENDS.contains(&last) || KEYS.iter().any(tells))
+    !VARIABLE_PLACES.contains(&last) && (VARIABLE_ENDS.contains(&last) || KEYS.iter().any(tells))
 }
 
 fn compiled(regex: &str) -> Result<Regex, String> {

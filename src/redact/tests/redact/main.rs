@@ -3,7 +3,7 @@
 use std::sync::{Arc, LazyLock};
 
 use proptest::prelude::*;
-use reel_redact::{Redactor, Rules, Scope, replace_value};
+use reel_redact::{Redactor, Rules, Scope, is_recorded_as, replace_value};
 use serde_json::{Value, json};
 
 fn built_in() -> Redactor {
@@ -27,7 +27,10 @@ fn shapes_of_tokens() {
     ] {
         let text = format!("before {secret}");
         let redacted = built_in().text(&text);
-        assert!(redacted.starts_with("before [redacted:") && redacted.ends_with("#1]"), "{redacted}");
+        assert!(
+            redacted.starts_with("before [redacted:") && redacted.ends_with("#1]"),
+            "{redacted}"
+        );
     }
     let mut redactor = built_in();
     assert_eq!(
@@ -65,7 +68,10 @@ fn members_of_texts_and_values() {
         })
     );
     let counts = redactor.take_redactions();
-    assert_eq!((counts["password"], counts["api_key"], counts["secret"]), (4, 1, 2));
+    assert_eq!(
+        (counts["password"], counts["api_key"], counts["secret"]),
+        (4, 1, 2)
+    );
     assert!(redactor.take_redactions().is_empty());
 }
 
@@ -103,15 +109,27 @@ fn what_is_known_of_the_environment_and_the_command() {
         ("SHORT_TOKEN", "abc"),
     ];
     let variables = variables.map(|(name, value)| (name.to_owned(), value.to_owned()));
-    let command = ["env", "ROBOT_TOKEN=opaque-value-3", "python", "--api-key", "opaque-value-4"];
+    let command = [
+        "env",
+        "ROBOT_TOKEN=opaque-value-3",
+        "python",
+        "--api-key",
+        "opaque-value-4",
+    ];
     let command = command.map(str::to_owned);
-    let rules = Rules::built_in().with_environment(variables).with_command(&command);
+    let rules = Rules::built_in()
+        .with_environment(variables)
+        .with_command(&command);
     let mut redactor = Redactor::new(Arc::new(rules));
     let text = "opaque-value-1 opaque-value-2 opaque-value-3 opaque-value-4 100000 /var/token abc opaque-value-1";
     let redacted = redactor.text(text);
     assert!(!redacted.contains("opaque"), "{redacted}");
     assert!(redacted.contains("100000 /var/token abc"), "{redacted}");
-    assert_eq!(redacted.matches("[redacted:environment#1]").count(), 2, "{redacted}");
+    assert_eq!(
+        redacted.matches("[redacted:environment#1]").count(),
+        2,
+        "{redacted}"
+    );
 }
 
 #[test]
@@ -126,9 +144,15 @@ fn a_rules_file() {
     );
     let mut value = json!({"content": [{"note": "a note"}, {"text": "stays"}]});
     redactor.value("result", &mut value, Scope::Data);
-    assert_eq!(value, json!({"content": [{"note": "[redacted:pointer#2]"}, {"text": "stays"}]}));
+    assert_eq!(
+        value,
+        json!({"content": [{"note": "[redacted:pointer#2]"}, {"text": "stays"}]})
+    );
     let alone = Rules::parse("built_in = false\nkeys = ['pin']\n").unwrap();
-    assert_eq!(Redactor::new(Arc::new(alone)).text("sk-abcdefghijklmnop pin=1"), "sk-abcdefghijklmnop pin=[redacted:pin#1]");
+    assert_eq!(
+        Redactor::new(Arc::new(alone)).text("sk-abcdefghijklmnop pin=1"),
+        "sk-abcdefghijklmnop pin=[redacted:pin#1]"
+    );
 }
 
 #[test]
@@ -153,7 +177,26 @@ fn no_rules_change_nothing() {
     redactor.learn("authorization", "opaque-value");
     let text = "opaque-value sk-abcdefghijklmnop";
     assert_eq!(redactor.text(text), text);
-    assert_eq!(replace_value("Key sk\\u002d1 is wrong", "key", "sk-1"), "Key [redacted:key] is wrong");
+    assert_eq!(
+        replace_value("Key sk\\u002d1 is wrong", "key", "sk-1"),
+        "Key [redacted:key] is wrong"
+    );
+}
+
+#[test]
+fn labels_stand_for_secrets() {
+    let same = |actual: Value, recorded: &str| is_recorded_as(&actual, &json!(recorded));
+    assert!(same(json!("a"), "a") && !same(json!("a"), "b"));
+    assert!(same(json!("x hunter2 y"), "x [redacted:password#1] y"));
+    assert!(same(json!(1234), "[redacted:pin#1]") && !same(json!(true), "[redacted:pin#1]"));
+    assert!(!same(json!("x  y"), "x [redacted:password#1] y"), "no secret is empty");
+    assert!(!same(json!("x hunter2"), "x [redacted:password#1] y"));
+    assert!(same(json!("a=1 b=2"), "a=[redacted:a#1] b=[redacted:b#1]"));
+    assert!(!same(json!("a=1 c=2"), "a=[redacted:a#1] b=[redacted:b#1]"));
+    assert!(same(json!("[redacted: x]"), "[redacted: x]") && !same(json!("y"), "[redacted: x]"));
+    let recorded = json!({"[redacted:token#1]": [1, "[redacted:token#2]"]});
+    assert!(is_recorded_as(&json!({"sk-1": [1, "sk-2"]}), &recorded));
+    assert!(!is_recorded_as(&json!({"sk-1": [2, "sk-2"]}), &recorded));
 }
 
 /// JSON of a string in which some characters are escaped though they need not be.

@@ -28,7 +28,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
-    ("llm", &["world", "agents", "episode", "trace", "prompt"]),
+    ("llm", &["world", "agents", "episode", "trace", "prompt", "redact"]),
     ("dataset", &["world", "history", "prompt"]),
     // dataset: the files of a folder and the rows of JSON, with their lines
     ("data-profile", &["dataset"]),
@@ -49,7 +49,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("live", &["world", "reward", "episode", "trace"]),
     ("mcp", &["world", "trace", "live"]),
     // reward: the preset of a branch
-    ("tape", &["world", "reward", "episode", "trace", "replay", "live", "mcp"]),
+    ("tape", &["world", "reward", "episode", "trace", "replay", "live", "mcp", "redact"]),
     (
         "server",
         &[
@@ -124,7 +124,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("shiguredo_mp4", &["lerobot", "view"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
-    ("mcap", &["cli", "import", "trace"]),
+    // proxy: its tests read every record of a trace
+    ("mcap", &["cli", "import", "proxy", "trace"]),
     ("prost*", &["import", "trace"]),
     ("re_cdr", &["import"]),
     ("re_ros_msg", &["import"]),

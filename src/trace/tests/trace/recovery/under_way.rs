@@ -151,5 +151,8 @@ fn a_call_under_way_in_another_world_is_restored() {
     let again = folder.path().join("again.mcap");
     trace.rewrite(&again, Images::None, |_| None).unwrap();
     let again = Trace::read(&again).unwrap();
-    assert_eq!((again.timings, again.redactions), (trace.timings, trace.redactions));
+    assert_eq!(
+        (again.timings, again.redactions),
+        (trace.timings, trace.redactions)
+    );
 }
