@@ -73,7 +73,7 @@ impl Bridge {
         listener.set_nonblocking(true)?;
         let bridge = Arc::new(Self {
             command: command.to_owned(),
-            shown: setup.rules.shown(&command.join(" ")),
+            shown: setup.rules.without_secrets(&command.join(" ")),
             authority: address.to_string(),
             links: Mutex::default(),
         });

@@ -305,6 +305,7 @@ impl Connection {
                 return self.copy(&mut buffer, &server);
             };
             buffer.drain(..head.bytes.len());
+            let head = self.shared.for_the_agent(head);
             if let (Some(session), Some(client)) = (&exchange.session, exchange.keep_as.clone()) {
                 let key = head
                     .value("mcp-session-id")

@@ -66,26 +66,25 @@ impl PendingCall {
     /// input that the server asked for.
     pub(crate) fn is_repeated_by(&self, call: &Call) -> bool {
         match self.awaits {
-            Awaited::Result => call.id == self.id && call.call == self.call,
+            Awaited::Result | Awaited::Task(_) => call.id == self.id && call.call == self.call,
             Awaited::Input => call.has_input && call.call.name == self.call.name,
-            Awaited::Task(_) => false,
         }
     }
 
     /// Goes on with the message that repeats the call.
     pub(crate) fn repeat(&mut self, id: Value) {
         self.id = id;
-        self.adrift = false;
+        (self.adrift, self.resumable) = (false, false);
         self.awaits = Awaited::Result;
     }
 
     /// Whether the next call waits for the result of this one. `one_way_in` is a transport on which what the agent has to
     /// say about a task stands behind its next call.
     pub(crate) fn holds_the_next(&self, one_way_in: bool) -> bool {
-        match self.awaits {
+        match &self.awaits {
             Awaited::Result => !self.adrift || self.resumable,
             Awaited::Input => false,
-            Awaited::Task(_) => !one_way_in,
+            Awaited::Task(task) => task.ended.is_none() && !one_way_in,
         }
     }
 

@@ -198,6 +198,8 @@ impl Session {
                     Kind::Session => counts.session_calls += 1,
                 });
                 let id = call.id.clone();
+                // An id that is used again is that of this call.
+                inner.refused.retain(|refused| refused.id != id);
                 inner.open = Some(PendingCall::new(call, kind, unix_ns()));
                 Ok(Some(id))
             }

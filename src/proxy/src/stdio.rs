@@ -17,7 +17,7 @@ use crate::{ProxyError, Setup, session::Session, sessions::Sessions, stop};
 /// When the server cannot be started.
 pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, ProxyError> {
     let failed = |source| ProxyError::Spawn {
-        command: setup.rules.shown(&command.join(" ")),
+        command: setup.rules.without_secrets(&command.join(" ")),
         source,
     };
     let (program, arguments) = command

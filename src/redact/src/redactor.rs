@@ -99,8 +99,25 @@ struct Found {
     range: Range<usize>,
     name: String,
     secret: String,
-    /// How far the secret itself is known: 0 known values, 1 shapes, 2 members.
+    /// How far the secret itself is known: 0 known values, 1 shapes, 2 members, 3 what is in members of members.
     rank: u8,
+}
+
+/// The member of which a value is all or a part.
+#[derive(Clone, Copy)]
+struct Member<'a> {
+    rule: &'a str,
+    /// Whether the value stands in an object that the member holds, beside others: no secret by itself.
+    is_parent: bool,
+}
+
+impl<'a> Member<'a> {
+    fn new(rule: &'a str) -> Self {
+        Self {
+            rule,
+            is_parent: false,
+        }
+    }
 }
 
 impl Found {
@@ -174,12 +191,16 @@ impl Redactor {
         &mut self,
         value: &mut Value,
         path: &mut Vec<String>,
-        under: Option<&str>,
+        under: Option<Member<'_>>,
         scope: Scope,
     ) {
         let rules = self.rules.clone();
         let pointed = rules.pointers.iter().any(|pointer| matches(pointer, path));
-        let under = if pointed { Some(POINTER) } else { under };
+        let under = if pointed {
+            Some(Member::new(POINTER))
+        } else {
+            under
+        };
         match value {
             Value::Null | Value::Bool(_) => {}
             Value::String(text) => {
@@ -205,10 +226,14 @@ impl Redactor {
                 }
             }
             Value::Object(members) => {
+                let within = under.map(|member| Member {
+                    is_parent: true,
+                    ..member
+                });
                 for (name, member) in members.iter_mut() {
                     let key = rules.key(name).filter(|_| scope == Scope::Data);
                     path.push(name.clone());
-                    self.walk(member, path, under.or(key), scope);
+                    self.walk(member, path, key.map(Member::new).or(within), scope);
                     path.pop();
                 }
                 self.names(members, scope);
@@ -232,16 +257,16 @@ impl Redactor {
     }
 
     /// A text or number of a value, replaced; `None` if it stays.
-    fn leaf(&mut self, text: &str, under: Option<&str>, scope: Scope) -> Option<String> {
+    fn leaf(&mut self, text: &str, under: Option<Member<'_>>, scope: Scope) -> Option<String> {
         match under {
             Some(_) if text.is_empty() || is_label(text) => None,
-            Some(name) => {
+            Some(member) => {
                 let mut found = self.find(text, scope).unwrap_or_default();
                 found.push(Found {
                     range: 0..text.len(),
-                    name: name.to_owned(),
+                    name: member.rule.to_owned(),
                     secret: text.to_owned(),
-                    rank: 2,
+                    rank: if member.is_parent { 3 } else { 2 },
                 });
                 Some(self.replace(text, found))
             }
@@ -388,20 +413,20 @@ impl Redactor {
         *self.redactions.entry(name.clone()).or_default() += 1;
         let forms = together
             .iter()
-            .flat_map(|it| [it.secret.clone(), unescaped(&it.secret)]);
-        for secret in forms {
-            self.remember(secret, &name, &label);
+            .flat_map(|it| [it.secret.clone(), unescaped(&it.secret)].map(|form| (form, it.rank)));
+        for (secret, rank) in forms {
+            let searched = secret.len() >= REMEMBERED_MIN && rank < 3;
+            self.remember(secret, &name, &label, searched);
         }
         label
     }
 
-    fn remember(&mut self, secret: String, name: &str, label: &str) {
+    fn remember(&mut self, secret: String, name: &str, label: &str, searched: bool) {
         if let Some(known) = self.known.get_mut(&secret) {
             known.label.get_or_insert_with(|| label.to_owned());
             return;
         }
         if self.known.len() < KNOWN_MAX {
-            let searched = secret.len() >= REMEMBERED_MIN;
             let remembered = Remembered {
                 name: name.to_owned(),
                 label: Some(label.to_owned()),
@@ -452,7 +477,8 @@ fn fits(actual: &str, recorded: &str) -> bool {
     let [first, behind @ ..] = &parts[..] else {
         return false;
     };
-    let (Some((last, between)), Some(rest)) = (behind.split_last(), actual.strip_prefix(first)) else {
+    let (Some((last, between)), Some(rest)) = (behind.split_last(), actual.strip_prefix(first))
+    else {
         return actual == recorded;
     };
     // As in a pattern with wildcards: the first place where a part stands is as good as any. No secret is empty.
@@ -466,7 +492,8 @@ fn fits(actual: &str, recorded: &str) -> bool {
             None => return false,
         }
     }
-    rest.strip_suffix(last).is_some_and(|secret| !secret.is_empty())
+    rest.strip_suffix(last)
+        .is_some_and(|secret| !secret.is_empty())
 }
 
 /// What stands before, between and behind the labels of a text.

@@ -331,7 +331,7 @@ impl Rules {
     }
 
     /// A text without its secrets, for a message: its labels mean nothing beside others.
-    pub fn shown(&self, text: &str) -> String {
+    pub fn without_secrets(&self, text: &str) -> String {
         Redactor::new(self.clone().into()).text(text)
     }
 

@@ -218,9 +218,13 @@ mod tests {
             "login",
             json!({"password": "[redacted:password#1]", "line": "run --token=[redacted:token#1] now"}),
         );
-        let said = |password: &str, line: &str| call("login", json!({"password": password, "line": line}));
+        let said =
+            |password: &str, line: &str| call("login", json!({"password": password, "line": line}));
         let line = "run --token=sk-abcdefghijklmnop now";
-        assert_eq!(deviation(0, Some(&recorded), Some(&said("hunter2", line))), None);
+        assert_eq!(
+            deviation(0, Some(&recorded), Some(&said("hunter2", line))),
+            None
+        );
         let found = deviation(0, Some(&recorded), Some(&said("hunter2", "run"))).unwrap();
         assert_eq!(found.argument.as_deref(), Some("line"));
         assert!(!format!("{found:?}").contains("hunter2"), "{found:?}");

@@ -179,7 +179,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         }
     };
     let upstream = Upstream::parse(&url)?;
-    let path = setup.rules.shown(upstream.path());
+    let path = setup.rules.without_secrets(upstream.path());
     let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen.unwrap_or(LISTEN))?;
     println!(
         "recording into {}: agents connect to http://{}{path}; Ctrl-C stops",

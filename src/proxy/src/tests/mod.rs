@@ -179,17 +179,22 @@ pub(super) struct Recording {
     shared: Arc<Shared>,
     address: SocketAddr,
     /// What was told while it happened.
-    pub told: Arc<Mutex<String>>,
+    pub events: Arc<Mutex<String>>,
     folder: tempfile::TempDir,
 }
 
 impl Recording {
     pub fn of(server: u16, rules: Rules) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let told = Arc::new(Mutex::new(String::new()));
-        let telling = told.clone();
+        let events = Arc::new(Mutex::new(String::new()));
+        let events_of_the_run = events.clone();
         let setup = Arc::new(Setup {
-            watch: Box::new(move |event| telling.lock().unwrap().push_str(&format!("{event:?}\n"))),
+            watch: Box::new(move |event| {
+                events_of_the_run
+                    .lock()
+                    .unwrap()
+                    .push_str(&format!("{event:?}\n"))
+            }),
             ..setup(folder.path(), rules)
         });
         let upstream = Upstream::parse(&format!("http://127.0.0.1:{server}/mcp")).unwrap();
@@ -200,7 +205,7 @@ impl Recording {
             setup,
             shared,
             address,
-            told,
+            events,
             folder,
         }
     }
@@ -224,7 +229,7 @@ impl Recording {
 
     /// A request of the session and the content of its response.
     pub fn ask(&self, method: &str, headers: &[(&str, &str)], body: &str) -> String {
-        let headers = [&[("mcp-session-id", SESSION)], headers].concat();
+        let headers = [&[("mcp-session-id", SESSION)][..], headers].concat();
         let stream = self.send(method, &headers, body);
         stream
             .set_read_timeout(Some(Duration::from_secs(60)))

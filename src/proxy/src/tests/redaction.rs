@@ -134,7 +134,7 @@ fn session(secrets: &Secrets, rules: Rules, chunk: usize, escapes: bool) -> (Vec
         if escapes {
             body = escaped(&body, secrets);
         }
-        let content = recording.ask("POST", &[("authorization", &authorization)], &body);
+        let content = recording.ask("POST", &[("authorization", authorization.as_str())], &body);
         got.lock().unwrap().push_str(&content);
     };
     let client = json!({"clientInfo": {"name": format!("agent {}", secrets.token)}});
@@ -157,7 +157,7 @@ fn session(secrets: &Secrets, rules: Rules, chunk: usize, escapes: bool) -> (Vec
         (traces.len(), traces[0].steps.len()),
         (1, 3),
         "{}",
-        recording.told.lock().unwrap()
+        recording.events.lock().unwrap()
     );
     for path in recording.files() {
         written.extend_from_slice(path.to_string_lossy().as_bytes());
@@ -171,7 +171,7 @@ fn session(secrets: &Secrets, rules: Rules, chunk: usize, escapes: bool) -> (Vec
         }
         written.extend(bytes);
     }
-    written.extend_from_slice(recording.told.lock().unwrap().as_bytes());
+    written.extend_from_slice(recording.events.lock().unwrap().as_bytes());
     let got = got.lock().unwrap().clone();
     (written, got)
 }

@@ -51,7 +51,7 @@ fn a_stream_that_the_server_ends_goes_on_elsewhere() {
         let last = format!("{id}/0");
         // Asked for twice: the connection broke while the result was on its way.
         for _ in 0..2 {
-            let resumed = recording.ask("GET", &[("last-event-id", &last)], "");
+            let resumed = recording.ask("GET", &[("last-event-id", last.as_str())], "");
             assert!(resumed.contains(&format!("result {id}")), "{resumed}");
         }
     }
@@ -157,4 +157,30 @@ fn a_refused_result_stays_refused() {
         assert!(!content.contains("FDP/a"), "{content}");
     }
     assert_eq!(recording.setup.report.counts().refused, 1);
+}
+
+/// A server that sends the agent elsewhere on itself does not send it past the recorder.
+#[test]
+fn a_redirection_leads_through_the_recorder() {
+    let server = serve(|request, response| {
+        let host = request.header("host").unwrap_or_default().to_owned();
+        let wanted = request.json()["id"].clone();
+        let to = match wanted.as_u64() {
+            Some(1) => format!("http://{host}/mcp/?a=1"),
+            Some(2) => "http://elsewhere.example/mcp/".to_owned(),
+            _ => "/mcp/".to_owned(),
+        };
+        response.write(&format!(
+            "HTTP/1.1 307 X\r\nLocation: {to}\r\ncontent-length: 0\r\n\r\n"
+        ));
+    });
+    let recording = Recording::of(server, Rules::built_in());
+    let location = |id: u32| {
+        let stream = recording.send("POST", &[], &call(id, "drive", json!({})).to_string());
+        let (head, _) = super::read(&stream, false).unwrap();
+        head.value("location").unwrap().to_owned()
+    };
+    assert_eq!(location(1), "/mcp/?a=1");
+    assert_eq!(location(2), "http://elsewhere.example/mcp/");
+    assert_eq!(location(3), "/mcp/");
 }

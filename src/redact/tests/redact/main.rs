@@ -67,10 +67,17 @@ fn members_of_texts_and_values() {
             "deep": "{\"inner\": \"{\\\"password\\\": \\\"[redacted:password#1]\\\"}\"}",
         })
     );
+    let text = "one-word and another-word";
+    let mut value = json!({"token": {"a": "one-word", "password": "another-word"}, "text": text});
+    redactor.value("result", &mut value, Scope::Data);
+    assert_eq!(
+        value["text"], "one-word and [redacted:password#2]",
+        "a part of a member is no secret elsewhere"
+    );
     let counts = redactor.take_redactions();
     assert_eq!(
         (counts["password"], counts["api_key"], counts["secret"]),
-        (4, 1, 2)
+        (6, 1, 2)
     );
     assert!(redactor.take_redactions().is_empty());
 }
@@ -189,7 +196,10 @@ fn labels_stand_for_secrets() {
     assert!(same(json!("a"), "a") && !same(json!("a"), "b"));
     assert!(same(json!("x hunter2 y"), "x [redacted:password#1] y"));
     assert!(same(json!(1234), "[redacted:pin#1]") && !same(json!(true), "[redacted:pin#1]"));
-    assert!(!same(json!("x  y"), "x [redacted:password#1] y"), "no secret is empty");
+    assert!(
+        !same(json!("x  y"), "x [redacted:password#1] y"),
+        "no secret is empty"
+    );
     assert!(!same(json!("x hunter2"), "x [redacted:password#1] y"));
     assert!(same(json!("a=1 b=2"), "a=[redacted:a#1] b=[redacted:b#1]"));
     assert!(!same(json!("a=1 c=2"), "a=[redacted:a#1] b=[redacted:b#1]"));
