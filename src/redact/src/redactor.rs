@@ -3,6 +3,7 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
+    fmt,
     ops::Range,
     sync::Arc,
 };
@@ -43,7 +44,7 @@ pub enum Scope {
 }
 
 /// A secret that is known, and what it is called.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq)]
 pub(crate) struct Known {
     name: String,
     pub secret: String,
@@ -55,6 +56,13 @@ impl Known {
             name: name.to_owned(),
             secret: secret.to_owned(),
         }
+    }
+}
+
+/// Without the secret: rules may stand in a log.
+impl fmt::Debug for Known {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a secret of {}", self.name)
     }
 }
 

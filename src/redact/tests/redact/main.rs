@@ -127,6 +127,7 @@ fn what_is_known_of_the_environment_and_the_command() {
     let rules = Rules::built_in()
         .with_environment(variables)
         .with_command(&command);
+    assert!(!format!("{rules:?}").contains("opaque"), "{rules:?}");
     let mut redactor = Redactor::new(Arc::new(rules));
     let text = "opaque-value-1 opaque-value-2 opaque-value-3 opaque-value-4 100000 /var/token abc opaque-value-1";
     let redacted = redactor.text(text);
