@@ -492,3 +492,31 @@ fn error(id: &Value, what: &str) -> Value {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_whose_connection_broke_goes_to_the_next_stream() {
+        let listeners = |stream| {
+            let (tell, told) = unbounded_channel();
+            drop(told);
+            Listeners {
+                requests: vec![("1".to_owned(), tell)],
+                stream,
+                unheard: VecDeque::new(),
+                heard: Instant::now(),
+                over: false,
+            }
+        };
+        let answer = r#"{"id":1,"result":{}}"#.to_owned();
+        let (tell, mut told) = unbounded_channel();
+        let mut listening = listeners(Some(tell));
+        listening.hears(answer.clone());
+        assert_eq!(told.try_recv().unwrap(), answer);
+        let mut deaf = listeners(None);
+        deaf.hears(answer.clone());
+        assert_eq!(deaf.unheard, [answer], "it is kept for who listens next");
+    }
+}
