@@ -59,8 +59,9 @@ bench-pages: ## how long the web pages take over 100,000 synthetic episodes, and
 bench-proxy: ## what `reel record` adds to a call, beside a direct connection in the same run (needs Python)
 	tests/proxy/run.sh bench.py
 
-proxy: ## `reel record` from outside: same bytes, a hundred sessions, kills, full disks, the tables of its traces (needs Python)
+proxy: ## `reel record` from outside: same bytes, a hundred sessions, kills, full disks, secrets, revisions of MCP, the tables of its traces (needs Python)
 	tests/proxy/run.sh proxy.py
+	tests/proxy/run.sh revisions.py
 
 screenshots: pages ## every web page in light and dark, on a laptop, a projector and a phone, into screenshots/ (needs Node, Chromium)
 	tests/pages/run.sh --screenshots screenshots
@@ -163,6 +164,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/service.sh
 	tests/real-contract.sh
 	tests/proxy/run.sh proxy.py
+	tests/proxy/run.sh revisions.py
 	tests/viewers.sh
 	tests/pages/large.sh
 	tests/cluster/run.sh

@@ -7,7 +7,7 @@ if [[ -n ${REEL_PYTHON:-} ]]; then
   echo "tests use REEL_PYTHON: $REEL_PYTHON"
 fi
 missing=()
-for name in tests trainers llama-factory datasets-3 mcp-1.9.4 mcp-1.21.2 openenv formats lerobot; do
+for name in tests trainers llama-factory datasets-3 mcp-1.9.4 mcp-1.21.2 mcp-1.30.0 mcp-2.3.0 openenv formats lerobot; do
   cmp -s "python/$name.txt" "${XDG_CACHE_HOME:-$HOME/.cache}/reel-python/$name/requirements.txt" || missing+=("$name")
 done
 ((${#missing[@]})) || exit 0

@@ -23,6 +23,7 @@ const SCHEMAS: &[&str] = &[
     "reel/v1/timing.proto",
     "reel/v1/mcp_answer.proto",
     "reel/v1/reported.proto",
+    "reel/v1/redacted.proto",
     "reel/v1/odometry.proto",
     "reel/v1/primitive.proto",
     "reel/v1/vla.proto",

@@ -32,7 +32,7 @@ use serde_json::{Value, json};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio_stream::{StreamExt, wrappers::UnboundedReceiverStream};
 
-use crate::ProxyError;
+use crate::{ProxyError, Setup};
 
 /// Where it is reached.
 const PATH: &str = "/mcp";
@@ -47,6 +47,8 @@ const SERVER_ERROR: i64 = -32000;
 /// Servers of sessions, by the id of the session.
 pub struct Bridge {
     command: Vec<String>,
+    /// The command without its secrets.
+    shown: String,
     /// As the recorder's requests name it in `Host`. A page that reaches this port past the
     /// recorder names another (DNS rebinding).
     authority: String,
@@ -58,11 +60,8 @@ impl Bridge {
     ///
     /// # Errors
     /// When there is no command, or the system refuses.
-    pub fn start(
-        command: &[String],
-        message_max: usize,
-        idle: Duration,
-    ) -> Result<(Arc<Self>, String), ProxyError> {
+    pub fn start(command: &[String], setup: &Setup) -> Result<(Arc<Self>, String), ProxyError> {
+        let (message_max, idle) = (setup.message_max, setup.idle);
         if command.is_empty() {
             return Err(ProxyError::Spawn {
                 command: String::new(),
@@ -74,6 +73,7 @@ impl Bridge {
         listener.set_nonblocking(true)?;
         let bridge = Arc::new(Self {
             command: command.to_owned(),
+            shown: setup.rules.without_secrets(&command.join(" ")),
             authority: address.to_string(),
             links: Mutex::default(),
         });
@@ -330,20 +330,27 @@ impl Listeners {
             .get("id")
             .filter(|_| message.get("method").is_none())
             .map(Value::to_string);
+        let mut unheard = Some(line);
         if let Some(place) = self
             .requests
             .iter()
             .position(|(id, _)| Some(id) == answers.as_ref())
+            && let Some(line) = unheard.take()
         {
-            // The end of the channel is the end of the request's stream.
-            let _ = self.requests.remove(place).1.send(line);
-            return;
+            // The end of the channel is the end of the request's stream. Where its connection broke, the answer goes
+            // where the session listens next.
+            unheard = self
+                .requests
+                .remove(place)
+                .1
+                .send(line)
+                .err()
+                .map(|error| error.0);
         }
         let listeners = self
             .stream
             .iter()
             .chain(self.requests.iter().map(|(_, tell)| tell));
-        let mut unheard = Some(line);
         for listener in listeners {
             let Some(line) = unheard.take() else { break };
             unheard = listener.send(line).err().map(|error| error.0);
@@ -396,7 +403,7 @@ fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, R
     };
     let (begun, link) = if method == Some("initialize") && !headers.contains_key(SESSION) {
         let (session, link) = bridge.begin().map_err(|error| {
-            let command = bridge.command.join(" ");
+            let command = &bridge.shown;
             failed(format!(
                 "cannot start the server: {error}; check the words behind --stdio: {command}"
             ))
@@ -484,4 +491,32 @@ fn error(id: &Value, what: &str) -> Value {
 /// Nothing here is left half done by a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_whose_connection_broke_goes_to_the_next_stream() {
+        let listeners = |stream| {
+            let (tell, told) = unbounded_channel();
+            drop(told);
+            Listeners {
+                requests: vec![("1".to_owned(), tell)],
+                stream,
+                unheard: VecDeque::new(),
+                heard: Instant::now(),
+                over: false,
+            }
+        };
+        let answer = r#"{"id":1,"result":{}}"#.to_owned();
+        let (tell, mut told) = unbounded_channel();
+        let mut listening = listeners(Some(tell));
+        listening.hears(answer.clone());
+        assert_eq!(told.try_recv().unwrap(), answer);
+        let mut deaf = listeners(None);
+        deaf.hears(answer.clone());
+        assert_eq!(deaf.unheard, [answer], "it is kept for who listens next");
+    }
 }

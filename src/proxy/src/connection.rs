@@ -3,6 +3,7 @@
 //! its result too; everything else passes as it comes.
 
 use std::{
+    cell::Cell,
     collections::{HashMap, VecDeque},
     io::{self, Read, Write},
     net::{Shutdown, TcpStream},
@@ -56,6 +57,10 @@ pub(crate) struct Exchange {
     call: Option<Value>,
     /// The session that it ends.
     ends: Option<Key>,
+    /// Whether the server knows no session of it, so that only its events tell whose stream is resumed.
+    pub(crate) is_sessionless: bool,
+    /// Whether an event of the response has an id, from which another stream may go on.
+    pub(crate) is_resumable: Cell<bool>,
 }
 
 /// The way to the agent.
@@ -171,7 +176,13 @@ impl Connection {
                     }
                 }
             } else {
-                exchange.session = key.as_ref().and_then(|key| self.shared.sessions.find(key));
+                exchange.session = match &key {
+                    Some(key) => self.shared.sessions.find(key),
+                    None => head
+                        .value("last-event-id")
+                        .and_then(|id| self.shared.sessions.of_event(id)),
+                };
+                exchange.is_sessionless = key.is_none() && exchange.session.is_some();
                 exchange.ends = key.filter(|_| method == "DELETE");
             }
             lock(&self.exchanges).push_back(exchange);
@@ -215,14 +226,20 @@ impl Connection {
                     "{} {} {authorization} {who}",
                     self.client, exchange.target
                 ));
+                exchange.is_sessionless = true;
                 if tap::is_hello(message) {
                     exchange.keep_as = Some(client);
                     self.shared.sessions.begin()
                 } else {
-                    self.shared.sessions.find_or_begin(client)
+                    let session = self.shared.sessions.find_or_begin(client);
+                    if !who.is_empty() {
+                        session.set_client(&who);
+                    }
+                    session
                 }
             }
         };
+        session.learn(&head.secrets());
         exchange.session = Some(session.clone());
         session
     }
@@ -288,6 +305,7 @@ impl Connection {
                 return self.copy(&mut buffer, &server);
             };
             buffer.drain(..head.bytes.len());
+            let head = self.shared.for_the_agent(head);
             if let (Some(session), Some(client)) = (&exchange.session, exchange.keep_as.clone()) {
                 let key = head
                     .value("mcp-session-id")
@@ -342,7 +360,9 @@ impl Connection {
             if message.len() > self.shared.setup.message_max {
                 if let Some(session) = &exchange.session {
                     session.too_large("a response");
-                    session.unanswered(exchange.call.as_ref(), "it was too large to be read");
+                    if exchange.call.is_some() {
+                        session.unanswered(exchange.call.as_ref(), "it was too large to be read");
+                    }
                 }
                 lock(&self.agent).pass(&wire)?;
                 return self.rest(body, buffer, server);
@@ -358,7 +378,8 @@ impl Connection {
                 let padded = error.bytes().chain(std::iter::repeat(b' '));
                 overwrite(&mut wire, &places, padded);
             }
-            if status >= 400 {
+            // A stream that is refused, for example, says nothing of a call.
+            if status >= 400 && exchange.call.is_some() {
                 session.unanswered(
                     exchange.call.as_ref(),
                     &format!("the server answered with HTTP {status}"),
@@ -468,7 +489,7 @@ impl Exchange {
         if let (Some(session), Some(call)) = (&self.session, &self.call)
             && !session.has_stream()
         {
-            session.adrift(call);
+            session.adrift(call, self.is_resumable.get());
         }
     }
 }

@@ -3,15 +3,14 @@
 
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
-use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_import::{
     CallObservation, ObservedState, StartedEpisode, TaskSetup, same_graph_for_both, unknown_task,
 };
+use reel_redact::Redactions;
 use reel_reward::{OpenReward, Rewarder, metrics, open_reward};
-use reel_trace::{AnsweredRequest, Recorder, Timing, TraceError, robot::CameraImage};
+use reel_trace::{AnsweredRequest, Recorder, Timing, TraceError};
 use reel_world::{
-    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
-    Task, Tool, ToolCall, ToolText,
+    Digest, ErrorCode, Lifecycle, Outcome, Scene, Task, Tool, ToolCall, ToolText,
     record::{
         EndReason, EndRecord, EpisodeHeader, PolicyInfo, PolicyOutput, Reported, StartRecord,
         StepInput, StepRecord,
@@ -19,7 +18,7 @@ use reel_world::{
 };
 use serde_json::{Map, Value, json};
 
-use crate::{ProxyEvent, Setup, tap::ToolResultContent};
+use crate::{ProxyEvent, Setup, image::Image, tap::ToolResultContent};
 
 /// What is not known: a task, a scene.
 const UNKNOWN: &str = "unknown";
@@ -33,8 +32,10 @@ pub(crate) struct Episodes {
     begun: u32,
     /// Calls that went by unrecorded since the last episode began.
     unrecorded: u32,
-    /// The server's list of tools as it came, if the agent asked for it.
+    /// The server's list of tools, if the agent asked for it.
     tools: Option<String>,
+    /// How many secrets were replaced in the policy's name, and in the list of tools.
+    redacted: [Redactions; 2],
     now: Now,
 }
 
@@ -54,8 +55,8 @@ struct Playing {
     rewarder: Box<dyn Rewarder>,
     state: ObservedState,
     steps: Vec<StepRecord>,
-    /// The input that is written and not answered.
-    under_way: Option<StepInput>,
+    /// The input that is written and not answered, and how many secrets were replaced in it.
+    under_way: Option<(StepInput, Redactions)>,
 }
 
 /// An episode whose trace is whole.
@@ -96,13 +97,15 @@ impl Episodes {
             begun: 0,
             unrecorded: 0,
             tools: None,
+            redacted: <[Redactions; 2]>::default(),
             now: Now::Nothing,
         }
     }
 
     /// Who plays from the next episode on, where the command does not say it.
-    pub(crate) fn set_policy(&mut self, name: &str) {
+    pub(crate) fn set_policy(&mut self, name: &str, redacted: Redactions) {
         if self.setup.policy.is_none() {
+            self.redacted[0] = redacted;
             self.policy = name
                 .chars()
                 .filter(|letter| !letter.is_control())
@@ -112,8 +115,9 @@ impl Episodes {
     }
 
     /// Keeps the server's list of tools for the episodes that begin from now on.
-    pub(crate) fn set_tools(&mut self, tools: String) {
+    pub(crate) fn set_tools(&mut self, tools: String, redacted: Redactions) {
         self.tools = Some(tools);
+        self.redacted[1] = redacted;
     }
 
     /// Notes that a call goes by unrecorded.
@@ -122,11 +126,12 @@ impl Episodes {
     }
 
     /// Takes a call, before it is passed on: writes it down where it is a decision. `thought_ns` is
-    /// how long the agent took.
+    /// how long the agent took, `redacted` how many secrets were replaced in it.
     pub(crate) fn called(
         &mut self,
         call: &ToolCall,
         thought_ns: Option<u64>,
+        redacted: Redactions,
     ) -> Result<Kind, RecordingError> {
         let ours = self
             .setup
@@ -157,7 +162,7 @@ impl Episodes {
         if matches!(self.now, Now::Nothing) {
             let begun = self.generic();
             // Nothing has happened yet: the next call may try again.
-            self.begin(begun, None, None)
+            self.begin(begun, None, &ToolResultContent::default())
                 .inspect_err(|_| self.now = Now::Nothing)?;
         }
         let policy = PolicyOutput {
@@ -177,7 +182,7 @@ impl Episodes {
         if let Err(error) = playing.recorder.input(step, &input) {
             return Err(self.broke(error));
         }
-        playing.under_way = Some(input);
+        playing.under_way = Some((input, redacted));
         Ok(Kind::Step)
     }
 
@@ -211,7 +216,7 @@ impl Episodes {
             return Ok(());
         };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
-        self.begin(begun, image.as_ref(), answer.answer.as_deref())
+        self.begin(begun, image.as_ref(), &answer)
     }
 
     /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of
@@ -258,7 +263,7 @@ impl Episodes {
         let Now::Playing(playing) = &mut self.now else {
             return Ok(None);
         };
-        let Some(input) = playing.under_way.take() else {
+        let Some((input, mut redacted)) = playing.under_way.take() else {
             return Ok(None);
         };
         let mapped = mapping
@@ -303,9 +308,11 @@ impl Episodes {
         let recorder = &mut playing.recorder;
         let as_it_came = answer.answer.as_deref();
         let request = AnsweredRequest::Step(record.step);
+        add(&mut redacted, &answer.redacted);
         let written = recorder
             .timing(record.step, &timing)
             .and_then(|()| as_it_came.map_or(Ok(()), |json| recorder.mcp_answer(request, json)))
+            .and_then(|()| count(&self.setup, recorder, Some(record.step), &redacted))
             .and_then(|()| match image {
                 Some(Image::AsItCame(png)) => recorder.step_with_base64(&record, png),
                 Some(Image::Fitted(original, frame)) => {
@@ -328,12 +335,26 @@ impl Episodes {
         Ok(finished.then_some(EndReason::Finished))
     }
 
+    /// The last image of an answer, as a trace takes it.
+    fn image(&self, answer: &mut ToolResultContent) -> Option<Image> {
+        let (kind, data) = answer.images.pop()?;
+        Image::of(data)
+            .inspect_err(|why| {
+                let why = format!("{why}; the server calls it {kind:?}");
+                self.setup.emit(ProxyEvent::ImageOmitted {
+                    session: &self.session,
+                    why: &why,
+                });
+            })
+            .ok()
+    }
+
     /// Opens the recording of an episode.
     fn begin(
         &mut self,
         begun: StartedEpisode,
         image: Option<&Image>,
-        answer: Option<&str>,
+        answer: &ToolResultContent,
     ) -> Result<(), RecordingError> {
         let StartedEpisode {
             setting:
@@ -350,6 +371,7 @@ impl Episodes {
         let mut parameters: BTreeMap<String, Value> = settings;
         parameters.insert("session".to_owned(), json!(self.session));
         parameters.insert("number".to_owned(), json!(self.begun));
+        parameters.insert("redaction".to_owned(), json!(setup.rules.source().name()));
         for (key, count) in [("before", before), ("unrecorded_before", self.unrecorded)] {
             if count > 0 {
                 parameters.insert(key.to_owned(), json!(count));
@@ -383,13 +405,18 @@ impl Episodes {
         rewarder.start(&start);
         let before = [
             (AnsweredRequest::ToolList, self.tools.as_deref()),
-            (AnsweredRequest::Start, answer),
+            (AnsweredRequest::Start, answer.answer.as_deref()),
         ];
+        let mut redacted = answer.redacted.clone();
+        self.redacted
+            .iter()
+            .for_each(|more| add(&mut redacted, more));
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
             |mut recorder| {
                 for (request, json) in before {
                     json.map_or(Ok(()), |json| recorder.mcp_answer(request, json))?;
                 }
+                count(setup, &mut recorder, None, &redacted)?;
                 let started = match image {
                     Some(Image::AsItCame(png)) => recorder.start_with_base64(&start, png),
                     Some(Image::Fitted(original, frame)) => {
@@ -502,55 +529,27 @@ impl Episodes {
             ),
         }
     }
+}
 
-    /// The last image of an answer, as a trace takes it.
-    fn image(&self, answer: &mut ToolResultContent) -> Option<Image> {
-        let (kind, data) = answer.images.pop()?;
-        if png_size(&data) == Some((FRAME_WIDTH, FRAME_HEIGHT)) {
-            return Some(Image::AsItCame(data));
-        }
-        let file = STANDARD
-            .decode(&data)
-            .map_err(|error| format!("it is not Base64 ({error})"));
-        match file.and_then(reel_import::robot::camera_image) {
-            Ok((original, frame)) => Some(Image::Fitted(original, Box::new(frame))),
-            Err(why) => {
-                let why = format!("{why}; the server calls it {kind:?}");
-                self.setup.emit(ProxyEvent::ImageOmitted {
-                    session: &self.session,
-                    why: &why,
-                });
-                None
-            }
-        }
+fn add(sum: &mut Redactions, more: &Redactions) {
+    for (rule, count) in more {
+        *sum.entry(rule.clone()).or_default() += count;
     }
 }
 
-/// An image on its way into a trace.
-enum Image {
-    /// A PNG file of the size that traces hold, in Base64. It is decoded when the episode ends:
-    /// nobody waits for that.
-    AsItCame(String),
-    /// Of another kind or size: the file, and what a trace holds of it.
-    Fitted(CameraImage, Box<Frame>),
-}
-
-impl Image {
-    fn digests(&self) -> Option<FrameDigests> {
-        match self {
-            Image::AsItCame(_) => None,
-            Image::Fitted(_, frame) => Some(frame.digests()),
-        }
+/// Writes how many secrets were replaced of a moment, if any.
+fn count(
+    setup: &Setup,
+    recorder: &mut Recorder,
+    step: Option<u32>,
+    redacted: &Redactions,
+) -> Result<(), TraceError> {
+    if redacted.is_empty() {
+        return Ok(());
     }
-}
-
-/// Width and height of a PNG file in Base64, as its head says.
-fn png_size(text: &str) -> Option<(usize, usize)> {
-    let head = STANDARD.decode(text.get(..32)?).ok()?;
-    let side = |from: usize| Some(u32::from_be_bytes(*head.get(from..)?.first_chunk()?) as usize);
-    head.starts_with(b"\x89PNG\r\n\x1a\n")
-        .then(|| Some((side(16)?, side(20)?)))
-        .flatten()
+    let sum: u64 = redacted.values().sum();
+    setup.report.count(|counts| counts.redacted += sum);
+    recorder.redacted(step, redacted)
 }
 
 impl Playing {

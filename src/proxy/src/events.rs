@@ -172,7 +172,14 @@ impl<'a> Events<'a> {
             return;
         }
         let (bytes, places) = (mem::take(&mut self.event), mem::take(&mut self.places));
-        let Event { name, data } = Event::read(&bytes);
+        let Event { name, data, id } = Event::read(&bytes);
+        if !id.is_empty() {
+            self.exchange.is_resumable.set(true);
+            if let Some(session) = self.session().filter(|_| self.exchange.is_sessionless) {
+                let sessions = &self.connection.shared.sessions;
+                sessions.note_event(&String::from_utf8_lossy(&id), &session);
+            }
+        }
         if name == "endpoint" && self.stream.is_none() && self.exchange.session.is_none() {
             let reference = String::from_utf8_lossy(&data).into_owned();
             self.opens(&reference);

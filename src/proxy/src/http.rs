@@ -13,13 +13,15 @@ use std::{
     time::Duration,
 };
 
+use reel_redact::Rules;
+
 use crate::{
     ProxyError, Setup,
     connection::{Connection, Streams, answer},
     sessions::Sessions,
-    stop,
+    sse, stop,
     tls::Tls,
-    wire::Head,
+    wire::{Head, Start},
 };
 
 /// Connections at a time.
@@ -47,7 +49,7 @@ impl Upstream {
     /// What is wrong with it.
     pub fn parse(url: &str) -> Result<Self, ProxyError> {
         let wrong = |what| ProxyError::Url {
-            url: url.to_owned(),
+            url: Rules::built_in().without_secrets(url),
             problem: what,
         };
         let schemes = [("http://", false), ("https://", true)];
@@ -131,6 +133,30 @@ impl Shared {
         ])
     }
 
+    /// A response's head as the agent gets it: an address of the server that it is redirected to keeps path and query
+    /// alone, so that the agent does not go past the recorder.
+    pub(crate) fn for_the_agent(&self, head: Head) -> Head {
+        let redirects =
+            matches!(head.start, Start::Response { status } if (300..400).contains(&status));
+        let path = head
+            .value("location")
+            .filter(|_| redirects)
+            .filter(|address| self.is_of_the_server(address))
+            .and_then(sse::behind_the_server);
+        let Some(path) = path else {
+            return head;
+        };
+        let bytes = head.with_values(&[("location", path)]);
+        Head::response(&bytes).ok().flatten().unwrap_or(head)
+    }
+
+    fn is_of_the_server(&self, address: &str) -> bool {
+        let authority = address
+            .split_once("://")
+            .and_then(|(_, rest)| rest.split(['/', '?', '#']).next());
+        authority.is_some_and(|authority| authority.eq_ignore_ascii_case(&self.upstream.authority))
+    }
+
     /// What is wrong with the name by which a request calls us. A page of the web that has its own
     /// name lead to this machine (DNS rebinding) still sends that name; and the server, which gets
     /// another `Host` from us, could not tell.
@@ -191,6 +217,14 @@ impl Proxy {
             listener,
             shared: Arc::new(shared),
         })
+    }
+
+    /// Passes on and records from now on, until nobody is left to do it for.
+    #[cfg(test)]
+    pub(crate) fn start(self) -> Arc<Shared> {
+        let shared = self.shared.clone();
+        thread::spawn(move || accept(&self.listener, &self.shared));
+        shared
     }
 
     /// Where it listens.

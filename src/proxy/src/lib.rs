@@ -3,9 +3,10 @@
 //!
 //! `http`, `connection`, `events` and `stdio` pass bytes; `wire` and `sse` say where on the wire a
 //! message begins and ends; `tap` reads calls and results in JSON-RPC; `session` decides what is
-//! recorded before it is passed on, and what happens when that fails; `bridge` offers a server of
+//! recorded before it is passed on, and what happens when that fails, `pending` which message is the result of a call;
+//! `bridge` offers a server of
 //! standard input and output over HTTP; `episode` makes records of it, with what `reel-import`
-//! knows of the published server. Never simulates, never answers in a server's place but to refuse,
+//! knows of the published server. What is recorded has no secrets in it that `reel-redact` finds. Never simulates, never answers in a server's place but to refuse,
 //! and never makes a value up: what nobody said is zero or absent.
 //!
 //! Threads, not tasks: a connection is two copies that wait for each other's bytes, and a recording
@@ -17,7 +18,9 @@ mod episode;
 mod error;
 mod events;
 mod http;
+mod image;
 mod mapping;
+mod pending;
 mod reading;
 mod report;
 mod session;
@@ -26,6 +29,8 @@ mod sse;
 mod stdio;
 mod stop;
 mod tap;
+#[cfg(test)]
+mod tests;
 mod tls;
 mod wire;
 
@@ -35,6 +40,7 @@ use std::{
     time::Duration,
 };
 
+use reel_redact::Rules;
 use reel_reward::{OpenReward, Preset};
 use reel_trace::{RecordOptions, Timing};
 use reel_world::{
@@ -139,6 +145,8 @@ pub struct Setup {
     pub policy: Option<String>,
     /// Which tools are which, where their names do not say it.
     pub mapping: Option<Mapping>,
+    /// What is a secret, and is replaced in everything that is written.
+    pub rules: Arc<Rules>,
     /// What a recorded call survives.
     pub options: RecordOptions,
     /// What happens when a recording cannot be written.

@@ -1,6 +1,9 @@
 //! What the recorder reads of a connection, over bytes in memory: for the fuzz targets. Passes and
 //! records nothing.
 
+use std::sync::{Arc, LazyLock};
+
+use reel_redact::{Redactor, Rules};
 use serde_json::json;
 
 use crate::{
@@ -66,7 +69,7 @@ fn events(content: &[u8]) {
         }
         if what == Byte::Ends {
             let whole = std::mem::take(&mut event);
-            let Event { name, data } = Event::read(&whole);
+            let Event { name, data, .. } = Event::read(&whole);
             message(&data);
             if let Ok(data) = str::from_utf8(&data) {
                 let _ = sse::resolve("/sse?x", data);
@@ -84,7 +87,15 @@ fn message(bytes: &[u8]) {
         tap::is_hello(bytes),
         tap::client_of(bytes),
     );
+    static RULES: LazyLock<Arc<Rules>> = LazyLock::new(|| Arc::new(Rules::built_in()));
+    let mut redactor = Redactor::new(RULES.clone());
     if let Some(result) = tap::answer_to(&json!(1), bytes) {
-        let _ = result.payload();
+        let _ = (result.task(), result.asks_for_input());
+        let _ = result.content(&mut redactor).payload();
+    }
+    if let tap::FromAgent::Calls(mut calls) = tap::from_agent(bytes) {
+        calls
+            .iter_mut()
+            .for_each(|call| drop(call.redact(&mut redactor)));
     }
 }

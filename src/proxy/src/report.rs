@@ -32,6 +32,8 @@ pub struct Counts {
     pub strange: u64,
     /// Connections whose bytes are not HTTP/1.1: passed on without a look.
     pub opaque_connections: u64,
+    /// Secrets that were replaced by labels in what was written.
+    pub redacted: u64,
     /// Images that cannot stand in a trace.
     pub images_rejected: u64,
     /// Episodes whose reward depends on what the camera saw, or on which objects fit the words of a

@@ -2,6 +2,7 @@
 //! on, one call after another, and what happens when that is not possible.
 
 use std::{
+    collections::VecDeque,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -9,6 +10,7 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
+use reel_redact::{Redactor, Scope};
 use reel_trace::Timing;
 use reel_world::record::EndReason;
 use serde_json::Value;
@@ -16,11 +18,14 @@ use serde_json::Value;
 use crate::{
     OnFull, ProxyEvent, Setup,
     episode::{Episodes, Kind, RecordingError},
-    tap::{self, FromAgent, ToolResultContent},
+    pending::PendingCall,
+    tap::{self, Call, FromAgent, ToolResultContent},
 };
 
 /// How long a call waits for the result of the one before it. A trace knows one call at a time.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Refused results that are known when a resumed stream brings them again; the oldest are forgotten.
+const REFUSED_MAX: usize = 64;
 
 /// One session between an agent and a server.
 pub(crate) struct Session {
@@ -30,26 +35,22 @@ pub(crate) struct Session {
     answered: Condvar,
     /// Whether results come on a stream of their own, and not as responses.
     has_stream: AtomicBool,
+    /// Whether everything that the agent says comes one after the other, so that nobody can ask for a task while the
+    /// next call waits.
+    one_way_in: AtomicBool,
 }
 
 struct Inner {
     episodes: Episodes,
-    open: Option<Open>,
+    open: Option<PendingCall>,
+    /// Calls whose results could not be recorded, and why.
+    refused: VecDeque<RejectedRequest>,
+    redactor: Redactor,
     /// The request for the tools that is not answered.
     lists_tools: Option<Value>,
     /// When the agent got the last result, or the session began.
     agent_has_it: Instant,
     last_seen: Instant,
-}
-
-/// A call that was passed on.
-struct Open {
-    id: Value,
-    kind: Kind,
-    called_unix_ns: u64,
-    passed_on: Instant,
-    /// Whether whatever would have brought the result is gone; it may still come otherwise.
-    adrift: bool,
 }
 
 /// A request that is not passed on: an error for whoever sent it.
@@ -73,6 +74,8 @@ impl Session {
         let inner = Inner {
             episodes,
             open: None,
+            refused: VecDeque::new(),
+            redactor: Redactor::new(setup.rules.clone()),
             lists_tools: None,
             agent_has_it: now,
             last_seen: now,
@@ -83,6 +86,7 @@ impl Session {
             inner: Mutex::new(inner),
             answered: Condvar::new(),
             has_stream: AtomicBool::new(false),
+            one_way_in: AtomicBool::new(false),
         })
     }
 
@@ -95,10 +99,36 @@ impl Session {
         self.has_stream.load(Ordering::Acquire)
     }
 
+    /// Notes that everything that the agent says comes one after the other.
+    pub(crate) fn set_one_way_in(&self) {
+        self.one_way_in.store(true, Ordering::Release);
+    }
+
+    /// Makes values of headers secrets of this session: nothing that repeats them writes them.
+    pub(crate) fn learn(&self, secrets: &[(&str, &str)]) {
+        if secrets.is_empty() {
+            return;
+        }
+        let mut inner = self.lock();
+        for (name, secret) in secrets {
+            inner.redactor.learn(name, secret);
+        }
+    }
+
+    /// Notes what the agent calls itself.
+    pub(crate) fn set_client(&self, name: &str) {
+        let inner = &mut *self.lock();
+        let name = inner.redactor.text(name);
+        inner
+            .episodes
+            .set_policy(&name, inner.redactor.take_redactions());
+    }
+
     /// Takes a message of the agent before it is passed on; gives the id of the call in it whose
     /// result is awaited now. A refusal instead: nothing may be passed on.
     pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, RejectedRequest> {
         let came = Instant::now();
+        self.lock().last_seen = came;
         let mut calls = match tap::from_agent(message) {
             FromAgent::Strange => {
                 self.setup.report.count(|counts| counts.strange += 1);
@@ -107,7 +137,7 @@ impl Session {
             FromAgent::Other => return Ok(None),
             FromAgent::Hello(name) => {
                 if let Some(name) = name {
-                    self.lock().episodes.set_policy(&name);
+                    self.set_client(&name);
                 }
                 return Ok(None);
             }
@@ -122,43 +152,56 @@ impl Session {
                 }
                 return Ok(None);
             }
+            FromAgent::AsksForTask {
+                id,
+                method,
+                task_id,
+            } => {
+                if let Some(open) = &mut self.lock().open {
+                    open.ask(id, method, &task_id);
+                }
+                return Ok(None);
+            }
             FromAgent::Calls(calls) => calls,
         };
-        let mut inner = self.wait_for_turn();
-        inner.last_seen = came;
-        let Some(call) = calls.pop().filter(|_| calls.is_empty()) else {
-            let id = calls
-                .first()
-                .map(|call| call.id.clone())
-                .unwrap_or_default();
-            let trouble = RecordingError(
-                "a batch of several calls cannot be recorded one by one; send them one at a time"
-                    .to_owned(),
-            );
-            return self
-                .unrecorded(&mut inner, id, "several calls at once", &trouble)
-                .map(|()| None);
-        };
+        match calls.pop() {
+            Some(call) if calls.is_empty() => self.agent_calls(call, came),
+            _ => self.several_calls(&calls),
+        }
+    }
+
+    /// Takes a call before it is passed on.
+    fn agent_calls(&self, mut call: Call, came: Instant) -> Result<Option<Value>, RejectedRequest> {
+        let mut inner = self.lock();
+        let redacted = call.redact(&mut inner.redactor);
+        if let Some(open) = inner
+            .open
+            .as_mut()
+            .filter(|open| open.is_repeated_by(&call))
+        {
+            open.repeat(call.id.clone());
+            return Ok(Some(call.id));
+        }
+        let mut inner = self.wait_for_turn(inner);
         let thought_ns = u64::try_from(
             came.saturating_duration_since(inner.agent_has_it)
                 .as_nanos(),
         )
         .unwrap_or(u64::MAX);
-        match inner.episodes.called(&call.call, Some(thought_ns)) {
+        match inner
+            .episodes
+            .called(&call.call, Some(thought_ns), redacted)
+        {
             Ok(kind) => {
                 self.setup.report.count(|counts| match kind {
                     Kind::Step => counts.calls += 1,
                     Kind::Session => counts.session_calls += 1,
                 });
-                let (called_unix_ns, passed_on) = (unix_ns(), Instant::now());
-                inner.open = Some(Open {
-                    id: call.id.clone(),
-                    kind,
-                    called_unix_ns,
-                    passed_on,
-                    adrift: false,
-                });
-                Ok(Some(call.id))
+                let id = call.id.clone();
+                // An id that is used again is that of this call.
+                inner.refused.retain(|refused| refused.id != id);
+                inner.open = Some(PendingCall::new(call, kind, unix_ns()));
+                Ok(Some(id))
             }
             Err(trouble) => self
                 .unrecorded(&mut inner, call.id, &call.call.name, &trouble)
@@ -166,34 +209,59 @@ impl Session {
         }
     }
 
+    fn several_calls(&self, calls: &[Call]) -> Result<Option<Value>, RejectedRequest> {
+        let mut inner = self.wait_for_turn(self.lock());
+        let id = calls
+            .first()
+            .map(|call| call.id.clone())
+            .unwrap_or_default();
+        let trouble = RecordingError(
+            "a batch of several calls cannot be recorded one by one; send them one at a time"
+                .to_owned(),
+        );
+        self.unrecorded(&mut inner, id, "several calls at once", &trouble)
+            .map(|()| None)
+    }
+
     /// Takes a message of the server before it is passed on. An error instead: it has to be passed
     /// on in its place.
     pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), RejectedRequest> {
         let came = Instant::now();
-        let mut inner = self.lock();
+        let mut guard = self.lock();
+        let inner = &mut *guard;
         inner.last_seen = came;
         if let Some(id) = &inner.lists_tools
-            && let Some(tools) = tap::raw_answer(id, message)
+            && let Some(tools) = tap::answer_to(id, message)
         {
             inner.lists_tools = None;
-            inner.episodes.set_tools(tools);
+            let tools = tools.json(&mut inner.redactor, Scope::Schema);
+            inner
+                .episodes
+                .set_tools(tools, inner.redactor.take_redactions());
             return Ok(());
+        }
+        // A stream that is resumed may bring it again.
+        let again = |refused: &&RejectedRequest| tap::answer_to(&refused.id, message).is_some();
+        if let Some(refused) = inner.refused.iter().find(again) {
+            return Err(refused.clone());
         }
         let Some(answer) = inner
             .open
-            .as_ref()
-            .and_then(|open| tap::answer_to(&open.id, message))
+            .as_mut()
+            .and_then(|open| open.answered_by(message))
         else {
             return Ok(());
         };
-        self.close(&mut inner, answer, came)
+        let answer = answer.content(&mut inner.redactor);
+        self.close(inner, answer, came)
     }
 
-    /// Notes that the result of a call will not come the way it should have, if it has not come.
-    pub(crate) fn adrift(&self, call: &Value) {
+    /// Notes that the result of a call will not come the way it should have, if it has not come; where the stream can be
+    /// resumed it is soon to come on another.
+    pub(crate) fn adrift(&self, call: &Value, resumable: bool) {
         let mut inner = self.lock();
         if let Some(open) = inner.open.as_mut().filter(|open| open.id == *call) {
-            open.adrift = true;
+            open.lose_response(resumable);
             self.answered.notify_all();
         }
     }
@@ -234,13 +302,19 @@ impl Session {
     /// For how long nothing came, where nothing is awaited.
     pub(crate) fn idle(&self) -> Option<Duration> {
         let inner = self.inner.try_lock().ok()?;
-        inner.open.is_none().then(|| inner.last_seen.elapsed())
+        let open = inner.open.as_ref();
+        open.is_none_or(PendingCall::may_be_abandoned)
+            .then(|| inner.last_seen.elapsed())
     }
 
-    fn wait_for_turn(&self) -> MutexGuard<'_, Inner> {
-        let mut inner = self.lock();
+    fn wait_for_turn<'a>(&self, mut inner: MutexGuard<'a, Inner>) -> MutexGuard<'a, Inner> {
         let until = Instant::now() + PATIENCE;
-        while inner.open.as_ref().is_some_and(|open| !open.adrift) {
+        let one_way_in = self.one_way_in.load(Ordering::Acquire);
+        while inner
+            .open
+            .as_ref()
+            .is_some_and(|open| open.holds_the_next(one_way_in))
+        {
             let left = until.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 break;
@@ -257,14 +331,13 @@ impl Session {
 
     /// Closes the open call without a result.
     fn give_up(&self, inner: &mut Inner, why: &str) {
-        if inner.open.is_some() {
+        if let Some(open) = &inner.open {
             self.setup.report.count(|counts| counts.unanswered += 1);
+            let why = format!("no result: {}", open.why_unanswered(why));
+            let mut content = ToolResultContent::none(&inner.redactor.text(&why));
+            content.redacted = inner.redactor.take_redactions();
             // Nobody waits for it, so nobody can be refused.
-            let _ = self.close(
-                inner,
-                ToolResultContent::none(&format!("no result: {why}")),
-                Instant::now(),
-            );
+            let _ = self.close(inner, content, Instant::now());
         }
     }
 
@@ -288,7 +361,16 @@ impl Session {
         self.answered.notify_all();
         match recorded {
             Ok(()) => Ok(()),
-            Err(trouble) => self.unrecorded(inner, open.id, "a result", &trouble),
+            Err(trouble) => {
+                let outcome = self.unrecorded(inner, open.id, "a result", &trouble);
+                if let Err(refused) = &outcome {
+                    if inner.refused.len() == REFUSED_MAX {
+                        inner.refused.pop_front();
+                    }
+                    inner.refused.push_back(refused.clone());
+                }
+                outcome
+            }
         }
     }
 
@@ -336,191 +418,4 @@ fn unix_ns() -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use reel_reward::Preset;
-    use reel_trace::{RecordOptions, Trace};
-    use reel_world::{ErrorCode, Profile, Scenes, record::Backend};
-    use serde_json::json;
-
-    use super::*;
-    use crate::{PendingTraces, Report};
-
-    fn session(out: &Path, on_full: OnFull) -> (Arc<Setup>, Arc<Session>) {
-        let setup = Arc::new(Setup {
-            out: out.to_owned(),
-            run: "test".to_owned(),
-            backend: Backend::Proxy,
-            profile: Profile::RealRepo,
-            preset: Preset::default(),
-            tasks: Vec::new(),
-            scenes: Scenes::default(),
-            policy: None,
-            mapping: None,
-            options: RecordOptions::default(),
-            on_full,
-            message_max: 1 << 20,
-            idle: Duration::from_secs(60),
-            hosts: Vec::new(),
-            watch: Box::new(|_| {}),
-            report: Report::default(),
-            endings: PendingTraces::default(),
-        });
-        (setup.clone(), Session::new(setup, 1))
-    }
-
-    fn call(
-        session: &Session,
-        id: u32,
-        name: &str,
-        arguments: &Value,
-    ) -> Result<Option<Value>, RejectedRequest> {
-        let params = json!({"name": name, "arguments": arguments});
-        session.agent_says(
-            json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params})
-                .to_string()
-                .as_bytes(),
-        )
-    }
-
-    fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), RejectedRequest> {
-        let content: Vec<Value> = texts
-            .iter()
-            .map(|text| json!({"type": "text", "text": text}))
-            .collect();
-        session.server_says(
-            json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}})
-                .to_string()
-                .as_bytes(),
-        )
-    }
-
-    fn debug_info(held: Option<&str>) -> String {
-        let table: &[&str] = if held.is_some() {
-            &[]
-        } else {
-            &["cup_on_table_1_at_t"]
-        };
-        let graph = json!({"table_1": {"content": table}, "shelf_2": {"content": []}});
-        format!(
-            "Debug Info:\n{}",
-            json!({"CURRENT_INV": held, "CURRENT_MARKER_MAP": {"1": "cup_on_table_1_at_t"}, "world_graph": graph})
-        )
-    }
-
-    fn payload(id: &str) -> String {
-        json!({
-            "task_id": id, "family": "FDP", "task_description": "Bring the cup.", "scene_id": "s",
-            "rooms_and_furniture": {"kitchen": ["table_1", "shelf_2"]},
-            "initial_world_graph": {"table_1": {"content": ["cup_on_table_1_at_t"]}, "shelf_2": {"content": []}},
-            "target_object": {"id": "cup", "name": "cup_on_table_1_at_t", "category": "cup"},
-            "source_furniture": "table_1", "destination_furniture": "shelf_2",
-        })
-        .to_string()
-    }
-
-    fn traces(setup: &Setup) -> Vec<Trace> {
-        setup.endings.wait();
-        let mut paths: Vec<_> = std::fs::read_dir(&setup.out)
-            .unwrap()
-            .map(|entry| entry.unwrap().path())
-            .collect();
-        paths.sort();
-        paths
-            .iter()
-            .map(|path| Trace::read(path).unwrap())
-            .collect()
-    }
-
-    #[test]
-    fn the_published_flow() {
-        let folder = tempfile::tempdir().unwrap();
-        let (setup, session) = session(folder.path(), OnFull::Stop);
-        call(&session, 1, "finish", &json!({})).unwrap();
-        says(&session, 1, &[payload("FDP/a"), debug_info(None)]).unwrap();
-        call(&session, 2, "pick", &json!({"marker_id": 1})).unwrap();
-        says(&session, 2, &[debug_info(Some("cup_on_table_1_at_t"))]).unwrap();
-        call(&session, 3, "list_receptacles", &json!({})).unwrap();
-        says(&session, 3, &["Room: kitchen".to_owned()]).unwrap();
-        call(&session, 4, "finish", &json!({})).unwrap();
-        says(&session, 4, &[payload("FDP/b"), debug_info(None)]).unwrap();
-        session.end("the test is over");
-        let [first, second] = &traces(&setup)[..] else {
-            panic!("two episodes")
-        };
-        assert_eq!(
-            (
-                first.header.task_id.as_str(),
-                second.header.task_id.as_str()
-            ),
-            ("FDP/a", "FDP/b")
-        );
-        let tools: Vec<&str> = first.steps.iter().map(|step| step.tool_name()).collect();
-        assert_eq!(tools, ["pick", "list_receptacles", "finish"]);
-        assert_eq!(first.steps[0].held, Some("cup_on_table_1_at_t".into()));
-        assert_eq!(first.steps[0].changes.registry.len(), 1);
-        // What the last result shows is of the next episode.
-        assert_eq!(first.steps[2].held, Some("cup_on_table_1_at_t".into()));
-        assert_eq!(first.end.as_ref().unwrap().reason, EndReason::Finished);
-        assert_eq!(
-            (second.steps.len(), second.end.as_ref().unwrap().reason),
-            (0, EndReason::Aborted)
-        );
-        assert_eq!(first.timings.len(), 3);
-    }
-
-    #[test]
-    fn calls_without_results_and_servers_without_tasks() {
-        let folder = tempfile::tempdir().unwrap();
-        let (setup, session) = session(folder.path(), OnFull::Stop);
-        assert_eq!(
-            call(&session, 1, "drive", &json!({"to": "there"})),
-            Ok(Some(json!(1)))
-        );
-        session.adrift(&json!(1));
-        call(&session, 2, "drive", &json!({})).unwrap();
-        session
-            .agent_says(
-                br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#,
-            )
-            .unwrap();
-        call(&session, 3, "drive", &json!({})).unwrap();
-        session
-            .server_says(br#"{"jsonrpc":"2.0","id":3,"result":{"content":[{"type":"text","text":"stuck"}],"isError":true}}"#)
-            .unwrap();
-        call(&session, 4, "drive", &json!({})).unwrap();
-        says(&session, 4, &["there".to_owned()]).unwrap();
-        session.end("the test is over");
-        let [trace] = &traces(&setup)[..] else {
-            panic!("one episode")
-        };
-        let errors: Vec<Option<ErrorCode>> =
-            trace.steps.iter().map(|step| step.outcome.error).collect();
-        let failed = Some(ErrorCode::BackendError);
-        assert_eq!(errors, [failed, failed, failed, None]);
-        let success = trace.end.as_ref().unwrap().success(&trace.task);
-        assert_eq!(success, None, "nobody knows");
-    }
-
-    #[test]
-    fn what_cannot_be_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let gone = folder.path().join("gone");
-        let (_, stops) = session(&gone, OnFull::Stop);
-        let refusal = call(&stops, 1, "drive", &json!({})).unwrap_err();
-        assert!(refusal.json(None).unwrap().contains("cannot record this"));
-        call(&stops, 2, "finish", &json!({})).unwrap();
-        assert!(
-            says(&stops, 2, &[payload("FDP/a"), debug_info(None)]).is_err(),
-            "an episode that is not recorded was begun"
-        );
-        let (setup, goes_on) = session(&gone, OnFull::Continue);
-        assert_eq!(call(&goes_on, 1, "drive", &json!({})), Ok(None));
-        says(&goes_on, 1, &["there".to_owned()]).unwrap();
-        assert_eq!(setup.report.counts().unrecorded, 1);
-        let batch =
-            br#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
-        assert!(stops.agent_says(batch).is_err() && goes_on.agent_says(batch) == Ok(None));
-    }
-}
+mod tests;

@@ -1,14 +1,17 @@
 //! The sessions that are open, by what tells them apart on the wire.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, VecDeque},
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc, Mutex, PoisonError, Weak,
         atomic::{AtomicU32, Ordering},
     },
 };
 
 use crate::{Setup, session::Session};
+
+/// Ids of events that lead to sessions of servers without session ids; the oldest are forgotten.
+const EVENTS_MAX: usize = 4096;
 
 /// What tells a session from all others. Its values are secrets of their owners,
 /// and are written nowhere.
@@ -27,6 +30,9 @@ pub(crate) struct Sessions {
     setup: Arc<Setup>,
     open: Mutex<HashMap<Key, Arc<Session>>>,
     begun: AtomicU32,
+    /// The last events of servers without session ids, and whose they are: a stream that is resumed names the last one
+    /// that came.
+    events: Mutex<VecDeque<(String, Weak<Session>)>>,
 }
 
 impl Sessions {
@@ -35,6 +41,7 @@ impl Sessions {
             setup,
             open: Mutex::default(),
             begun: AtomicU32::new(0),
+            events: Mutex::default(),
         }
     }
 
@@ -62,6 +69,22 @@ impl Sessions {
             let session = self.begin();
             self.with(|open| open.entry(key).or_insert(session).clone())
         })
+    }
+
+    /// Notes whose an event is, by its id.
+    pub(crate) fn note_event(&self, id: &str, session: &Arc<Session>) {
+        let mut events = self.events.lock().unwrap_or_else(PoisonError::into_inner);
+        if events.len() == EVENTS_MAX {
+            events.pop_front();
+        }
+        events.push_back((id.to_owned(), Arc::downgrade(session)));
+    }
+
+    /// The session of an event of which [`Sessions::note_event`] noted the id.
+    pub(crate) fn of_event(&self, id: &str) -> Option<Arc<Session>> {
+        let events = self.events.lock().unwrap_or_else(PoisonError::into_inner);
+        let (_, session) = events.iter().rev().find(|(found, _)| found == id)?;
+        session.upgrade()
     }
 
     /// Ends a session, if it is open.

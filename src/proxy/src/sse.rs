@@ -51,11 +51,12 @@ impl Scanner {
     }
 }
 
-/// An event: its name and its data.
+/// An event: its name, its data, and its id, which is empty where it has none.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Event {
     pub name: String,
     pub data: Vec<u8>,
+    pub id: Vec<u8>,
 }
 
 impl Event {
@@ -64,6 +65,7 @@ impl Event {
         let mut event = Event {
             name: "message".to_owned(),
             data: Vec::new(),
+            id: Vec::new(),
         };
         let (mut first, mut rest) = (true, bytes);
         while !rest.is_empty() {
@@ -79,6 +81,7 @@ impl Event {
             };
             match field {
                 b"event" => event.name = String::from_utf8_lossy(value).into_owned(),
+                b"id" => event.id = value.to_vec(),
                 b"data" => {
                     if !first {
                         event.data.push(b'\n');

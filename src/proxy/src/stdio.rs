@@ -17,7 +17,7 @@ use crate::{ProxyError, Setup, session::Session, sessions::Sessions, stop};
 /// When the server cannot be started.
 pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, ProxyError> {
     let failed = |source| ProxyError::Spawn {
-        command: command.join(" "),
+        command: setup.rules.without_secrets(&command.join(" ")),
         source,
     };
     let (program, arguments) = command
@@ -31,6 +31,7 @@ pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, P
         .map_err(failed)?;
     let (to_server, from_server) = (child.stdin.take(), child.stdout.take());
     let session = Sessions::new(setup.clone()).begin();
+    session.set_one_way_in();
     let to_agent = Arc::new(Mutex::new(io::stdout()));
     let (gone, over) = mpsc::channel();
 

@@ -1,8 +1,9 @@
-//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC.
-//! Whatever else it is, it is not looked into.
+//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC, and the tasks in whose name
+//! results come later. Whatever else it is, it is not looked into.
 
+use reel_redact::{Redactions, Redactor, Scope};
 use reel_world::ToolCall;
-use serde::{Deserialize, de::IgnoredAny};
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 /// Code of JSON-RPC for what the one who answers could not do.
@@ -15,6 +16,26 @@ const CLIENT_IN_META: [&str; 2] = ["io.modelcontextprotocol/clientInfo", "client
 pub(crate) struct Call {
     pub id: Value,
     pub call: ToolCall,
+    /// Whether it brings what the server asked for: it goes on with a call that was made before.
+    pub has_input: bool,
+}
+
+impl Call {
+    /// Puts labels in the place of secrets; gives how many there were.
+    pub(crate) fn redact(&mut self, redactor: &mut Redactor) -> Redactions {
+        self.call.name = redactor.text(&self.call.name);
+        redactor.value("arguments", &mut self.call.arguments, Scope::Data);
+        redactor.take_redactions()
+    }
+}
+
+/// What an agent asks about a task.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum TaskMethod {
+    /// How far it is; since 2026-07-28 with its result.
+    Status,
+    /// Its result, of protocol 2025-11-25.
+    Result,
 }
 
 /// A message of the agent.
@@ -30,6 +51,12 @@ pub(crate) enum FromAgent {
     ListsTools(Value),
     /// The agent takes a request back.
     Cancelled(Value),
+    /// The agent asks for a task, by the id of its request.
+    AsksForTask {
+        id: Value,
+        method: TaskMethod,
+        task_id: String,
+    },
     /// Something else of the protocol.
     Other,
 }
@@ -54,6 +81,9 @@ pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
             Some("tools/list") if message.pointer("/params/cursor").is_none() => {
                 let id = message.get("id").cloned();
                 id.map_or(FromAgent::Other, FromAgent::ListsTools)
+            }
+            Some(method @ ("tasks/get" | "tasks/result" | "tasks/cancel")) => {
+                asks_for_task(method, &message).unwrap_or(FromAgent::Other)
             }
             Some("tools/call") => {
                 call(&message).map_or(FromAgent::Strange, |call| FromAgent::Calls(vec![call]))
@@ -100,9 +130,25 @@ fn call(message: &Value) -> Option<Call> {
         Some(arguments @ Value::Object(_)) => arguments.clone(),
         Some(_) => return None,
     };
+    let has_input = ["inputResponses", "requestState"]
+        .iter()
+        .any(|key| params.get(key).is_some());
     Some(Call {
         id,
         call: ToolCall::new(name, arguments),
+        has_input,
+    })
+}
+
+fn asks_for_task(method: &str, message: &Value) -> Option<FromAgent> {
+    let method = match method {
+        "tasks/result" => TaskMethod::Result,
+        _ => TaskMethod::Status,
+    };
+    Some(FromAgent::AsksForTask {
+        id: message.get("id").filter(|id| !id.is_null())?.clone(),
+        method,
+        task_id: message.pointer("/params/taskId")?.as_str()?.to_owned(),
     })
 }
 
@@ -117,8 +163,10 @@ pub(crate) struct ToolResultContent {
     pub structured: Option<Value>,
     /// Whether it is an error, of the tool or of the protocol.
     pub failed: bool,
-    /// The answer as it came: a JSON object with its result or its error. `None` if none came.
+    /// The answer: a JSON object with its result or its error. `None` if none came.
     pub answer: Option<String>,
+    /// How many secrets were replaced in all of this.
+    pub redacted: Redactions,
 }
 
 impl ToolResultContent {
@@ -154,58 +202,166 @@ impl ToolResultContent {
 
 /// A message of a server, as far as it is read.
 #[derive(Deserialize)]
-struct Message {
+pub(crate) struct ServerMessage {
     #[serde(default)]
     id: Option<Value>,
     #[serde(default)]
-    method: Option<IgnoredAny>,
+    method: Option<Value>,
+    #[serde(default)]
+    params: Option<Value>,
     #[serde(default)]
     result: Option<Value>,
     #[serde(default)]
     error: Option<Value>,
 }
 
-/// The answer to a request among what the server sends, if it is there.
-pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<ToolResultContent> {
+/// The result of a request, or its error, as it came.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum Answer {
+    Result(Value),
+    Error(Value),
+}
+
+/// Reads the messages of a server; more than one in a batch.
+pub(crate) fn from_server(message: &[u8]) -> Option<Vec<ServerMessage>> {
     let first = message.iter().find(|byte| !byte.is_ascii_whitespace())?;
     if *first == b'[' {
-        let messages: Vec<Message> = serde_json::from_slice(message).ok()?;
-        return messages.into_iter().find_map(|message| answer(id, message));
+        return serde_json::from_slice(message).ok();
     }
-    answer(id, serde_json::from_slice(message).ok()?)
+    Some(vec![serde_json::from_slice(message).ok()?])
 }
 
-/// The answer to a request as it came, a JSON object with its result or its error, if it is there.
-pub(crate) fn raw_answer(id: &Value, message: &[u8]) -> Option<String> {
-    let message: Message = serde_json::from_slice(message).ok()?;
-    let answers = message.method.is_none() && message.id.as_ref() == Some(id);
-    as_it_came(&message).filter(|_| answers)
+/// The answer to a request among what the server sends, if it is there.
+pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
+    from_server(message)?
+        .into_iter()
+        .find_map(|message| message.answer_to(id))
 }
 
-fn as_it_came(message: &Message) -> Option<String> {
-    match (&message.result, &message.error) {
-        (_, Some(error)) => Some(format!("{{\"error\":{error}}}")),
-        (Some(result), None) => Some(format!("{{\"result\":{result}}}")),
-        (None, None) => None,
+impl ServerMessage {
+    pub(crate) fn is_answer_to(&self, id: &Value) -> bool {
+        self.method.is_none() && self.id.as_ref() == Some(id)
+    }
+
+    /// The answer to a request, if this is it.
+    pub(crate) fn answer_to(self, id: &Value) -> Option<Answer> {
+        if !self.is_answer_to(id) {
+            return None;
+        }
+        match (self.result, self.error) {
+            (_, Some(error)) => Some(Answer::Error(error)),
+            (result, None) => result.map(Answer::Result),
+        }
+    }
+
+    /// What a notification tells of a task.
+    pub(crate) fn task_notification(&self, task_id: &str) -> Option<Value> {
+        let told = self.params.as_ref()?;
+        let method = self.method.as_ref()?.as_str()?;
+        (method.starts_with("notifications/tasks") && told.get("taskId")? == task_id)
+            .then(|| told.clone())
     }
 }
 
-fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
-    if message.method.is_some() || message.id.as_ref() != Some(id) {
-        return None;
+/// What is told of a task that is over.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum TaskStatus {
+    /// With its result or its error.
+    Final(Answer),
+    /// How it ended; its result is not in the message.
+    Ended(String),
+}
+
+/// What the status of a task says; `None` while it goes on.
+pub(crate) fn task_status(mut told: Value) -> Option<TaskStatus> {
+    let status = told.get("status")?.as_str()?.to_owned();
+    let mut payload = |name: &str| told.get_mut(name).map(Value::take);
+    let answer = match status.as_str() {
+        "completed" => payload("result").map(Answer::Result),
+        "failed" => payload("error").map(Answer::Error),
+        "cancelled" => None,
+        _ => return None,
+    };
+    let why = told.get("statusMessage").and_then(Value::as_str);
+    let why = why.map_or(String::new(), |why| format!(" ({why})"));
+    Some(answer.map_or(
+        TaskStatus::Ended(format!("is {status}{why}")),
+        TaskStatus::Final,
+    ))
+}
+
+impl Answer {
+    /// The id of the task that will have the result, if this is no result.
+    pub(crate) fn task(&self) -> Option<String> {
+        let Answer::Result(result) = self else {
+            return None;
+        };
+        let told = match result.get("resultType").and_then(Value::as_str) {
+            Some("task") => result,
+            // Protocol 2025-11-25: a result with a task in it, and without content.
+            None if result.get("content").is_none() => result.get("task")?,
+            _ => return None,
+        };
+        told.get("taskId")?.as_str().map(str::to_owned)
     }
-    let as_it_came = as_it_came(&message);
-    if let Some(error) = message.error {
-        let text = error
-            .get("message")
-            .and_then(Value::as_str)
-            .map_or_else(|| error.to_string(), str::to_owned);
-        return Some(ToolResultContent {
-            answer: as_it_came,
-            ..ToolResultContent::none(&text)
-        });
+
+    /// Whether the server wants to know something before it gives a result.
+    pub(crate) fn asks_for_input(&self) -> bool {
+        matches!(self, Answer::Result(result) if result.get("resultType").is_some_and(|kind| kind == "input_required"))
     }
-    let mut result = message.result?;
+
+    /// The result, if it is no error.
+    pub(crate) fn result(self) -> Option<Value> {
+        match self {
+            Answer::Result(result) => Some(result),
+            Answer::Error(_) => None,
+        }
+    }
+
+    /// As JSON, with labels in the place of secrets.
+    pub(crate) fn json(mut self, redactor: &mut Redactor, scope: Scope) -> String {
+        self.redact(redactor, scope);
+        self.to_json()
+    }
+
+    /// What it holds, with labels in the place of secrets.
+    pub(crate) fn content(mut self, redactor: &mut Redactor) -> ToolResultContent {
+        self.redact(redactor, Scope::Data);
+        let redacted = redactor.take_redactions();
+        let answer = Some(self.to_json());
+        let content = match self {
+            Answer::Result(result) => content(result),
+            Answer::Error(error) => {
+                let text = error
+                    .get("message")
+                    .and_then(Value::as_str)
+                    .map_or_else(|| error.to_string(), str::to_owned);
+                ToolResultContent::none(&text)
+            }
+        };
+        ToolResultContent {
+            answer,
+            redacted,
+            ..content
+        }
+    }
+
+    fn redact(&mut self, redactor: &mut Redactor, scope: Scope) {
+        match self {
+            Answer::Result(result) => redactor.value("result", result, scope),
+            Answer::Error(error) => redactor.value("error", error, scope),
+        }
+    }
+
+    fn to_json(&self) -> String {
+        match self {
+            Answer::Result(result) => format!("{{\"result\":{result}}}"),
+            Answer::Error(error) => format!("{{\"error\":{error}}}"),
+        }
+    }
+}
+
+fn content(mut result: Value) -> ToolResultContent {
     let mut answer = ToolResultContent {
         failed: result
             .get("isError")
@@ -215,7 +371,6 @@ fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
             .get("structuredContent")
             .filter(|value| !value.is_null())
             .cloned(),
-        answer: as_it_came,
         ..ToolResultContent::default()
     };
     let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {
@@ -239,7 +394,7 @@ fn answer(id: &Value, message: Message) -> Option<ToolResultContent> {
             _ => {}
         }
     }
-    Some(answer)
+    answer
 }
 
 /// An error in the place of an answer; not longer than `most`, none where that is
@@ -259,13 +414,19 @@ pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<Stri
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use reel_redact::Rules;
 
     use super::*;
+
+    fn read(id: &Value, message: &[u8]) -> Option<ToolResultContent> {
+        let mut redactor = Redactor::new(Rules::none().into());
+        answer_to(id, message).map(|answer| answer.content(&mut redactor))
+    }
 
     proptest! {
         #[test]
         fn nothing_panics(text in "([{}\\[\\]:,\"0-9a-z]|\"id\":1|\"method\":\"tools/call\"|\"params\"|\"result\"|\"content\"){0,40}") {
-            let _ = (from_agent(text.as_bytes()), client_of(text.as_bytes()), answer_to(&json!(1), text.as_bytes()));
+            let _ = (from_agent(text.as_bytes()), client_of(text.as_bytes()), read(&json!(1), text.as_bytes()));
         }
     }
 
@@ -319,24 +480,62 @@ mod tests {
     #[test]
     fn answers() {
         let result = br#"{"jsonrpc":"2.0","id":7,"result":{"content":[{"type":"text","text":"a"},{"type":"image","data":"QQ==","mimeType":"image/png"}],"isError":false}}"#;
-        let answer = answer_to(&json!(7), result).unwrap();
+        let answer = read(&json!(7), result).unwrap();
         assert_eq!(
             (answer.texts, answer.images.len(), answer.failed),
             (vec!["a".to_owned()], 1, false)
         );
-        assert_eq!(answer_to(&json!(8), result), None);
+        assert_eq!(read(&json!(8), result), None);
         assert_eq!(
-            answer_to(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#),
+            read(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#),
             None
         );
-        let error = answer_to(
+        let error = read(
             &json!("x"),
             br#"{"id":"x","error":{"code":1,"message":"no"}}"#,
         )
         .unwrap();
         assert_eq!((error.texts, error.failed), (vec!["no".to_owned()], true));
         let batch = br#" [{"id":1,"result":{"content":[]}},{"id":7,"result":{"isError":true,"content":[]}}]"#;
-        assert!(answer_to(&json!(7), batch).unwrap().failed);
+        assert!(read(&json!(7), batch).unwrap().failed);
+    }
+
+    #[test]
+    fn tasks() {
+        let read = |json: Value| from_agent(json.to_string().as_bytes());
+        let asks = json!({"id": 3, "method": "tasks/result", "params": {"taskId": "t"}});
+        let (id, method, task_id) = (json!(3), TaskMethod::Result, "t".to_owned());
+        assert_eq!(
+            read(asks),
+            FromAgent::AsksForTask {
+                id,
+                method,
+                task_id
+            }
+        );
+        assert_eq!(
+            read(json!({"method": "tasks/get", "params": {}})),
+            FromAgent::Other
+        );
+        let task = |result: Value| Answer::Result(result).task();
+        assert_eq!(
+            task(json!({"task": {"taskId": "t", "status": "working"}})),
+            Some("t".into())
+        );
+        assert_eq!(
+            task(json!({"resultType": "task", "taskId": "t"})),
+            Some("t".into())
+        );
+        assert_eq!(task(json!({"content": [], "task": {"taskId": "t"}})), None);
+        assert_eq!(task_status(json!({"status": "working"})), None);
+        assert_eq!(
+            task_status(json!({"status": "failed", "statusMessage": "no way"})),
+            Some(TaskStatus::Ended("is failed (no way)".into()))
+        );
+        assert_eq!(
+            task_status(json!({"status": "completed", "result": {"content": []}})),
+            Some(TaskStatus::Final(Answer::Result(json!({"content": []}))))
+        );
     }
 
     #[test]

@@ -92,6 +92,34 @@ impl Head {
             .map(str::trim)
     }
 
+    /// The secrets in the headers by the names of these: what authorizes, cookies, keys, the session.
+    pub(crate) fn secrets(&self) -> Vec<(&str, &str)> {
+        let mut secrets = Vec::new();
+        for (name, place) in &self.headers {
+            let value = std::str::from_utf8(&self.bytes[place.clone()]).unwrap_or_default();
+            let value = value.trim();
+            match name.as_str() {
+                // Behind the scheme, if it has one.
+                "authorization" | "proxy-authorization" => {
+                    secrets.push((name.as_str(), value.rsplit(' ').next().unwrap_or(value)));
+                }
+                "cookie" => {
+                    let pairs = value.split(';').filter_map(|pair| pair.split_once('='));
+                    secrets.extend(pairs.map(|(_, value)| (name.as_str(), value.trim())));
+                }
+                "mcp-session-id" => secrets.push(("session", value)),
+                _ if ["key", "token", "secret", "password"]
+                    .iter()
+                    .any(|end| name.ends_with(end)) =>
+                {
+                    secrets.push((name.as_str(), value));
+                }
+                _ => {}
+            }
+        }
+        secrets
+    }
+
     /// Whether a header's list of words holds one.
     pub(crate) fn says(&self, name: &str, word: &str) -> bool {
         self.value(name).is_some_and(|value| {

@@ -1,7 +1,11 @@
 //! Where an agent leaves a recording: the first call that differs, and what differs in it.
 
-use std::fmt;
+use std::{
+    fmt,
+    sync::{Arc, LazyLock},
+};
 
+use reel_redact::{Redactor, Rules, Scope, is_recorded_as};
 use reel_world::ToolCall;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -57,10 +61,13 @@ pub fn deviation(
     expected: Option<&ToolCall>,
     actual: Option<&ToolCall>,
 ) -> Option<Deviation> {
+    // What the agent says goes into reports, its secrets do not.
+    let redacted = actual.map(without_secrets);
+    let told = redacted.as_ref();
     let (kind, differences) = match (expected, actual) {
         (None, None) => return None,
         (Some(call), None) => (DeviationKind::MissingCall, vec![whole(Some(call), None)]),
-        (None, Some(call)) => (DeviationKind::ExtraCall, vec![whole(None, Some(call))]),
+        (None, Some(_)) => (DeviationKind::ExtraCall, vec![whole(None, told)]),
         (Some(expected), Some(actual)) => {
             let differences = differences(expected, actual);
             let kind = match differences.first()?.field.as_str() {
@@ -80,9 +87,18 @@ pub fn deviation(
         kind,
         argument,
         expected: expected.cloned(),
-        actual: actual.cloned(),
+        actual: redacted,
         differences,
     })
+}
+
+/// A call with labels in the place of secrets.
+fn without_secrets(call: &ToolCall) -> ToolCall {
+    static RULES: LazyLock<Arc<Rules>> = LazyLock::new(|| Arc::new(Rules::built_in()));
+    let mut redactor = Redactor::new(RULES.clone());
+    let mut call = call.clone();
+    redactor.value("arguments", &mut call.arguments, Scope::Data);
+    call
 }
 
 /// What stands before the name of an argument in a field.
@@ -107,11 +123,14 @@ fn differences(expected: &ToolCall, actual: &ToolCall) -> Vec<Difference> {
         });
     }
     match (object(&expected.arguments), object(&actual.arguments)) {
-        (Some(expected), Some(actual)) => compare_arguments(&expected, &actual, &mut found),
+        (Some(expected), Some(arguments)) => {
+            let told = without_secrets(actual).arguments;
+            compare_arguments(&expected, &arguments, &told, &mut found);
+        }
         _ if expected.arguments != actual.arguments => found.push(Difference {
             field: "arguments".to_owned(),
             expected: Some(expected.arguments.clone()),
-            actual: Some(actual.arguments.clone()),
+            actual: Some(without_secrets(actual).arguments),
         }),
         _ => {}
     }
@@ -130,17 +149,23 @@ fn object(arguments: &Value) -> Option<Map<String, Value>> {
 fn compare_arguments(
     expected: &Map<String, Value>,
     actual: &Map<String, Value>,
+    told: &Value,
     found: &mut Vec<Difference>,
 ) {
     let names = expected.keys();
     let added = actual.keys().filter(|name| !expected.contains_key(*name));
     for name in names.chain(added) {
         let (expected, actual) = (expected.get(name), actual.get(name));
-        if expected != actual {
+        // A recording of another server holds labels where the agent said secrets.
+        let same = match (expected, actual) {
+            (Some(expected), Some(actual)) => is_recorded_as(actual, expected),
+            _ => expected == actual,
+        };
+        if !same {
             found.push(Difference {
                 field: format!("{ARGUMENT}{name}"),
                 expected: expected.cloned(),
-                actual: actual.cloned(),
+                actual: actual.map(|actual| told.get(name).unwrap_or(actual).clone()),
             });
         }
     }
@@ -185,6 +210,26 @@ mod tests {
 
     fn call(name: &str, arguments: Value) -> ToolCall {
         ToolCall::new(name, arguments)
+    }
+
+    #[test]
+    fn secrets_are_neither_a_difference_nor_told() {
+        let recorded = call(
+            "login",
+            json!({"password": "[redacted:password#1]", "line": "run --token=[redacted:token#1] now"}),
+        );
+        let said =
+            |password: &str, line: &str| call("login", json!({"password": password, "line": line}));
+        let line = "run --token=sk-abcdefghijklmnop now";
+        assert_eq!(
+            deviation(0, Some(&recorded), Some(&said("hunter2", line))),
+            None
+        );
+        let found = deviation(0, Some(&recorded), Some(&said("hunter2", "run"))).unwrap();
+        assert_eq!(found.argument.as_deref(), Some("line"));
+        assert!(!format!("{found:?}").contains("hunter2"), "{found:?}");
+        let found = deviation(1, None, Some(&said("hunter2", line))).unwrap();
+        assert!(!format!("{found:?}{found}").contains("hunter2"), "{found}");
     }
 
     #[test]

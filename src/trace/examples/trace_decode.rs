@@ -53,6 +53,7 @@ fn decode_all(path: &str) -> u64 {
             "/policy/latency" => decode::<reel::PolicyLatency>(data),
             "/mcp/answer" => decode::<reel::McpAnswer>(data),
             "/reported" => decode::<reel::ReportedOutcome>(data),
+            "/redacted" => decode::<reel::Redacted>(data),
             "/chain" => decode::<reel::ChainLink>(data),
             "/packed/episode" => decode::<reel::PackedEpisode>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),

@@ -12,7 +12,7 @@ use reel_world::{
 use serde::de::DeserializeOwned;
 
 use crate::{
-    McpAnswers, Timing, Trace, TraceError,
+    McpAnswers, Redactions, Timing, Trace, TraceError,
     chain::{Covered, MessageChain},
     container::Item,
     journal::{
@@ -59,6 +59,7 @@ pub(crate) struct Assembly<'a> {
     unlinked: Option<Unlinked>,
     timings: BTreeMap<u32, Timing>,
     mcp_answers: McpAnswers,
+    redactions: Redactions,
     /// What was said of the result, until the end comes.
     reported: Option<Reported>,
     robot: RobotLog,
@@ -98,6 +99,7 @@ impl<'a> Assembly<'a> {
             unlinked: None,
             timings: BTreeMap::new(),
             mcp_answers: McpAnswers::new(),
+            redactions: Redactions::new(),
             reported: None,
             robot: RobotLog::default(),
             sensors: SensorReader::default(),
@@ -273,6 +275,7 @@ impl<'a> Assembly<'a> {
             covered: self.covered,
             timings: self.timings,
             mcp_answers: self.mcp_answers,
+            redactions: self.redactions,
             robot: self.robot,
             sensors: self.sensors.into_channels(),
             originals: self.originals,

@@ -8,8 +8,9 @@
 //! Equal records give equal bytes: log times are simulation time after a fixed epoch; of episodes
 //! that were not simulated here, the time their policy took. What a robot measured (`/robot/...`,
 //! `/camera/original`) stands beside the records, with the clock of the robot in it; so does what else
-//! its recording holds (`/recorded/...`), in the robot's own messages, what an MCP server answered (`/mcp/answer`), and what
-//! was said of the result where the episode ran (`/reported`).
+//! its recording holds (`/recorded/...`), in the robot's own messages, what an MCP server answered (`/mcp/answer`), what
+//! was said of the result where the episode ran (`/reported`), and how many secrets were replaced before it was written
+//! (`/redacted`).
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 
@@ -52,7 +53,7 @@ pub use image::{
 pub use limits::Limits;
 pub use logprobs::ScoredTokens;
 pub use mcp_answer::{AnsweredRequest, McpAnswers};
-pub use reader::{RecordsReader, Trace};
+pub use reader::{RecordsReader, Redactions, Trace};
 pub use recorder::{
     Durability, FrameLayers, Images, RecordOptions, Recorder, Timing, TraceSummary,
 };

@@ -24,6 +24,10 @@ use crate::{
     sensors::SensorChannel,
 };
 
+/// How many secrets were replaced by labels before an episode was written: by step (`None`: before the first) and by the
+/// name of the rule.
+pub type Redactions = BTreeMap<Option<u32>, BTreeMap<String, u64>>;
+
 /// A trace in memory: records decoded, images still encoded.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Trace {
@@ -54,6 +58,8 @@ pub struct Trace {
     /// What the MCP server answered, as it came; empty for episodes that were not recorded between an
     /// agent and its server, and where records alone were read.
     pub mcp_answers: McpAnswers,
+    /// How many secrets were replaced by labels before this was written; empty where none were.
+    pub redactions: Redactions,
     /// What a robot measured; empty for episodes without one.
     pub robot: RobotLog,
     /// What else the robot's recording holds; empty for episodes without a robot, and where records
@@ -129,6 +135,16 @@ impl Trace {
             (Err(_), Some(problem)) => Err(problem.error),
             (Err(missing), None) => Err(missing),
         }
+    }
+
+    /// How many secrets were replaced by labels in the whole episode, by the name of the rule.
+    pub fn redacted(&self) -> BTreeMap<&str, u64> {
+        let mut total = BTreeMap::new();
+        for (rule, count) in self.redactions.values().flatten() {
+            let sum: &mut u64 = total.entry(rule.as_str()).or_default();
+            *sum = sum.saturating_add(*count);
+        }
+        total
     }
 
     /// The trace with the meshes that its header names, those of them that are there.

@@ -2,6 +2,7 @@
 //! file at the end.
 
 use std::{
+    collections::BTreeMap,
     io::{self, BufWriter},
     path::{Path, PathBuf},
     sync::Arc,
@@ -274,6 +275,21 @@ impl Recorder {
     pub fn mcp_answer(&mut self, request: AnsweredRequest, json: &str) -> Result<(), TraceError> {
         self.journal
             .mcp_answer(request, json)
+            .map_err(|error| self.unwritten(error))
+    }
+
+    /// Records how many secrets were replaced by labels in what is written of a step (`None`: before the start), by the
+    /// names of the rules; in turn as [`Recorder::mcp_answer`], once a step.
+    ///
+    /// # Errors
+    /// As [`Recorder::mcp_answer`].
+    pub fn redacted(
+        &mut self,
+        step: Option<u32>,
+        count: &BTreeMap<String, u64>,
+    ) -> Result<(), TraceError> {
+        self.journal
+            .redacted(step, count)
             .map_err(|error| self.unwritten(error))
     }
 

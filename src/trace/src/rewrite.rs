@@ -88,8 +88,13 @@ impl Trace {
             let json = self.mcp_answers.get(&request);
             json.map_or(Ok(()), |json| journal.mcp_answer(request, json))
         };
+        let redacted = |journal: &mut Journal<_>, step: Option<u32>| {
+            let count = self.redactions.get(&step);
+            count.map_or(Ok(()), |count| journal.redacted(step, count))
+        };
         answer(&mut journal, AnsweredRequest::ToolList)?;
         answer(&mut journal, AnsweredRequest::Start)?;
+        redacted(&mut journal, None)?;
         journal.robot(None, &self.robot)?;
         if let Some(original) = self.camera_image(None) {
             journal.original(None, original)?;
@@ -103,6 +108,7 @@ impl Trace {
                 journal.timing(step.step, timing)?;
             }
             answer(&mut journal, AnsweredRequest::Step(step.step))?;
+            redacted(&mut journal, Some(step.step))?;
             journal.robot(Some(step.step), &self.robot)?;
             if let Some(original) = self.camera_image(Some(step.step)) {
                 journal.original(Some(step.step), original)?;

@@ -71,6 +71,7 @@ channels! {
     POLICY_LATENCY = 26, "/policy/latency", "reel.v1.PolicyLatency";
     MCP_ANSWER = 27, "/mcp/answer", "reel.v1.McpAnswer";
     REPORTED = 28, "/reported", "reel.v1.ReportedOutcome";
+    REDACTED = 29, "/redacted", "reel.v1.Redacted";
 }
 
 /// Finds a channel by its topic.

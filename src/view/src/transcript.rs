@@ -63,6 +63,14 @@ fn header(trace: &Trace, text: &mut String) {
     for channel in &trace.sensors {
         line("sensors", &channel.summary().to_string());
     }
+    let redacted = trace.redacted();
+    if !redacted.is_empty() {
+        let counts: Vec<String> = redacted
+            .iter()
+            .map(|(rule, count)| format!("{count} {}", rule.escape_debug()))
+            .collect();
+        line("redacted", &counts.join(", "));
+    }
 }
 
 /// One step, for people; with its clock, where one was kept.

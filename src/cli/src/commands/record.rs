@@ -1,7 +1,8 @@
 //! `reel record`: a recorder between an agent and somebody else's tool server.
 
 use std::{
-    fs,
+    env, fs,
+    io::Read,
     net::{IpAddr, Ipv4Addr, SocketAddr},
     path::{Path, PathBuf},
     sync::Arc,
@@ -12,6 +13,7 @@ use anyhow::{Context, bail};
 use reel_proxy::{
     Bridge, Mapping, OnFull, PendingTraces, Proxy, ProxyEvent, Report, Setup, Upstream,
 };
+use reel_redact::{RULES_FILE_MAX, Rules};
 use reel_reward::Preset;
 use reel_tasks::ObjectOrder;
 use reel_trace::{Durability, Images, RecordOptions};
@@ -42,6 +44,14 @@ use crate::{ExitStatus, inputs};
 ///   [state]
 ///   graph = "/world"
 ///   held = "/robot/holds"
+///
+/// Passwords, tokens and keys in what is recorded are replaced by labels such as `[redacted:token#1]`, never in what is
+/// forwarded; a rules file adds to the built-in rules:
+///
+///   keys = ["pin_code"]
+///   pointers = ["/arguments/card/number"]
+///   [patterns]
+///   ticket = 'TICKET-\d{6}'
 ///
 /// Examples:
 ///   reel record --upstream http://127.0.0.1:8000/sse --out traces          # agents connect to http://127.0.0.1:8810/sse
@@ -97,6 +107,9 @@ pub struct Arguments {
     /// state of the world
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
+    /// What is replaced by labels in everything that is written: a rules file, which adds to the built-in rules, or none
+    #[arg(long, value_name = "FILE|none")]
+    redact: Option<PathBuf>,
     /// Name of the policy in the traces; without it, what agents call themselves
     #[arg(long, value_name = "NAME")]
     policy: Option<String>,
@@ -161,12 +174,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let (bridge, url) = match &arguments.upstream {
         Some(url) => (None, url.clone()),
         None => {
-            let (bridge, url) = Bridge::start(&arguments.command, setup.message_max, setup.idle)?;
+            let (bridge, url) = Bridge::start(&arguments.command, &setup)?;
             (Some(bridge), url)
         }
     };
     let upstream = Upstream::parse(&url)?;
-    let path = upstream.path().to_owned();
+    let path = setup.rules.without_secrets(upstream.path());
     let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen.unwrap_or(LISTEN))?;
     println!(
         "recording into {}: agents connect to http://{}{path}; Ctrl-C stops",
@@ -246,6 +259,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         scenes,
         policy: arguments.policy.clone(),
         mapping,
+        rules: Arc::new(rules(arguments)?),
         options: RecordOptions {
             images,
             durability,
@@ -259,6 +273,34 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         report: Report::default(),
         endings: PendingTraces::default(),
     })
+}
+
+/// What is a secret: the built-in rules and those of the file, and the values that this process itself holds.
+fn rules(arguments: &Arguments) -> anyhow::Result<Rules> {
+    let rules = match arguments.redact.as_deref() {
+        None => Rules::built_in(),
+        Some(path) if path == Path::new("none") => Rules::none(),
+        Some(path) => {
+            let mut text = String::new();
+            fs::File::open(path)
+                // One byte more than is allowed, so that the error is about the size.
+                .and_then(|file| file.take(RULES_FILE_MAX as u64 + 1).read_to_string(&mut text))
+                .with_context(|| {
+                    format!(
+                        "cannot read the rules file {}; 'none' switches redaction off",
+                        path.display()
+                    )
+                })?;
+            Rules::parse(&text)
+                .with_context(|| format!("the rules file {} cannot be taken", path.display()))?
+        }
+    };
+    let variables = env::vars_os()
+        .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+    Ok(rules
+        .with_environment(variables)
+        .with_command(&arguments.command)
+        .with_secrets_of(arguments.upstream.as_deref().unwrap_or_default()))
 }
 
 fn mapping(path: &Path) -> anyhow::Result<Mapping> {
@@ -376,6 +418,7 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
             (counts.opaque_connections, "connections not understood"),
             (counts.images_rejected, "images left out"),
             (counts.open_rewards, "episodes with an open reward"),
+            (counts.redacted, "secrets redacted"),
         ];
         let odd: String = odd
             .iter()

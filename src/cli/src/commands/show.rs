@@ -30,7 +30,8 @@ pub struct Arguments {
     assets: inputs::Assets,
     #[command(flatten)]
     cache: inputs::Cache,
-    /// Print header, steps, end and what is open of the reward as JSON; with --at, the state
+    /// Print header, steps, end, what is open of the reward and how many secrets were redacted as JSON; with --at, the
+    /// state
     #[arg(long)]
     json: bool,
 }
@@ -51,7 +52,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         let sensors: Vec<_> = trace.sensors.iter().map(SensorChannel::summary).collect();
         let whole = json!({
             "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end,
-            "open_reward": open, "sensors": sensors,
+            "open_reward": open, "sensors": sensors, "redacted": trace.redacted(),
         });
         println!("{whole}");
     } else {

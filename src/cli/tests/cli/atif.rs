@@ -21,6 +21,7 @@ const MAY_STAY: &[&str] = &[
     "masks",
     "timings",
     "mcp_answers",
+    "redactions",
     "robot",
     "sensors",
 ];

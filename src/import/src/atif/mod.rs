@@ -73,6 +73,7 @@ pub const LOST: &[(&str, &str)] = &[
     ("masks", "absent"),
     ("timings", "absent"),
     ("mcp_answers", "absent"),
+    ("redactions", "absent"),
     ("robot", "what a robot measured is absent"),
     ("sensors", "absent"),
 ];

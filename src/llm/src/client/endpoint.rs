@@ -127,7 +127,7 @@ impl ApiKey {
 
     /// A text of the endpoint's without the key: some repeat it in their errors.
     pub(crate) fn redact(&self, text: &str) -> String {
-        text.replace(&self.0, "[key]")
+        reel_redact::replace_value(text, "key", &self.0)
     }
 }
 

@@ -8,6 +8,7 @@ use reel_tidy::{crates, root};
 #[rustfmt::skip]
 const LAYERS: &[(&str, &[&str])] = &[
     ("world", &[]),
+    ("redact", &[]),
     ("reward", &["world"]),
     ("sim", &["world"]),
     ("trace", &["world"]),
@@ -27,7 +28,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
-    ("llm", &["world", "agents", "episode", "trace", "prompt"]),
+    ("llm", &["world", "agents", "episode", "trace", "prompt", "redact"]),
     ("dataset", &["world", "history", "prompt"]),
     // dataset: the files of a folder and the rows of JSON, with their lines
     ("data-profile", &["dataset"]),
@@ -43,12 +44,12 @@ const LAYERS: &[(&str, &[&str])] = &[
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
     ("import", &["world", "reward", "trace"]),
-    ("proxy", &["world", "reward", "trace", "import"]),
+    ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
     ("live", &["world", "reward", "episode", "trace"]),
     ("mcp", &["world", "trace", "live"]),
     // reward: the preset of a branch
-    ("tape", &["world", "reward", "episode", "trace", "replay", "live", "mcp"]),
+    ("tape", &["world", "reward", "episode", "trace", "replay", "live", "mcp", "redact"]),
     (
         "server",
         &[
@@ -123,7 +124,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("shiguredo_mp4", &["lerobot", "view"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
-    ("mcap", &["cli", "import", "trace"]),
+    // proxy: its tests read every record of a trace
+    ("mcap", &["cli", "import", "proxy", "trace"]),
     ("prost*", &["import", "trace"]),
     ("re_cdr", &["import"]),
     ("re_ros_msg", &["import"]),
@@ -154,7 +156,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ),
     ("rand_core", &["sim", "tasks", "agents", "annotate", "server"]),
     ("strsim", &["query", "reward"]),
-    ("toml", &["cli", "import", "proxy", "reward", "server"]),
+    ("toml", &["cli", "import", "proxy", "redact", "reward", "server"]),
     ("rustls*", &["proxy"]),
     ("ureq", &["llm"]),
     ("gltf*", &["tasks", "view"]),

@@ -140,6 +140,14 @@ impl Assembly<'_> {
                     Some(_) => Err("it was already said".into()),
                 }
             }
+            schema::REDACTED => {
+                let message: reel::Redacted = decode(data)?;
+                self.expect_moment(message.step)?;
+                match self.redactions.insert(message.step, message.count) {
+                    None => Ok(()),
+                    Some(_) => Err("it was already said".into()),
+                }
+            }
             schema::REPORTED => {
                 let said = codec::read_reported(decode(data)?);
                 once(&mut self.reported, said)

@@ -1,7 +1,10 @@
 //! What was measured beside the records of an episode: clocks, what a robot says of itself, its camera and what
 //! else its recording holds. No link of the hash chain covers any of it.
 
-use std::io::{Seek, Write};
+use std::{
+    collections::BTreeMap,
+    io::{Seek, Write},
+};
 
 use super::{Expected, Journal};
 use crate::{
@@ -32,6 +35,17 @@ impl<W: Write + Seek> Journal<W> {
             return Ok(());
         }
         self.message(schema::MCP_ANSWER, &mcp_answer::message(request, json))
+    }
+
+    /// Records how many secrets were replaced by labels, by rule.
+    pub(crate) fn redacted(
+        &mut self,
+        step: Option<u32>,
+        count: &BTreeMap<String, u64>,
+    ) -> Result<(), TraceError> {
+        self.expect_moment(step, "the count of redactions")?;
+        let count = count.clone();
+        self.message(schema::REDACTED, &reel::Redacted { step, count })
     }
 
     /// Records where the robot was.

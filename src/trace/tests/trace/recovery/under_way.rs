@@ -1,5 +1,7 @@
 //! Calls that were under way: in the simulator they are lost and named, on a robot they happened.
 
+use std::collections::BTreeMap;
+
 use reel_trace::{RestoreScorer, Timing, encode_png};
 use reel_world::{
     FRAME_HEIGHT, FRAME_WIDTH,
@@ -86,6 +88,7 @@ fn a_call_under_way_in_another_world_is_restored() {
         called_unix_ns: 7,
         took_ns: 9,
     };
+    let redacted = BTreeMap::from([("token".to_owned(), 2)]);
     let record = |path: &Path| {
         let mut recorder = Recorder::create(
             path,
@@ -95,9 +98,11 @@ fn a_call_under_way_in_another_world_is_restored() {
             Images::Full,
         )
         .unwrap();
+        recorder.redacted(None, &redacted).unwrap();
         recorder.start_with_base64(&sample.start, &base64).unwrap();
         recorder.input(0, &sample.steps[0].input).unwrap();
         recorder.timing(0, &timing).unwrap();
+        recorder.redacted(Some(0), &redacted).unwrap();
         recorder
             .step_with_base64(&sample.steps[0], "bm8gcGljdHVyZQ==")
             .unwrap();
@@ -126,6 +131,7 @@ fn a_call_under_way_in_another_world_is_restored() {
         (Some(rgb.clone()), None)
     );
     assert_eq!(trace.timings.get(&0), Some(&timing));
+    assert_eq!(trace.redacted(), BTreeMap::from([("token", 4)]));
 
     let whole = folder.path().join("whole.mcap");
     let mut recorder = record(&whole);
@@ -144,5 +150,9 @@ fn a_call_under_way_in_another_world_is_restored() {
     // Written again it keeps its clock.
     let again = folder.path().join("again.mcap");
     trace.rewrite(&again, Images::None, |_| None).unwrap();
-    assert_eq!(Trace::read(&again).unwrap().timings, trace.timings);
+    let again = Trace::read(&again).unwrap();
+    assert_eq!(
+        (again.timings, again.redactions),
+        (trace.timings, trace.redactions)
+    );
 }

@@ -1,0 +1,14 @@
+//! Secrets in what is about to be written: [`Rules`] say what a secret is, a [`Redactor`] replaces each by a label
+//! such as `[redacted:token#1]`. Equal secrets of one redactor get equal labels, numbered in order of appearance; a
+//! label is no function of its secret, so that nobody can test guesses against it.
+//!
+//! `rules` reads rules and holds the built-in ones, `redactor` applies them to texts and JSON values, `escapes` looks
+//! through JSON escapes inside of texts. Never opens a file and never reads the environment: both are arguments. Never
+//! reads Base64.
+
+mod escapes;
+mod redactor;
+mod rules;
+
+pub use redactor::{Redactions, Redactor, Scope, is_recorded_as, replace_value};
+pub use rules::{RULES_FILE_MAX, RuleSource, Rules, RulesError};
