@@ -287,7 +287,7 @@ fn check_texts(
     problems: &mut Problems,
 ) {
     let mut verdicts = Verdicts::new(kind);
-    for (path, file) in files {
+    for (path, file) in files.iter().filter(|(_, file)| file.bytes > 0) {
         let mut visitor = TextChecks {
             path,
             problems,

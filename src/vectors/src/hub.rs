@@ -237,8 +237,9 @@ impl HubState {
             private: body["private"] == true,
             branches: BTreeMap::from([("main".to_owned(), branch)]),
         };
+        let url = format!("https://huggingface.co/datasets/{id}");
         self.repositories.insert(id, repository);
-        ok(&json!({}))
+        ok(&json!({ "url": url }))
     }
 
     fn next_commit(&mut self) -> String {
@@ -257,10 +258,13 @@ impl HubState {
                 Some(branch) => ok(&json!({ "id": id, "sha": branch.commit })),
                 None => refuse(404, "Invalid rev id"),
             },
-            ("GET", ["tree", commit]) => {
-                let branch = found.branches.values().find(|it| it.commit == *commit);
-                match branch {
-                    Some(branch) => tree_page(branch, id, request, address),
+            ("GET", ["tree", revision]) => {
+                let mut branches = found.branches.iter();
+                let named = |(name, it): &(&String, &Branch)| {
+                    it.commit == *revision || **name == decoded(revision)
+                };
+                match branches.find(named) {
+                    Some((_, branch)) => tree_page(branch, id, request, address),
                     None => refuse(404, "Invalid rev id"),
                 }
             }
@@ -349,7 +353,10 @@ impl HubState {
             let value = &line["value"];
             let path = value["path"].as_str().unwrap_or_default().to_owned();
             match line["key"].as_str().unwrap_or_default() {
-                "header" if value["parentCommit"] != next.commit.as_str() => {
+                "header"
+                    if value["parentCommit"].is_string()
+                        && value["parentCommit"] != next.commit.as_str() =>
+                {
                     return refuse(412, "A commit has happened since");
                 }
                 "header" => next.message = value["summary"].as_str().unwrap_or_default().into(),
@@ -371,7 +378,7 @@ impl HubState {
         }
         next.commit = self.next_commit();
         let mut answer = json!({
-            "success": true, "commitOid": next.commit, "commitUrl": format!("https://hub.example/{id}/commit/{}", next.commit),
+            "success": true, "commitOid": next.commit, "commitUrl": format!("https://huggingface.co/{id}/commit/{}", next.commit),
         });
         let mut branch = branch.to_owned();
         let found = self.repositories.entry(id.to_owned()).or_default();
@@ -379,7 +386,7 @@ impl HubState {
             let count = found.branches.keys();
             let number = 1 + count.filter(|name| name.starts_with("refs/pr/")).count();
             answer["pullRequestUrl"] =
-                format!("https://hub.example/datasets/{id}/discussions/{number}").into();
+                format!("https://huggingface.co/datasets/{id}/discussions/{number}").into();
             branch = format!("refs/pr/{number}");
         }
         found.branches.insert(branch, next);

@@ -200,7 +200,7 @@ impl Arguments {
             return Ok(());
         };
         match hub.validate_card(card)? {
-            None => notes.push("the Hub checks no cards".to_owned()),
+            None => notes.push("the Hub did not check the card".to_owned()),
             Some(errors) => {
                 for error in errors {
                     let problems = publication.problems_mut();
@@ -255,6 +255,7 @@ impl Arguments {
 impl Report<'_> {
     fn json(&self) -> Value {
         let problems = self.publication.problems();
+        let notes = [self.publication.notes(), &self.notes[..]].concat();
         let counts = problems.counts().iter();
         let counts = counts.map(|(check, count)| (check.as_str().to_owned(), json!(count)));
         json!({
@@ -266,7 +267,7 @@ impl Report<'_> {
             "bytes_to_write": self.plan.bytes_to_write(), "card_head": self.publication.card_head(),
             "problems": problems.kept_problems(),
             "problem_counts": counts.collect::<serde_json::Map<String, Value>>(),
-            "notes": [self.publication.notes(), &self.notes].concat(),
+            "notes": notes,
             "commit": self.done.commit, "commits": self.done.commits, "url": self.done.url,
         })
     }

@@ -209,7 +209,8 @@ impl Hub {
         let body = Body::Bytes(MEDIA_TYPE, body.as_bytes());
         let mut call = Call::new(action, Method::POST, complete.to_owned(), body);
         call.headers.push(("accept".into(), MEDIA_TYPE.into()));
-        call.authorized = self.http.is_own(complete);
+        // its address is signed, as those of the parts are
+        call.authorized = false;
         self.http.expect(&call).map(drop)
     }
 
