@@ -29,7 +29,7 @@ pub struct StubHub {
 /// What the Hub holds.
 #[derive(Default)]
 pub struct HubState {
-    /// Repositories by `owner/name`.
+    /// The repositories by their names, `owner/name`.
     pub repositories: BTreeMap<String, Repository>,
     /// Large files by their SHA-256.
     pub storage: BTreeMap<String, Vec<u8>>,
@@ -45,7 +45,7 @@ pub struct HubState {
     commits: u64,
 }
 
-/// A dataset repository.
+/// A dataset repository with its branches.
 #[derive(Clone, Default)]
 pub struct Repository {
     /// Whether only its owner sees it.
