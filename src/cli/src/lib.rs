@@ -129,6 +129,9 @@ enum Command {
     Query(commands::query::Arguments),
     #[command(about = "Write training sets, and recordings for other tools")]
     Export(commands::export::Arguments),
+    #[command(about = "Publish a dataset, checked: to a folder or to the Hugging Face Hub")]
+    #[cfg(feature = "analytics")]
+    Publish(commands::publish::Arguments),
     #[command(
         about = "Trace files: doctor, recover, compact, expand, copy, frames, video, logprobs"
     )]
@@ -252,6 +255,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         #[cfg(feature = "analytics")]
         Command::Query(arguments) => commands::query::run(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Publish(arguments) => commands::publish::run(&arguments),
         Command::Trace(arguments) => commands::trace::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Store(arguments) => commands::store::run(&arguments),

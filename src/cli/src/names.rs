@@ -10,7 +10,7 @@ const HEADINGS: [(&str, &[&str]); 6] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record", "test"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
     ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
-    ("Tables and training sets", &["import", "ingest", "query", "export"]),
+    ("Tables and training sets", &["import", "ingest", "query", "export", "publish"]),
     (
         "Groups of commands (`reel GROUP --help` lists them)",
         &[

@@ -124,14 +124,20 @@ pub fn card(manifest: &Manifest) -> String {
     text
 }
 
-fn front_matter(manifest: &Manifest) -> String {
-    let size = match manifest.counts.examples {
+/// The Hub's name of the class of sizes that a number of rows is in.
+pub fn size_category(rows: u64) -> &'static str {
+    match rows {
         0..1_000 => "n<1K",
         1_000..10_000 => "1K<n<10K",
         10_000..100_000 => "10K<n<100K",
         100_000..1_000_000 => "100K<n<1M",
-        _ => "1M<n<10M",
-    };
+        1_000_000..10_000_000 => "1M<n<10M",
+        _ => "10M<n<100M",
+    }
+}
+
+fn front_matter(manifest: &Manifest) -> String {
+    let size = size_category(manifest.counts.examples);
     let mut text = format!(
         "---\npretty_name: {name}\nlicense: {licence}\nlanguage:\n- en\ntask_categories:\n- image-text-to-text\n- robotics\n\
          size_categories:\n- {size}\ntags:\n- embodied-ai\n- tool-use\n- household\nconfigs:\n- config_name: default\n  data_files:\n",

@@ -39,7 +39,7 @@ pub(crate) fn string(out: &mut Vec<u8>, text: &str) {
 }
 
 /// The text as a JSON string, in quotes and escaped.
-pub(crate) fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     let mut out = Vec::with_capacity(text.len() + 2);
     string(&mut out, text);
     String::from_utf8(out).expect("escapes of UTF-8 are UTF-8")

@@ -16,6 +16,7 @@ mod image;
 mod json;
 pub mod lint;
 mod manifest;
+mod preferences;
 mod privileged;
 mod refusal;
 mod rollout;
@@ -24,7 +25,7 @@ mod split;
 mod tokens;
 
 pub use briefing::{PublicReceptacle, TaskBriefing};
-pub use card::{CARD, DATASET_INFO, card, dataset_info, write_card};
+pub use card::{CARD, DATASET_INFO, card, dataset_info, size_category, write_card};
 pub use dataset::{DatasetWriter, Description, PreparedRow, WriterOptions};
 pub use episode::{Episode, ImageId, Source, Step};
 pub use error::DatasetError;
@@ -33,7 +34,9 @@ pub use example::{
 };
 pub use format::Format;
 pub use image::{Encoding, ImageOptions, ImageStore, PIXELS_MAX, PIXELS_MIN, StoredImage, resize};
+pub use json::quoted;
 pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, UNFINISHED, files};
+pub use preferences::{PREFERENCES, PreferenceDescription, VALUES, write_preference_card};
 pub use privileged::{Leak, LeakKind, PrivilegedFacts, find_leak, strip};
 pub use refusal::{RefusalReason, RefusedDecision};
 pub use rollout::{Rollout, TASK_LIST, task_list};

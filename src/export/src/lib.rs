@@ -104,6 +104,10 @@ pub struct ExportOptions {
     /// A model's `tokenizer.json`, to count tokens by.
     #[serde(skip)]
     pub tokenizer: Option<PathBuf>,
+    /// Rows name traces below this folder by the path from there, which means something on other
+    /// machines too. `None`: as the store names them.
+    #[serde(skip)]
+    pub trace_base: Option<PathBuf>,
     /// What the dataset is called.
     pub name: String,
     /// Its licence, as an SPDX name or `other`.

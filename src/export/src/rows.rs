@@ -313,7 +313,7 @@ impl RowBuilder<'_> {
             .and_then(|how| how.preset.as_ref());
         Source {
             trace_digest: row.trace_digest.to_owned(),
-            trace_uri: row.trace.to_owned(),
+            trace_uri: trace_uri(row.trace, self.options.trace_base.as_deref()),
             verdict: if verified {
                 Comparison::of(self.options).exact
             } else {
@@ -493,5 +493,37 @@ impl ImageIndex {
             source,
             path: self.path,
         })
+    }
+}
+
+/// How rows name a trace: by the path from the base folder where it lies below it, else as the
+/// store has it.
+fn trace_uri(trace: &str, base: Option<&Path>) -> String {
+    let below = base
+        .filter(|base| base.parent().is_some())
+        .and_then(|base| Path::new(trace).strip_prefix(base).ok());
+    let Some(below) = below else {
+        return trace.to_owned();
+    };
+    let parts: Vec<_> = below
+        .components()
+        .map(|part| part.as_os_str().to_string_lossy())
+        .collect();
+    parts.join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn traces_below_the_base_are_named_from_there() {
+        let base = Some(Path::new("/a/b"));
+        assert_eq!(trace_uri("/a/b/traces/x.mcap", base), "traces/x.mcap");
+        for trace in ["/a/bc/x.mcap", "s3://a/b/x.mcap", "traces/x.mcap"] {
+            assert_eq!(trace_uri(trace, base), trace);
+            assert_eq!(trace_uri(trace, None), trace);
+            assert_eq!(trace_uri(trace, Some(Path::new("/"))), trace);
+        }
     }
 }

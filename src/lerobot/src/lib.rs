@@ -3,6 +3,7 @@
 //! Owns the folder (`meta`, `data`, `videos`), its columns and statistics. Every frame comes from executing a
 //! trace again; a trace that does not replay exactly adds nothing.
 
+mod card;
 mod columns;
 mod episode;
 pub mod lint;
@@ -14,6 +15,7 @@ use std::path::PathBuf;
 use reel_replay::Verdict;
 use reel_view::Mp4Error;
 
+pub use card::DatasetDescription;
 pub use columns::{CAMERA, PHASES, VECTOR};
 pub use episode::{EncodedEpisode, ExportSettings, encode};
 pub use writer::{DatasetCounts, LeRobotWriter};

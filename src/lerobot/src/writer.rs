@@ -10,12 +10,13 @@ use std::{
 
 use arrow::{datatypes::Schema, json::ReaderBuilder};
 use parquet::{arrow::ArrowWriter, basic::Compression, file::properties::WriterProperties};
-use reel_dataset::MANIFEST;
+use reel_dataset::{CARD, MANIFEST};
 use reel_view::Mp4File;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    CAMERA, CODEBASE_VERSION, EncodedEpisode, ExportSettings, LeRobotError,
+    CAMERA, CODEBASE_VERSION, DatasetDescription, EncodedEpisode, ExportSettings, LeRobotError,
+    card::card,
     columns::{NUMERIC, episode_schema, features, frame_schema, task_schema},
     episode::timestamp,
     statistics::{ChannelHistograms, of_vectors},
@@ -134,11 +135,15 @@ impl LeRobotWriter {
         Ok(())
     }
 
-    /// Completes the files, and writes statistics, tasks, `info.json` and the manifest.
+    /// Completes the files, and writes statistics, tasks, `info.json`, the card and the manifest.
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn finish(mut self, tools: &Value, command: &str) -> Result<DatasetCounts, LeRobotError> {
+    pub fn finish(
+        mut self,
+        tools: &Value,
+        description: &DatasetDescription,
+    ) -> Result<DatasetCounts, LeRobotError> {
         self.data.close()?;
         self.episodes.close()?;
         if let Some(video) = self.video.take() {
@@ -161,8 +166,12 @@ impl LeRobotWriter {
         self.write_json("meta/stats.json", &statistics.into())?;
         let info = self.info(tools);
         self.write_json("meta/info.json", &info)?;
+        let path = self.root.join(CARD);
+        let card = card(description, self.counts, self.settings.fps());
+        fs::write(&path, card).map_err(|source| LeRobotError::Write { path, source })?;
         let manifest = json!({
-            "format": "lerobot", "codebase_version": CODEBASE_VERSION, "command": command,
+            "name": description.name, "format": "lerobot", "codebase_version": CODEBASE_VERSION,
+            "command": description.command, "licence": description.licence,
             "build": env!("CARGO_PKG_VERSION"), "subtasks": format!("rules-{}", reel_annotate::version()),
             "episodes": self.sources, "files": reel_dataset::files(&self.root)?,
         });

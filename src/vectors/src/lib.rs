@@ -1,6 +1,7 @@
 //! Fixtures of the tests of several crates: what they read of REAL from outside the repository,
 //! with a report that compares ours with it; and, as features, episodes that are made up
-//! ([`play`]), episodes that are played ([`episodes`]) and an endpoint of a model ([`scripted`]).
+//! ([`play`]), episodes that are played ([`episodes`]), an endpoint of a model ([`scripted`]) and a
+//! Hugging Face Hub ([`hub`]).
 //! Only tests depend on it. Vector files hold inputs and outputs of REAL's published code:
 //! `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the checkout
 //! is the default. [`real_bench`] finds the benchmark, [`python`] what answers are compared with;
@@ -21,6 +22,8 @@
 pub mod checkout;
 #[cfg(feature = "episodes")]
 pub mod episodes;
+#[cfg(feature = "hub")]
+pub mod hub;
 #[cfg(feature = "play")]
 pub mod play;
 #[cfg(feature = "scripted")]

@@ -26,6 +26,8 @@ pub mod ingest;
 pub mod isolation_check;
 pub mod pack;
 #[cfg(feature = "analytics")]
+pub mod publish;
+#[cfg(feature = "analytics")]
 pub mod query;
 #[cfg(feature = "service")]
 pub mod record;

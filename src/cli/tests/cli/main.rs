@@ -52,6 +52,8 @@ mod moved;
 mod packs;
 mod pages;
 mod parts;
+#[cfg(feature = "analytics")]
+mod publish;
 mod real_bench;
 #[cfg(feature = "analytics")]
 mod real_contract;

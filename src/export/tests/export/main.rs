@@ -37,6 +37,7 @@ fn options(format: Format) -> ExportOptions {
         replay: true,
         rollouts: None,
         tokenizer: None,
+        trace_base: None,
         name: "test".into(),
         licence: "MIT".into(),
         command: "reel export sft".into(),

@@ -2,7 +2,9 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use reel_lerobot::{ExportSettings, LeRobotError, LeRobotWriter, encode, lint::lint};
+use reel_lerobot::{
+    DatasetDescription, ExportSettings, LeRobotError, LeRobotWriter, encode, lint::lint,
+};
 use reel_replay::MotionRate;
 use reel_trace::{Images, Trace};
 use reel_vectors::episodes::{record, tasks};
@@ -37,7 +39,12 @@ pub(crate) fn export<'a>(
     for trace in traces {
         writer.add(&encode(trace, &settings).unwrap()).unwrap();
     }
-    writer.finish(&json!([]), "reel export lerobot").unwrap();
+    let description = DatasetDescription {
+        name: "household".to_owned(),
+        licence: "CC-BY-4.0".to_owned(),
+        command: "reel export lerobot".to_owned(),
+    };
+    writer.finish(&json!([]), &description).unwrap();
 }
 
 /// Every file by its path.
@@ -83,6 +90,11 @@ fn equal_traces_give_equal_files_that_the_lint_accepts() {
             "{report}"
         );
         assert_eq!(report.episodes, 2);
+        let card = fs::read_to_string(one.join("README.md")).unwrap();
+        assert!(
+            card.contains("\nlicense: \"cc-by-4.0\"\n") && card.contains("\n- LeRobot\n"),
+            "{card}"
+        );
         let info: Value =
             serde_json::from_slice(&fs::read(one.join("meta/info.json")).unwrap()).unwrap();
         assert_eq!(info["total_frames"], report.frames);

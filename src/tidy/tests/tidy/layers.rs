@@ -43,6 +43,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("view", &["world", "trace", "replay", "sim"]),
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
+    // dataset: names of files, and the rows of JSON with their lines
+    ("publish", &["dataset"]),
     ("import", &["world", "reward", "trace"]),
     ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
@@ -111,14 +113,17 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("datafusion*", &["cluster", "query", "tables"]),
     (
         "arrow*",
-        &["cluster", "dataset", "export", "lerobot", "python", "query", "server", "tables", "taxonomy"],
+        &[
+            "cluster", "dataset", "export", "lerobot", "publish", "python", "query", "server", "tables",
+            "taxonomy",
+        ],
     ),
     ("numpy", &["python"]),
     ("pyo3*", &["python"]),
     ("pythonize", &["python"]),
     ("tonic", &["cluster"]),
     ("rcgen", &["cluster"]),
-    ("parquet", &["data-profile", "dataset", "export", "lerobot", "query", "tables"]),
+    ("parquet", &["data-profile", "dataset", "export", "lerobot", "publish", "query", "tables"]),
     ("polars*", &["data-profile"]),
     ("rav1e", &["view"]),
     ("shiguredo_mp4", &["lerobot", "view"]),
@@ -158,7 +163,11 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "redact", "reward", "server"]),
     ("rustls*", &["proxy"]),
-    ("ureq", &["llm"]),
+    ("ureq", &["llm", "publish"]),
+    // vectors: the stub of a Hub
+    ("sha1", &["publish", "vectors"]),
+    ("sha2", &["publish", "vectors"]),
+    ("rustix", &["publish"]),
     ("gltf*", &["tasks", "view"]),
     ("openusd", &["tasks"]),
     ("roxmltree", &["scene-import", "taxonomy"]),

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use rayon::prelude::*;
-use reel_lerobot::{EncodedEpisode, ExportSettings, LeRobotError, LeRobotWriter, encode};
+use reel_lerobot::{
+    DatasetDescription, EncodedEpisode, ExportSettings, LeRobotError, LeRobotWriter, encode,
+};
 use reel_replay::MotionRate;
 use serde_json::json;
 
@@ -58,6 +60,17 @@ pub struct Arguments {
     quantizer: u8,
     #[command(flatten)]
     assets: inputs::Assets,
+    /// What the dataset is called
+    #[arg(long, value_name = "NAME", default_value = "reel-lerobot")]
+    name: String,
+    /// Licence of the data, as the dataset's card names it
+    #[arg(
+        long = "license",
+        alias = "licence",
+        value_name = "NAME",
+        default_value = "other"
+    )]
+    licence: String,
     /// Seed of the wordings of subtasks
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -138,7 +151,12 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .iter()
         .skip(1)
         .map(|word| word.to_string_lossy().into_owned());
-    let counts = writer.finish(&tools, &command(words))?;
+    let description = DatasetDescription {
+        name: arguments.name.clone(),
+        licence: arguments.licence.clone(),
+        command: command(words),
+    };
+    let counts = writer.finish(&tools, &description)?;
     let out = &arguments.out;
     if arguments.json {
         println!(

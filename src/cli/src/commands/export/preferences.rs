@@ -11,14 +11,17 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_counterfactual::blame::{Blame, Preferred, blame, preferred};
-use reel_dataset::{Encoding, Format, ImageOptions, Ratios, Style, WriterOptions};
+use reel_dataset::{
+    Encoding, Format, ImageOptions, PREFERENCES, PreferenceDescription, Ratios, Style, VALUES,
+    WriterOptions, write_preference_card,
+};
 use reel_export::{AnnotationSource, ExportOptions, Selection, SplitBy};
 use reel_replay::verify_trace;
 use reel_tables::Store;
 use reel_trace::{Trace, TraceFiles};
 use serde_json::{Value, json};
 
-use super::shared::StoreSource;
+use super::shared::{StoreSource, command};
 use crate::{ExitStatus, inputs, progress};
 
 /// Discount of the value targets (paper, Full POMDP Definition).
@@ -58,6 +61,17 @@ pub struct Arguments {
         default_value_t = 100_352
     )]
     pixels: u32,
+    /// What the dataset is called
+    #[arg(long, value_name = "NAME", default_value = "reel-preferences")]
+    name: String,
+    /// Licence of the data, as the dataset's card names it
+    #[arg(
+        long = "license",
+        alias = "licence",
+        value_name = "NAME",
+        default_value = "other"
+    )]
+    licence: String,
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -165,9 +179,9 @@ fn write(
     store.ingest(&paths, &|_, _| ())?;
     reel_export::export(&store, &examples, &options(arguments), &|_| (), &|_| ())?;
     let rows = rows(&examples)?;
-    let mut preferences = BufWriter::new(fs::File::create(out.join("preferences.jsonl"))?);
-    let mut values = BufWriter::new(fs::File::create(out.join("values.jsonl"))?);
-    let mut count = 0;
+    let mut preferences = BufWriter::new(fs::File::create(out.join(PREFERENCES))?);
+    let mut values = BufWriter::new(fs::File::create(out.join(VALUES))?);
+    let (mut count, mut targets) = (0, 0);
     for pair in pairs {
         let at = pair.preferred.at;
         let row = |trace: &Trace| rows.get(&format!("{}/{at}", trace.header.episode_id));
@@ -196,6 +210,7 @@ fn write(
                         "call": trace.steps[cost.step as usize].input.call, "cost_to_go": cost.before, "regret": cost.regret,
                         "value": value })
                 )?;
+                targets += 1;
             }
         }
     }
@@ -207,6 +222,15 @@ fn write(
     }
     fs::remove_dir_all(&examples)?;
     fs::remove_dir_all(&work)?;
+    let words = crate::words().iter().skip(1);
+    let description = PreferenceDescription {
+        name: arguments.name.clone(),
+        licence: arguments.licence.clone(),
+        command: command(words.map(|word| word.to_string_lossy().into_owned())),
+        pairs: count as u64,
+        values: targets,
+    };
+    write_preference_card(out, &description)?;
     Ok(count)
 }
 
@@ -271,8 +295,9 @@ fn options(arguments: &Arguments) -> ExportOptions {
         replay: true,
         rollouts: None,
         tokenizer: None,
-        name: "reel-preferences".to_owned(),
-        licence: "other".to_owned(),
+        trace_base: std::env::current_dir().ok(),
+        name: arguments.name.clone(),
+        licence: arguments.licence.clone(),
         command: "reel export preferences".to_owned(),
     }
 }

@@ -186,6 +186,7 @@ impl CommonArguments {
             replay: !self.no_replay,
             rollouts: None,
             tokenizer: self.tokenizer.clone(),
+            trace_base: std::env::current_dir().ok(),
             name: name.to_owned(),
             licence: self.licence.clone(),
             command: command(
