@@ -7,6 +7,7 @@
 mod document;
 mod json;
 mod queue;
+mod receiver;
 mod sender;
 mod value;
 
@@ -34,5 +35,6 @@ pub use messages::opentelemetry::proto::{
 };
 pub use prost::Message;
 pub use queue::{Delivery, Queue};
+pub use receiver::{HttpAnswer, PendingLimits, PendingTraces, receive};
 pub use sender::{Acknowledged, Endpoint, SendError, Sender};
 pub use value::{from_hex, to_hex};

@@ -50,9 +50,10 @@ impl Delivery {
 
 /// A bounded queue of items that a thread turns into spans and sends.
 pub struct Queue<T> {
-    items: SyncSender<T>,
+    /// `None` once nothing more is taken.
+    items: Mutex<Option<SyncSender<T>>>,
     shared: Arc<Shared>,
-    finished: Receiver<()>,
+    finished: Mutex<Receiver<()>>,
 }
 
 /// What the thread and its owner both know.
@@ -113,20 +114,24 @@ impl<T: Send + 'static> Queue<T> {
             let _ = finish.send(());
         });
         Self {
-            items,
+            items: Mutex::new(Some(items)),
             shared,
-            finished,
+            finished: Mutex::new(finished),
         }
     }
 
     /// Hands an item over, without waiting; one that does not fit is dropped and counted.
     pub fn push(&self, item: T) {
-        let problem = match self.items.try_send(item) {
-            Ok(()) => return,
-            Err(TrySendError::Full(_)) => {
+        let items = self.items.lock().unwrap_or_else(PoisonError::into_inner);
+        let sent = items.as_ref().map(|items| items.try_send(item));
+        drop(items);
+        let problem = match sent {
+            Some(Ok(())) => return,
+            Some(Err(TrySendError::Full(_))) => {
                 "the queue was full: the collector is slower than the episodes"
             }
-            Err(TrySendError::Disconnected(_)) => "the thread that sends spans ended",
+            Some(Err(TrySendError::Disconnected(_))) => "the thread that sends spans ended",
+            None => "an episode ended after the last spans were sent",
         };
         self.shared.note(|delivery| {
             delivery.dropped += 1;
@@ -134,19 +139,20 @@ impl<T: Send + 'static> Queue<T> {
         });
     }
 
-    /// Waits until all is sent, at most so long, and says what became of it.
-    pub fn finish(self, patience: Duration) -> Delivery {
-        let Self {
-            items,
-            shared,
-            finished,
-        } = self;
+    /// Takes nothing more, waits until all is sent, at most so long, and says what became of it.
+    pub fn finish(&self, patience: Duration) -> Delivery {
+        let shared = &self.shared;
         *shared
             .deadline
             .lock()
             .unwrap_or_else(PoisonError::into_inner) = Some(Instant::now() + patience);
-        drop(items);
-        // The last try may take as long as one may.
+        drop(
+            self.items
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .take(),
+        );
+        let finished = self.finished.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(RecvTimeoutError::Timeout) = finished.recv_timeout(patience) {
             shared.note(|delivery| {
                 delivery.dropped += 1;
@@ -185,5 +191,101 @@ fn deliver(sender: &Sender, shared: &Shared, requests: &[ExportTraceServiceReque
                 delivery.problem = Some(error.to_string());
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        io::{Read as _, Write as _},
+        net::{TcpListener, TcpStream},
+        sync::atomic::{AtomicUsize, Ordering},
+    };
+
+    use super::*;
+    use crate::{Endpoint, InstrumentationScope, Resource, Span, batches};
+
+    fn request(spans: usize) -> ExportTraceServiceRequest {
+        let spans = vec![Span::default(); spans];
+        let (resource, scope) = (Resource::default(), InstrumentationScope::default());
+        batches(&resource, &scope, spans, 1 << 20).remove(0)
+    }
+
+    fn sender(address: &str) -> Sender {
+        let endpoint = Endpoint::resolve(Some(address), |_| None);
+        Sender::new(endpoint.unwrap().unwrap())
+    }
+
+    /// Reads a request to the end of its body.
+    fn taken(stream: &mut TcpStream) {
+        let mut bytes = Vec::new();
+        let mut part = [0; 4096];
+        loop {
+            let text = String::from_utf8_lossy(&bytes).to_lowercase();
+            if let Some(head) = text.find("\r\n\r\n") {
+                let length = text.split("content-length: ").nth(1).unwrap_or("0");
+                let length: usize = length.split("\r\n").next().unwrap().parse().unwrap();
+                if bytes.len() >= head + 4 + length {
+                    return;
+                }
+            }
+            let count = stream.read(&mut part).unwrap();
+            bytes.extend(&part[..count]);
+        }
+    }
+
+    #[test]
+    fn what_is_busy_is_asked_again() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}", listener.local_addr().unwrap());
+        let asked = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&asked);
+        thread::spawn(move || {
+            for stream in listener.incoming() {
+                let mut stream = stream.unwrap();
+                taken(&mut stream);
+                let head = match count.fetch_add(1, Ordering::SeqCst) {
+                    0 => "HTTP/1.1 503 Busy\r\nRetry-After: 0\r\n",
+                    1 => "HTTP/1.1 200 OK\r\n",
+                    _ => "HTTP/1.1 400 Wrong\r\n",
+                };
+                let rest = "Content-Length: 0\r\nConnection: close\r\n\r\n";
+                stream
+                    .write_all(format!("{head}{rest}").as_bytes())
+                    .unwrap();
+            }
+        });
+        let queue = Queue::start(sender(&address), 8, |count| match count {
+            0 => Err("no trace".to_owned()),
+            count => Ok(vec![request(count)]),
+        });
+        for count in [3, 0, 2] {
+            queue.push(count);
+        }
+        let delivery = queue.finish(Duration::from_secs(20));
+        assert_eq!(asked.load(Ordering::SeqCst), 3);
+        assert_eq!(
+            (delivery.accepted, delivery.lost, delivery.dropped),
+            (3, 2, 1)
+        );
+        assert!(!delivery.is_complete());
+        let problem = delivery.problem.unwrap();
+        assert!(problem.contains("status 400"), "{problem}");
+        queue.push(1);
+        assert_eq!(queue.finish(Duration::ZERO).dropped, 2);
+    }
+
+    #[test]
+    fn a_full_queue_drops_and_never_waits() {
+        // Nothing listens at the address of a socket that was closed.
+        let closed = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}", closed.local_addr().unwrap());
+        drop(closed);
+        let queue = Queue::start(sender(&address), 1, |()| Ok(vec![request(1)]));
+        (0..100).for_each(|_| queue.push(()));
+        let delivery = queue.finish(Duration::from_millis(200));
+        assert_eq!(delivery.accepted, 0);
+        assert!(delivery.dropped >= 97, "{delivery}");
+        assert!(delivery.problem.is_some());
     }
 }

@@ -18,7 +18,7 @@ mod reading;
 mod writing;
 
 pub use reading::{SpanEpisode, SpanFiles, documents, import, read, read_requests};
-pub use writing::{ImageParts, SpanOptions, export, requests};
+pub use writing::{ImageParts, SpanClock, SpanOptions, export, requests};
 
 use crate::atif;
 

@@ -45,9 +45,20 @@ pub struct SpanOptions {
     pub content: bool,
     /// How they hold images; without words they hold none.
     pub images: ImageParts,
-    /// When the episode begins, in nanoseconds since 1970; `None` for the clock of the trace, else for the
-    /// beginning of 2000.
-    pub start_unix_ns: Option<u64>,
+    /// When the episode was.
+    pub clock: SpanClock,
+}
+
+/// When an episode was. Traces of the simulator have no clock: it took what the policy and the simulated robot took.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum SpanClock {
+    /// By the clock of the trace; without one it begins with the year 2000, so that equal traces give equal spans.
+    #[default]
+    Recorded,
+    /// It begins then, in nanoseconds since 1970.
+    StartsAt(u64),
+    /// By the clock of the trace; without one it ends then, in nanoseconds since 1970.
+    EndsAt(u64),
 }
 
 impl Default for SpanOptions {
@@ -55,7 +66,7 @@ impl Default for SpanOptions {
         Self {
             content: true,
             images: ImageParts::Reference,
-            start_unix_ns: None,
+            clock: SpanClock::Recorded,
         }
     }
 }
@@ -89,6 +100,10 @@ pub fn export(
     }
     let root = writer.root(&exported.trajectory)?;
     writer.spans[0] = root;
+    if let (SpanClock::EndsAt(end), None) = (options.clock, recorded_start(trace)) {
+        let late = i128::from(end) - i128::from(writer.spans[0].end_time_unix_nano);
+        writer.spans.iter_mut().for_each(|span| shift(span, late));
+    }
     Ok(writer.spans)
 }
 
@@ -143,10 +158,12 @@ impl<'a> Writer<'a> {
     ) -> Self {
         let header = &trace.header;
         let chain = trace.chain().to_string();
-        let start_ns = options
-            .start_unix_ns
-            .or_else(|| recorded_start(trace))
-            .unwrap_or(START_UNIX_NS);
+        let start_ns = match options.clock {
+            SpanClock::StartsAt(start) => start,
+            SpanClock::Recorded | SpanClock::EndsAt(_) => {
+                recorded_start(trace).unwrap_or(START_UNIX_NS)
+            }
+        };
         Self {
             trace,
             images: images.into_iter().collect(),
@@ -205,7 +222,8 @@ impl<'a> Writer<'a> {
         }
         let timing = self.trace.timings.get(&record.step).copied();
         let latency_ns = record.input.policy.as_ref().and_then(|it| it.latency_ns);
-        if let (Some(timing), None) = (timing, self.options.start_unix_ns) {
+        let starts = matches!(self.options.clock, SpanClock::StartsAt(_));
+        if let Some(timing) = timing.filter(|_| !starts) {
             self.now_ns = (timing.called_unix_ns)
                 .saturating_sub(latency_ns.unwrap_or_default())
                 .max(self.now_ns);
@@ -533,6 +551,18 @@ fn recorded_start(trace: &Trace) -> Option<u64> {
     let record = trace.steps.iter().find(|record| record.step == *step)?;
     let latency_ns = record.input.policy.as_ref().and_then(|it| it.latency_ns);
     Some((timing.called_unix_ns).saturating_sub(latency_ns.unwrap_or_default()))
+}
+
+/// Moves a span in time.
+fn shift(span: &mut Span, by_ns: i128) {
+    let moved = |time: &mut u64| {
+        *time = u64::try_from(i128::from(*time) + by_ns).unwrap_or(0);
+    };
+    moved(&mut span.start_time_unix_nano);
+    moved(&mut span.end_time_unix_nano);
+    span.events
+        .iter_mut()
+        .for_each(|event| moved(&mut event.time_unix_nano));
 }
 
 fn failed(message: &str) -> Status {

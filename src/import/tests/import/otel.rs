@@ -9,7 +9,7 @@ use std::{
 use proptest::prelude::*;
 use reel_import::{
     ImportError, ImportedEpisode,
-    otel::{self, ImageParts, LOST, LOST_IMAGES, SpanFiles, SpanOptions},
+    otel::{self, ImageParts, LOST, LOST_IMAGES, SpanClock, SpanFiles, SpanOptions},
 };
 use reel_otlp::{ExportTraceServiceRequest, Format, decode_request, encode, json_line, span_count};
 use reel_trace::{Images, Recorder, Trace};
@@ -331,13 +331,28 @@ fn spans_follow_the_conventions() {
     };
     assert_eq!(errors(&after), errors(&trace));
 
-    let later = SpanOptions {
-        start_unix_ns: Some(7_000),
-        ..SpanOptions::default()
+    let at = |clock| {
+        let options = SpanOptions {
+            clock,
+            ..SpanOptions::default()
+        };
+        let spans = otel::export(&trace, &[], &options).unwrap();
+        (
+            spans[0].start_time_unix_nano,
+            spans[0].end_time_unix_nano,
+            spans.last().unwrap().end_time_unix_nano,
+        )
     };
+    let (start, end, last) = at(SpanClock::Recorded);
+    assert!(start < last && last <= end);
     assert_eq!(
-        otel::export(&trace, &[], &later).unwrap()[0].start_time_unix_nano,
-        7_000
+        at(SpanClock::StartsAt(7_000)),
+        (7_000, 7_000 + end - start, 7_000 + last - start)
+    );
+    let now = 1_800_000_000_000_000_000;
+    assert_eq!(
+        at(SpanClock::EndsAt(now)),
+        (now - (end - start), now, now - (end - last))
     );
 }
 

@@ -31,6 +31,7 @@ fn setup(folder: &Path) -> Setup {
         options: Images::None.into(),
         host: Host::default(),
         stages: PreparedTaskCache::default(),
+        on_finished: Default::default(),
     }
 }
 

@@ -42,7 +42,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("view", &["world", "trace", "replay", "sim"]),
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
-    ("import", &["world", "reward", "trace"]),
+    ("otlp", &[]),
+    ("import", &["world", "reward", "trace", "otlp"]),
     ("proxy", &["world", "reward", "trace", "import"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
     ("live", &["world", "reward", "episode", "trace"]),
@@ -67,6 +68,9 @@ const LAYERS: &[(&str, &[&str])] = &[
             "mcp",
             "tape",
             "llm",
+            // spans of agents that come over HTTP become traces
+            "otlp",
+            "import",
         ],
     ),
     // the Python package: what it calls in the process, and the command line
@@ -124,7 +128,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
     ("mcap", &["cli", "import", "trace"]),
-    ("prost*", &["import", "trace"]),
+    // otlp: the messages of OpenTelemetry
+    ("prost*", &["import", "otlp", "trace"]),
     ("re_cdr", &["import"]),
     ("re_ros_msg", &["import"]),
     ("re_sdk*", &["view"]),
@@ -156,7 +161,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
     ("rustls*", &["proxy"]),
-    ("ureq", &["llm"]),
+    ("ureq", &["llm", "otlp"]),
     ("gltf*", &["tasks", "view"]),
     ("openusd", &["tasks"]),
     ("roxmltree", &["scene-import", "taxonomy"]),
