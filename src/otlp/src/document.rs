@@ -364,4 +364,25 @@ mod tests {
         assert_eq!(counts, [2, 1, 1, 1]);
         assert!(batches(&resource, &scope, Vec::new(), 1_000).is_empty());
     }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(256))]
+
+        /// No bytes, and no cut or changed file, make a reader panic.
+        #[test]
+        fn no_bytes_make_a_reader_panic(
+            bytes in proptest::collection::vec(proptest::num::u8::ANY, 0..200),
+            at in 0usize..400,
+            byte in proptest::num::u8::ANY,
+        ) {
+            let _ = decode(&bytes);
+            let _ = gunzip([GZIP, &bytes].concat(), 1_000);
+            for mut file in [encode(&request()), json_line(&request()).unwrap()] {
+                let at = at % file.len();
+                let _ = decode(&file[..at]);
+                file[at] = byte;
+                let _ = decode(&file);
+            }
+        }
+    }
 }

@@ -39,6 +39,9 @@ pub(super) struct Conversation {
     pub(super) notes: Vec<String>,
 }
 
+/// How many spans around one are looked at; ids of broken exporters may go in a circle.
+const DEPTH_MAX: usize = 256;
+
 /// Makes turns of spans, which are in their order. `task` names an attribute that says which task it was.
 pub(super) fn conversation(
     id: &str,
@@ -149,8 +152,7 @@ impl<'a> Family<'a> {
     /// Whether a span that encloses this one is such.
     fn within(&self, number: usize, is_such: impl Fn(&SpanFacts) -> bool) -> bool {
         let mut at = number;
-        // Ids of broken exporters may go in a circle.
-        for _ in 0..self.spans.len() {
+        for _ in 0..DEPTH_MAX {
             let parent = &self.spans[at].span.parent_span_id[..];
             match self.by_id.get(parent) {
                 Some(outer) if is_such(&self.spans[*outer]) => return true,
@@ -205,7 +207,10 @@ fn parameters(spans: &[SpanFacts]) -> BTreeMap<String, Value> {
 /// A call on its way, with what came of it.
 struct OpenCall {
     step: usize,
+    /// Its own id, in the whole conversation.
     id: String,
+    /// The id that spans give it; providers may count anew in each response.
+    told: Option<String>,
     name: String,
     result: Option<Content>,
     /// Whether a span executed it.
@@ -218,6 +223,12 @@ struct OpenCall {
 struct Reader {
     steps: Vec<Step>,
     calls: Vec<OpenCall>,
+    /// Ids of all calls.
+    ids: BTreeSet<String>,
+    /// Whether the agent did or said something.
+    acted: bool,
+    /// What came after a turn without a call, by an attribute of ours; the next response tells it again.
+    answered: Option<String>,
     /// The turn of a response of which nothing was recorded: the executions that follow are its calls.
     unrecorded: Option<usize>,
     /// How often each message was there.
@@ -280,6 +291,7 @@ impl Reader {
     /// What the agent as a whole said, where no response is recorded.
     fn closing(&mut self, root: &SpanFacts) {
         for message in root.output() {
+            self.acted = true;
             let step = self.said(message, "invoke_agent");
             self.steps.push(step);
         }
@@ -297,6 +309,11 @@ impl Reader {
         }
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         for message in input {
+            let answer = self.answered.as_deref();
+            if message.role == "user" && answer.is_some_and(|answer| answer == message.text()) {
+                self.answered = None;
+                continue;
+            }
             let print = message.fingerprint();
             let count = counts.entry(print.clone()).or_default();
             *count += 1;
@@ -314,17 +331,16 @@ impl Reader {
             let open = self.calls.iter_mut().rev();
             let found = open
                 .filter(|call| call.result.is_none())
-                .find(|call| response.id.as_ref().is_none_or(|id| *id == call.id));
+                .find(|call| response.id.is_none() || response.id == call.told);
             if let Some(call) = found {
                 call.result = Some(response.content);
             }
         }
         self.lose(place, std::mem::take(&mut message.left_out));
-        let acted = self.steps.iter().any(|step| step.source == Source::Agent);
         let source = match message.role.as_str() {
             "system" | "developer" => Source::System,
             // What it said is in the span of that response.
-            "assistant" | "model" if acted => return,
+            "assistant" | "model" if self.acted => return,
             "assistant" | "model" => {
                 let mut step = self.said(message, place);
                 step.is_copied_context = Some(true);
@@ -386,14 +402,15 @@ impl Reader {
             ..StepMetrics::default()
         });
         self.record(span, &mut step);
+        self.acted = true;
         let number = self.steps.len();
-        for (at, call) in step.tool_calls.iter_mut().enumerate() {
-            if call.tool_call_id.is_empty() {
-                call.tool_call_id = format!("call_{number}_{at}");
-            }
+        for call in &mut step.tool_calls {
+            let told = Some(std::mem::take(&mut call.tool_call_id)).filter(|id| !id.is_empty());
+            call.tool_call_id = self.unique(told.as_deref());
             self.calls.push(OpenCall {
                 step: number,
                 id: call.tool_call_id.clone(),
+                told,
                 name: call.function_name.clone(),
                 result: None,
                 executed: false,
@@ -404,6 +421,7 @@ impl Reader {
         let reply = span.attributes.get(names::RESULT).map(messages::result);
         if let Some((content, left_out)) = reply {
             self.lose(&place, left_out);
+            self.answered = Some(text_in(&content));
             self.replies.insert(number, content);
         } else if let (Some(error), false) = (error, recorded) {
             self.replies.insert(number, Content::Text(error));
@@ -424,7 +442,7 @@ impl Reader {
         let waits = |call: &OpenCall| !call.executed;
         let mut open = self.calls.iter();
         let found = match &id {
-            Some(id) => open.position(|call| waits(call) && call.id == *id),
+            Some(_) => open.position(|call| waits(call) && call.told == id),
             None => open.position(|call| waits(call) && call.name == name),
         };
         let number = found.unwrap_or_else(|| self.new_call(&name, id));
@@ -454,11 +472,13 @@ impl Reader {
     /// A call of which no response told: of the response before if nothing of that was recorded, else a turn of
     /// its own.
     fn new_call(&mut self, name: &str, id: Option<String>) -> usize {
+        self.acted = true;
         let step = self.unrecorded.unwrap_or_else(|| {
             self.steps.push(Step::of(Source::Agent));
             self.steps.len() - 1
         });
-        let id = id.unwrap_or_else(|| format!("call_{step}_{}", self.calls.len()));
+        let told = id;
+        let id = self.unique(told.as_deref());
         self.steps[step].tool_calls.push(Call {
             tool_call_id: id.clone(),
             function_name: name.to_owned(),
@@ -467,12 +487,22 @@ impl Reader {
         self.calls.push(OpenCall {
             step,
             id,
+            told,
             name: name.to_owned(),
             result: None,
             executed: false,
             failed: false,
         });
         self.calls.len() - 1
+    }
+
+    /// An id that no call has: the told one where it is.
+    fn unique(&mut self, told: Option<&str>) -> String {
+        let number = self.calls.len();
+        let told = told.filter(|id| !self.ids.contains(*id));
+        let id = told.map_or_else(|| format!("reel_call_{number}"), str::to_owned);
+        self.ids.insert(id.clone());
+        id
     }
 
     /// The turns with their results, the calls that failed, and what is ours of the episode.
@@ -503,29 +533,33 @@ impl Reader {
         (steps, failed, std::mem::take(&mut self.kept))
     }
 
-    /// The scores of all spans, and whether they say success. Of several results of one name the last counts.
+    /// The scores of all spans, and whether they say success. The outermost agent's come first; of several results
+    /// of one name the last counts, unless the agent has one.
     fn reported(&mut self, spans: &[SpanFacts], rule: Option<&SuccessRule>) -> Reported {
         let mut scores: Vec<Score> = Vec::new();
         let mut several: BTreeMap<String, usize> = BTreeMap::new();
-        // The outermost spans are judged last.
         let (agents, others): (Vec<_>, Vec<_>) =
             spans.iter().partition(|span| span.role == Role::Agent);
-        for score in others
-            .into_iter()
-            .chain(agents.into_iter().rev())
-            .flat_map(SpanFacts::scores)
-        {
-            match scores.iter_mut().find(|known| known.name == score.name) {
-                Some(known) => {
-                    *several.entry(score.name.clone()).or_insert(1) += 1;
-                    *known = score;
+        let mut of_agents = 0;
+        for (number, span) in agents.iter().chain(&others).enumerate() {
+            if number == agents.len() {
+                of_agents = scores.len();
+            }
+            for score in span.scores() {
+                let known = scores.iter().position(|known| known.name == score.name);
+                let Some(at) = known else {
+                    scores.push(score);
+                    continue;
+                };
+                *several.entry(score.name.clone()).or_insert(1) += 1;
+                if number >= agents.len() && at >= of_agents {
+                    scores[at] = score;
                 }
-                None => scores.push(score),
             }
         }
         self.notes.extend(several.iter().map(|(name, count)| {
             format!(
-                "{count} results of evaluation '{}': the last one is kept",
+                "{count} results of evaluation '{}': one is kept",
                 name.escape_debug()
             )
         }));
@@ -534,6 +568,19 @@ impl Reader {
             scores,
         }
     }
+}
+
+/// The words of a content, as messages have them.
+fn text_in(content: &Content) -> String {
+    let parts = match content {
+        Content::Text(text) => return text.clone(),
+        Content::Parts(parts) => parts,
+    };
+    let words = parts.iter().filter_map(|part| match part {
+        Part::Text { text } => Some(text.as_str()),
+        Part::Image { .. } | Part::Audio { .. } => None,
+    });
+    words.collect::<Vec<_>>().join("\n")
 }
 
 fn observation(step: &mut Step) -> &mut Vec<CallResult> {

@@ -23,6 +23,8 @@ use crate::{
 const BYTES_MAX: u64 = 1 << 30;
 /// Most spans that are read at once.
 const SPANS_MAX: usize = 5_000_000;
+/// How many spans around one are searched for a conversation; ids of broken exporters may go in a circle.
+const DEPTH_MAX: usize = 256;
 /// How much of a file is read to see whether it is one of spans.
 const BEGINNING: u64 = 64 << 10;
 
@@ -272,7 +274,7 @@ fn episode_ids(spans: &[(usize, SpanFacts)]) -> Vec<String> {
     }
     let inherited = |at: usize| -> Option<&str> {
         let mut at = at;
-        for _ in 0..spans.len() {
+        for _ in 0..DEPTH_MAX {
             if let Some(name) = &own[at] {
                 return Some(name);
             }

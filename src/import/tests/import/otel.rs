@@ -14,7 +14,7 @@ use reel_import::{
 use reel_otlp::{ExportTraceServiceRequest, Format, decode_request, encode, json_line, span_count};
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{
-    ErrorCode, Frame,
+    ErrorCode, Frame, ToolCall,
     record::{Backend, EndReason, PolicyOutput, Score},
 };
 use serde_json::{Value, json};
@@ -83,6 +83,10 @@ fn with_words(trace: &Trace, folder: &Path) -> Trace {
             latency_ns: (step % 2 == 1).then_some(5_000_000),
             ..PolicyOutput::default()
         });
+        if step % 7 == 5 {
+            record.input.call = ToolCall::new("message", json!({}));
+            record.tool = None;
+        }
         if step % 5 == 2 {
             record.outcome.text = r#"[{"type": "text", "content": "quoted"}]"#.to_owned();
         }
@@ -258,12 +262,18 @@ fn spans_follow_the_conventions() {
         };
         rest.iter().filter(is)
     };
-    assert_eq!(of("execute_tool").count(), trace.steps.len());
-    let failed = trace
+    let silent = trace
         .steps
         .iter()
-        .filter(|step| step.outcome.error.is_some())
-        .count();
+        .filter(|step| step.input.call.name == "message");
+    assert_eq!(
+        of("execute_tool").count() + silent.count(),
+        trace.steps.len()
+    );
+    let has_failed = |step: &reel_world::record::StepRecord| {
+        step.outcome.error.is_some() && step.input.call.name != "message"
+    };
+    let failed = trace.steps.iter().filter(|step| has_failed(step)).count();
     assert!(failed > 0);
     assert_eq!(
         of("execute_tool")
@@ -322,13 +332,7 @@ fn spans_follow_the_conventions() {
             .collect::<Vec<_>>()
     };
     assert_eq!(calls(&after), calls(&trace));
-    let errors = |trace: &Trace| {
-        trace
-            .steps
-            .iter()
-            .map(|step| step.outcome.error.is_some())
-            .collect::<Vec<_>>()
-    };
+    let errors = |trace: &Trace| trace.steps.iter().map(has_failed).collect::<Vec<_>>();
     assert_eq!(errors(&after), errors(&trace));
 
     let at = |clock| {
