@@ -46,7 +46,7 @@ class Collector:
                     assert self.path == "/v1/traces" and self.headers["content-type"] == "application/x-protobuf", f"{self.path} {self.headers}"
                     assert len(body) < 4 << 20, f"a request of {len(body)} bytes"
                     collector.bodies.append(body)
-                    collector.headers.append(dict(self.headers))
+                    collector.headers.append({name.lower(): value for name, value in self.headers.items()})
                     collector.requests.append(ExportTraceServiceRequest.FromString(body))
                     if collector.rejects:
                         answer.partial_success.rejected_spans = collector.rejects

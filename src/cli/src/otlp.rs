@@ -88,7 +88,7 @@ impl TraceExporter {
     }
 }
 
-/// Nanoseconds since 1970.
+/// The time now, in nanoseconds since 1970.
 pub fn now_ns() -> u64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX))

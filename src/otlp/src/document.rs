@@ -19,7 +19,7 @@ const NAME_WITHIN: usize = 64 << 10;
 /// An encoding of OTLP.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Format {
-    /// Binary protobuf.
+    /// The binary encoding of protobuf.
     Protobuf,
     /// OTLP/JSON, which is not the JSON of protobuf: ids are hexadecimal.
     Json,

@@ -28,7 +28,7 @@ pub(crate) mod hex {
     }
 }
 
-/// Bytes in base64.
+/// Bytes as a text in base64.
 pub(crate) mod base64_bytes {
     use base64::{Engine as _, engine::general_purpose::STANDARD};
 

@@ -42,7 +42,7 @@ impl std::fmt::Display for Delivery {
 }
 
 impl Delivery {
-    /// Whether everything arrived.
+    /// Whether every span reached the collector.
     pub fn is_complete(&self) -> bool {
         self.lost == 0 && self.dropped == 0
     }

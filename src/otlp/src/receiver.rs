@@ -17,7 +17,7 @@ use crate::{
 const BYTES_MAX: u64 = 64 << 20;
 /// `INVALID_ARGUMENT` of gRPC, which OTLP has in answers.
 const INVALID: i32 = 3;
-/// `UNAVAILABLE` of gRPC.
+/// `UNAVAILABLE` of gRPC, which OTLP has in answers.
 const UNAVAILABLE: i32 = 14;
 
 /// An answer to a request over HTTP.
@@ -27,7 +27,7 @@ pub struct HttpAnswer {
     pub status: u16,
     /// The encoding of the body, which is that of the request.
     pub format: Format,
-    /// The body, encoded.
+    /// The body in that encoding.
     pub body: Vec<u8>,
 }
 
@@ -158,7 +158,7 @@ struct PendingTrace {
 }
 
 impl PendingTraces {
-    /// No trace yet.
+    /// Begins without any trace.
     pub fn new(limits: PendingLimits) -> Self {
         Self {
             limits,

@@ -116,7 +116,7 @@ fn written(trace: &Path) -> u64 {
     })
 }
 
-/// Where spans go.
+/// Where the spans of a command go.
 enum Target {
     Files {
         folder: PathBuf,
