@@ -22,6 +22,8 @@ mod match_arguments;
 #[cfg(feature = "service")]
 mod model;
 mod names;
+#[cfg(feature = "service")]
+mod otlp;
 mod progress;
 #[cfg(feature = "service")]
 mod prompt;

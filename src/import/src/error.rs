@@ -40,6 +40,11 @@ pub enum ImportError {
         "no log of Inspect here: give a file .eval, a log in one .json file, or a folder of such: {root}"
     )]
     NoLog { root: PathBuf },
+    /// No spans lie in the folder or below it.
+    #[error(
+        "no spans of OpenTelemetry here: give a file of OTLP (.json or .jsonl with resourceSpans, .pb, .binpb, .otlp; also .gz), or a folder of such: {root}"
+    )]
+    NoSpans { root: PathBuf },
     /// A recording in a form that is not read.
     #[error("{reason}: {path}")]
     Storage { path: PathBuf, reason: String },

@@ -1,6 +1,6 @@
 //! Episodes that agents of the published REAL framework played (`eval_output`,
 //! docs/spec.md#evaluation-agents) as traces; [`robot`] does the same for what robots recorded, [`atif`]
-//! for trajectories of any agent, [`inspect`] for logs of evaluations.
+//! for trajectories of any agent, [`inspect`] for logs of evaluations, [`otel`] for spans of OpenTelemetry.
 //!
 //! Owns what their files mean. Reads every field leniently: a missing file is less information; a
 //! torn one is a loss that is named, and the steps before it are imported. Never simulates, never
@@ -38,9 +38,11 @@ mod layout;
 mod lenient;
 mod mapping;
 mod observe;
+pub mod otel;
 mod outcome;
 mod response;
 pub mod robot;
+mod success;
 mod task;
 
 use std::{
@@ -58,6 +60,7 @@ pub use layout::cut_debug_info;
 pub use mapping::{Entries, MappingError, MappingFile, Tools};
 pub use observe::{CallObservation, ObservedState, header, record, same_graph_for_both};
 pub use outcome::{outcome, reply};
+pub use success::SuccessRule;
 pub use task::{TaskSetup, unknown_task};
 
 /// What is known besides the files of an episode.

@@ -24,6 +24,6 @@ pub use session::{
     BranchInputs, BranchedEpisode, CallResult, EndedEpisode, PrivilegedState, Session,
     SessionStatus, StartedEpisode,
 };
-pub use setup::{EpisodeRequest, Lease, PreparedTaskCache, Setup, check_name};
+pub use setup::{EpisodeRequest, Lease, PreparedTaskCache, Setup, TraceObserver, check_name};
 pub use situation::{EpisodePosition, Situation};
 pub use turns::{Owner, Turn, Turns};

@@ -448,6 +448,7 @@ impl Session {
         path: PathBuf,
     ) -> Result<(), LiveError> {
         recorder.end(&end)?;
+        self.setup.on_finished.finished(&path);
         self.finished = Some(path);
         self.now = Phase::Over {
             task,

@@ -2,8 +2,9 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
-    path::PathBuf,
-    sync::{Arc, Mutex, PoisonError, Weak},
+    fmt,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, OnceLock, PoisonError, Weak},
 };
 
 use reel_episode::{EpisodeConfig, PreparedTask, Rollout};
@@ -43,6 +44,36 @@ pub struct Setup {
     pub host: Host,
     /// Those of the tasks that are being played.
     pub stages: PreparedTaskCache,
+    /// Who is told of each trace that is finished.
+    pub on_finished: TraceObserver,
+}
+
+/// What is called with a trace, on the session's thread.
+type ObserveTrace = Box<dyn Fn(&Path) + Send + Sync>;
+
+/// Who is told of each trace when it is finished: set once, by whoever runs the sessions. It must not take long.
+#[derive(Clone, Default)]
+pub struct TraceObserver(Arc<OnceLock<ObserveTrace>>);
+
+impl TraceObserver {
+    /// Tells `observe` of each trace from now on. The first one that is set stays.
+    pub fn set(&self, observe: impl Fn(&Path) + Send + Sync + 'static) {
+        let _ = self.0.set(Box::new(observe));
+    }
+
+    /// Passes on that a trace is finished.
+    pub(crate) fn finished(&self, trace: &Path) {
+        if let Some(observe) = self.0.get() {
+            observe(trace);
+        }
+    }
+}
+
+impl fmt::Debug for TraceObserver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let set = self.0.get().is_some();
+        f.debug_tuple("TraceObserver").field(&set).finish()
+    }
 }
 
 /// What the simulators of one task share, as long as there is one of them.

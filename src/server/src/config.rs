@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use reel_live::{Host, PreparedTaskCache, Setup};
+use reel_live::{Host, PreparedTaskCache, Setup, TraceObserver};
 use reel_mcp::{AnswerSources, AskResponder};
 use reel_reward::Preset;
 use reel_tasks::{DrawOptions, ObjectOrder, SceneSource, assets::AssetFolder, draw, home_scene};
@@ -59,6 +59,8 @@ pub struct Config {
     /// Certificate and key of TLS; without them, plain HTTP.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tls: Option<TlsFiles>,
+    /// Whether it takes spans of OpenTelemetry at /v1/traces, from whoever may act; complete ones become traces.
+    pub otlp_in: bool,
     /// What the sessions play: tasks, seed, profile, rewards and who answers.
     pub play: Play,
     /// What clients may take.
@@ -236,6 +238,7 @@ impl Default for Config {
             log: LogFormat::Text,
             log_filter: "info,rmcp=error,buoyant_kernel=warn".to_owned(),
             tls: None,
+            otlp_in: false,
             play: Play::default(),
             limits: Limits::default(),
         }
@@ -571,6 +574,7 @@ impl Config {
             },
             host: Host::default(),
             stages: PreparedTaskCache::default(),
+            on_finished: TraceObserver::default(),
         })
     }
 

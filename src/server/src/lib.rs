@@ -20,6 +20,7 @@ mod jobs;
 mod metrics;
 mod mock_llm;
 mod openenv;
+mod otlp;
 #[cfg(feature = "tables")]
 mod pages;
 mod replay;
@@ -51,7 +52,7 @@ pub use reel_tape::{
 };
 pub use replay::{ReplayServer, run_replay_stdio};
 pub use rest::openapi;
-pub use run::{run, run_stdio};
+pub use run::{OnTrace, run, run_stdio};
 pub use service::{ServeError, Service, start_logs};
 #[cfg(feature = "tables")]
 pub use sql_process::answer_sql;

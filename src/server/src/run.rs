@@ -1,6 +1,6 @@
 //! The service as a whole process: runtime, signals, the limit on open files.
 
-use std::{io, net::SocketAddr, sync::Arc, time::Duration};
+use std::{io, net::SocketAddr, path::Path, sync::Arc, time::Duration};
 
 use reel_live::{SessionPool, Setup};
 use reel_mcp::AnswerSources;
@@ -12,12 +12,15 @@ use tokio::{
 
 use crate::{Config, ServeError, Service, service::run_name, start_logs};
 
+/// What is called with a trace when it is finished, on the thread of its session.
+pub type OnTrace = Box<dyn Fn(&Path) + Send + Sync>;
+
 /// How long work that nobody waits for may take to end.
 pub(crate) const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the
 /// number of tasks. Questions about the store read traces from `trace_files`; `sources` answer
-/// policies from outside.
+/// policies from outside; `on_trace` is told of each trace of a session when it is finished.
 ///
 /// # Errors
 /// When the service cannot start.
@@ -25,6 +28,7 @@ pub fn run(
     config: Config,
     trace_files: TraceFiles,
     sources: AnswerSources,
+    on_trace: Option<OnTrace>,
     on_listening: impl FnOnce(SocketAddr, usize),
 ) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
@@ -34,6 +38,9 @@ pub fn run(
         // Whoever is told the address may end the service at once.
         let stopped = stopped();
         let service = Service::start(config, trace_files, sources).await?;
+        if let Some(observe) = on_trace {
+            service.observe_traces(observe);
+        }
         on_listening(
             service.address().map_err(ServeError::System)?,
             service.tasks(),

@@ -36,6 +36,7 @@ use crate::{
     gate::{self, Demand, Rates},
     metrics::Metrics,
     openenv::SiblingCounts,
+    otlp::SpanIntake,
     rest::{self, ApiError},
     snapshots::SnapshotFolder,
     tls::{Certificate, TlsError},
@@ -57,6 +58,8 @@ pub(crate) struct App {
     pub pool: Arc<SessionPool>,
     pub questions: Arc<Questions>,
     pub sources: AnswerSources,
+    /// Spans that came to /v1/traces and whose traces are not complete.
+    pub spans: SpanIntake,
     pub archive: Archive,
     pub snapshots: SnapshotFolder,
     /// How many OpenEnv episodes began at each call of a trace.
@@ -241,6 +244,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         let app = Arc::new(App {
             pool: Arc::new(SessionPool::new(setup, config.pool())),
             questions: Arc::default(),
+            spans: SpanIntake::default(),
             sources,
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
@@ -287,6 +291,11 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         self.listener.local_addr()
     }
 
+    /// Tells somebody of each trace of a session when it is finished, on the thread of the session.
+    pub fn observe_traces(&self, observe: impl Fn(&std::path::Path) + Send + Sync + 'static) {
+        self.app.pool.setup().on_finished.set(observe);
+    }
+
     /// How many tasks it serves.
     pub fn tasks(&self) -> usize {
         self.app.pool.setup().tasks.len()
@@ -304,6 +313,9 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         if app.config.ingests_new() {
             tokio::spawn(crate::intake::ingest_new_traces(app.clone()));
         }
+        if app.config.otlp_in {
+            tokio::spawn(crate::otlp::write_complete_traces(app.clone()));
+        }
         let closing = app.closing.clone();
         let serving = tokio::spawn(connections::serve(
             listener,
@@ -317,6 +329,7 @@ impl<L: Listener<Addr = SocketAddr>> Service<L> {
         closing.cancel();
         let _ = serving.await;
         tending.abort();
+        crate::otlp::write_all_traces(&app).await;
         let sessions = app.pool.close_all().await;
         tracing::info!(sessions, "all sessions are closed and all traces complete");
     }
@@ -374,6 +387,10 @@ fn router(app: &Arc<App>) -> Router {
         let routes = routes.other(Demand::role(Role::Act), policies);
         let sockets = crate::openenv::router(app);
         let routes = routes.other(Demand::role(Role::Act).basic(), sockets);
+        let routes = match app.config.otlp_in {
+            true => routes.other(Demand::role(Role::Act), crate::otlp::router(app)),
+            false => routes,
+        };
         #[cfg(feature = "rerun")]
         let routes = routes.other(Demand::OPEN, crate::viewer::router());
         #[cfg(feature = "tables")]

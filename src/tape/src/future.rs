@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 use reel_live::{
     BranchInputs, BranchedEpisode, CallResult, EndedEpisode, Host, LiveError, PreparedTaskCache,
-    Session, Setup,
+    Session, Setup, TraceObserver,
 };
 use reel_replay::{Fork, Verdict};
 use reel_reward::Preset;
@@ -93,6 +93,7 @@ fn setup(tape: &Tape, player: &Player<'_>, images: Images) -> Result<Setup, Verd
         options: RecordOptions::from(images),
         host: Host::default(),
         stages: PreparedTaskCache::default(),
+        on_finished: TraceObserver::default(),
     })
 }
 

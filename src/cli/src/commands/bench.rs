@@ -30,7 +30,9 @@ use crate::{
     ExitStatus,
     agent_arguments::{AgentArguments, AgentSet},
     commands::run::remove_abandoned,
-    inputs, progress,
+    inputs,
+    otlp::OtlpArguments,
+    progress,
 };
 use budget::Budget;
 use comparison::compare;
@@ -106,6 +108,8 @@ pub struct Arguments {
     /// Prices of a million input and output tokens, in any currency
     #[arg(long, value_name = "INPUT,OUTPUT", value_delimiter = ',', num_args = 1)]
     prices: Option<Vec<f64>>,
+    #[command(flatten)]
+    otlp: OtlpArguments,
     /// Print the result table as one JSON object
     #[arg(long)]
     json: bool,
@@ -243,8 +247,12 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         budget.check().map_err(not_played)?;
         agents.instantiate(job)
     };
+    let exporter = arguments.otlp.exporter()?;
     let results = run_all(open, workers, instantiate, |report| {
         budget.spend(report);
+        if let (Some(exporter), Some(trace)) = (&exporter, &report.trace) {
+            exporter.push(trace);
+        }
         let successes = successes.fetch_add(u64::from(report.success), Ordering::Relaxed)
             + u64::from(report.success);
         bar.inc(1);
@@ -254,6 +262,9 @@ fn play(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         ));
     });
     bar.finish_and_clear();
+    if let Some(exporter) = exporter {
+        exporter.finish();
+    }
     let (mut failed, mut skipped) = (0, 0);
     for result in results {
         match result {

@@ -8,8 +8,8 @@ use std::{
 use anyhow::Context;
 use rayon::prelude::*;
 use reel_import::{
-    ImportError, ImportOptions, ImportedEpisode,
-    inspect::SuccessRule,
+    ImportError, ImportOptions, ImportedEpisode, SuccessRule,
+    otel::SpanEpisode,
     robot::{Mapping, Recording},
 };
 use reel_tasks::ObjectOrder;
@@ -150,6 +150,37 @@ enum Command {
         #[command(flatten)]
         importing: Importing,
     },
+    /// Spans of OpenTelemetry: what an instrumented agent of any framework did, as traces
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Reads OTLP in files (.json and .jsonl as the collector's file exporter writes them, .pb, .binpb, .otlp; also .gz), by the
+    /// semantic conventions for generative AI, OpenInference and OpenLLMetry. One conversation is one episode, else one trace
+    /// id. Each execution of a tool is a step with its arguments and result; what the model said before it, its tokens and errors
+    /// stand with it. Results of evaluations are scores; which of them says success is --success, as for Inspect. Spans that
+    /// `reel export otel` wrote keep task, rewards and world graphs. Other spans are counted and not read.
+    ///
+    /// Examples:
+    ///   reel import otel spans --out traces
+    ///   reel import otel spans.jsonl --task test.case.name --success 'quality>=0.5' --out traces
+    ///
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or
+    /// left out.
+    Otel {
+        /// A file of spans, or a folder with such files in it
+        #[arg(value_name = "FILE|DIR")]
+        spans: PathBuf,
+        /// Name of the run that the traces belong to
+        #[arg(long, value_name = "NAME", default_value = "otel")]
+        run: String,
+        /// The score that says success, and from which value on (default 1)
+        #[arg(long, value_name = "NAME[>=VALUE]")]
+        success: Option<SuccessRule>,
+        /// Attribute of spans that names the task; without it the conversation or trace id does
+        #[arg(long = "task", value_name = "ATTRIBUTE")]
+        task_attribute: Option<String>,
+        #[command(flatten)]
+        importing: Importing,
+    },
 }
 
 /// What every import takes.
@@ -212,7 +243,57 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             };
             documents_of_many(&logs, run, importing, one)
         }
+        Command::Otel {
+            spans,
+            run,
+            success,
+            task_attribute,
+            importing,
+        } => otel(
+            spans,
+            run,
+            success.as_ref(),
+            task_attribute.as_deref(),
+            importing,
+        ),
     }
+}
+
+/// Imports spans, of which several files may hold one episode.
+fn otel(
+    root: &Path,
+    run: &str,
+    success: Option<&SuccessRule>,
+    task_attribute: Option<&str>,
+    importing: &Importing,
+) -> anyhow::Result<ExitStatus> {
+    let files = reel_import::otel::documents(root)?;
+    let read = reel_import::otel::read(&files)?;
+    let one = |told: &SpanEpisode, out: &Path, options: &ImportOptions<'_>| {
+        reel_import::otel::import(told, out, options, success, task_attribute)
+    };
+    let (results, broken) = importing.each_of(&read.episodes, run, one)?;
+    for (told, result) in read.episodes.iter().zip(&results) {
+        tell(&told.source, result, importing.json)?;
+    }
+    read.losses
+        .iter()
+        .for_each(|loss| eprintln!("reel: {loss}"));
+    if importing.json && !read.losses.is_empty() {
+        println!("{}", json!({ "losses": read.losses }));
+    }
+    if read.without_agent > 0 {
+        eprintln!(
+            "reel: {} traces have no span of an agent and are no episodes",
+            read.without_agent
+        );
+    }
+    let lost = broken + read.losses.len();
+    let answer = answer(&results, lost, &importing.out, importing.json);
+    Ok(match answer {
+        ExitStatus::Success if results.is_empty() => ExitStatus::BadInput,
+        answer => answer,
+    })
 }
 
 /// Imports documents of which each may hold several episodes.
@@ -301,12 +382,25 @@ fn tell_recording(recording: &Recording, as_json: bool) {
 }
 
 impl Importing {
-    /// Imports each of the sources, several at a time; and how many of the task files are broken.
+    /// Imports each of the files, several at a time; and how many of the task files are broken.
     fn each<T: Send>(
         &self,
         sources: &[PathBuf],
         run_id: &str,
         import: impl Fn(&Path, &Path, &ImportOptions<'_>) -> T + Sync,
+    ) -> anyhow::Result<(Vec<T>, usize)> {
+        let one = |source: &PathBuf, out: &Path, options: &ImportOptions<'_>| {
+            import(source, out, options)
+        };
+        self.each_of(sources, run_id, one)
+    }
+
+    /// As [`Importing::each`], of sources that are no files.
+    fn each_of<S: Sync, T: Send>(
+        &self,
+        sources: &[S],
+        run_id: &str,
+        import: impl Fn(&S, &Path, &ImportOptions<'_>) -> T + Sync,
     ) -> anyhow::Result<(Vec<T>, usize)> {
         let Importing {
             out,
@@ -334,7 +428,7 @@ impl Importing {
             scenes: scenes.as_ref(),
         };
         let bar = progress::bar(sources.len(), "import");
-        let one = |source: &PathBuf| {
+        let one = |source: &S| {
             let imported = import(source, out, &options);
             bar.inc(1);
             imported

@@ -22,7 +22,10 @@ use reel_world::{
     record::{Backend, EndReason},
 };
 
-use crate::{ExitStatus, inputs};
+use crate::{
+    ExitStatus, inputs,
+    otlp::{OtlpArguments, TraceExporter},
+};
 
 /// Record any MCP tool server: a proxy between agents and the server that forwards every byte
 /// unchanged and records the episodes as traces. Agents connect to this command's address instead
@@ -137,6 +140,8 @@ pub struct Arguments {
     /// Print the transcript while it happens, to standard error with --stdio
     #[arg(long)]
     watch: bool,
+    #[command(flatten)]
+    otlp: OtlpArguments,
     /// Print counts of messages and episodes as JSON at the end
     #[arg(long)]
     json: bool,
@@ -162,7 +167,16 @@ impl Arguments {
 
 /// Records the episodes that pass between agents and a tool server.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let setup = Arc::new(setup(arguments)?);
+    let exporter = arguments.otlp.exporter()?;
+    let setup = Arc::new(setup(arguments, exporter.clone())?);
+    let recorded = record(arguments, &setup);
+    if let Some(exporter) = exporter {
+        exporter.finish();
+    }
+    recorded
+}
+
+fn record(arguments: &Arguments, setup: &Arc<Setup>) -> anyhow::Result<ExitStatus> {
     if arguments.takes_its_place() {
         let code = reel_proxy::run_stdio(setup.clone(), &arguments.command)?;
         let answer = answer(&setup.report, true, arguments.json)?;
@@ -193,7 +207,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     answer(&setup.report, false, arguments.json)
 }
 
-fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
+fn setup(arguments: &Arguments, exporter: Option<TraceExporter>) -> anyhow::Result<Setup> {
     let backend = match arguments.backend.as_str() {
         "proxy" => Backend::Proxy,
         "robot" => Backend::Robot,
@@ -269,7 +283,12 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         message_max: arguments.message_limit as usize * (1 << 20),
         idle: Duration::from_secs(arguments.idle.max(1)),
         hosts: arguments.hosts.clone(),
-        watch: Box::new(move |seen| tell(&seen, shows, to_stderr)),
+        watch: Box::new(move |seen| {
+            if let (Some(exporter), ProxyEvent::Ended { path, .. }) = (&exporter, &seen) {
+                exporter.push(path);
+            }
+            tell(&seen, shows, to_stderr);
+        }),
         report: Report::default(),
         endings: PendingTraces::default(),
     })

@@ -13,7 +13,9 @@ use reel_llm::{
     agent::ModelUser,
     client::{ApiKey, Cache, CallLog, Client, Endpoint},
 };
-use reel_server::{AnswerSources, AskResponder, AskUser, Config, Order, TapeSettings, TlsFiles};
+use reel_server::{
+    AnswerSources, AskResponder, AskUser, Config, OnTrace, Order, TapeSettings, TlsFiles,
+};
 use reel_world::Profile;
 
 use crate::{
@@ -22,6 +24,7 @@ use crate::{
     inputs,
     match_arguments::{EMBEDDINGS, MatchArguments, Matching},
     model::RealClock,
+    otlp::OtlpArguments,
     replay_server::ReplayArguments,
 };
 
@@ -33,6 +36,7 @@ use crate::{
 ///   /w/NAME/mcp, .../sse a worker's world, which survives reconnects
 ///   /analysis/mcp        read-only tools for assistants: query, blame, explain_failure, ...
 ///   /api                 REST; its document is /api/openapi.json
+///   /v1/traces           spans of OpenTelemetry, with --otlp-in
 ///   /healthz /readyz /metrics
 ///
 /// Flags win over the environment (REEL_LISTEN, ...), the environment over --config FILE, the file
@@ -63,6 +67,12 @@ pub struct Arguments {
     /// Private key of the certificate (PEM)
     #[arg(long, value_name = "FILE", env = "REEL_TLS_KEY", requires = "tls_cert")]
     tls_key: Option<PathBuf>,
+    /// Take spans of instrumented agents at /v1/traces (OTLP over HTTP), as a collector does: each trace of theirs
+    /// becomes one of Reel
+    #[arg(long)]
+    otlp_in: bool,
+    #[command(flatten)]
+    otlp: OtlpArguments,
 }
 
 /// Serve one agent over standard input and output: what an MCP client starts as a command.
@@ -300,6 +310,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             key: key.clone(),
         });
     }
+    config.otlp_in |= arguments.otlp_in;
     config.check()?;
     let replay = &arguments.settings.replay;
     if replay.is_given() {
@@ -308,14 +319,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     let sources = arguments.settings.sources(&config)?;
     let scheme = config.tls.as_ref().map_or("http", |_| "https");
-    reel_server::run(
+    let exporter = arguments.otlp.exporter()?;
+    let on_trace = exporter
+        .clone()
+        .map(|exporter| -> OnTrace { Box::new(move |trace: &Path| exporter.push(trace)) });
+    let served = reel_server::run(
         config,
         inputs::trace_files(),
         sources,
+        on_trace,
         move |address, tasks| {
             println!("listening on {scheme}://{address}: {tasks} tasks; Ctrl-C stops");
         },
-    )?;
+    );
+    if let Some(exporter) = exporter {
+        exporter.finish();
+    }
+    served?;
     Ok(ExitStatus::Success)
 }
 

@@ -26,8 +26,11 @@ const MAY_STAY: &[&str] = &[
     "sensors",
 ];
 
+/// What is lost, and the page that lists it.
+const LISTED: (&[(&str, &str)], &str) = (LOST, include_str!("../../../../docs/trajectories.md"));
+
 /// Episodes of three policies in `traces`, and a branch of one of them; gives back how many.
-fn episodes(folder: &Path) -> usize {
+pub(crate) fn episodes(folder: &Path) -> usize {
     let count = std::env::var("REEL_ATIF_TASKS").unwrap_or_else(|_| "3".to_owned());
     expect(
         folder,
@@ -80,14 +83,16 @@ fn played(parts: &Value) -> String {
 
 /// What the traces in `traces` are after they were exported and imported: the lines of the import. Fails where another field is
 /// lost than the list says, or one that it says is not.
-fn comes_back_but_for_what_is_listed(folder: &Path, format: &str, count: usize) -> Vec<Value> {
-    let told = expect(
-        folder,
-        0,
-        &["export", format, "traces", "--out", "documents"],
-    );
-    let page = include_str!("../../../../docs/trajectories.md");
-    for (field, what) in LOST {
+pub(crate) fn comes_back_but_for_what_is_listed(
+    folder: &Path,
+    format: &str,
+    options: &[&str],
+    count: usize,
+    (list, page): (&[(&str, &str)], &str),
+) -> Vec<Value> {
+    let export = ["export", format, "traces", "--out", "documents"];
+    let told = expect(folder, 0, &[&export[..], options].concat());
+    for (field, what) in list {
         assert!(told.contains(&format!("{field}: {what}")), "{told}");
         assert!(page.contains(&format!("| `{field}` | {what} |")), "{field}");
     }
@@ -107,7 +112,7 @@ fn comes_back_but_for_what_is_listed(folder: &Path, format: &str, count: usize) 
         let after = parts(&folder.join(told["trace"].as_str().unwrap()));
         differences("", &before[&played(&after)], &after, &mut lost);
     }
-    let fields: BTreeSet<&str> = LOST.iter().map(|(field, _)| *field).collect();
+    let fields: BTreeSet<&str> = list.iter().map(|(field, _)| *field).collect();
     let listed = |path: &String| {
         fields.iter().copied().find(|field| {
             path.strip_prefix(*field)
@@ -142,7 +147,7 @@ fn a_trace_comes_back_from_a_log_of_inspect() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let count = episodes(folder);
-    comes_back_but_for_what_is_listed(folder, "inspect", count);
+    comes_back_but_for_what_is_listed(folder, "inspect", &[], count, LISTED);
     let mut logs: Vec<String> = fs::read_dir(folder.join("documents"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -182,7 +187,7 @@ fn a_trace_comes_back_but_for_what_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let count = episodes(folder);
-    comes_back_but_for_what_is_listed(folder, "atif", count);
+    comes_back_but_for_what_is_listed(folder, "atif", &[], count, LISTED);
     // A document that somebody changed is any agent's.
     let document = fs::read_dir(folder.join("documents"))
         .unwrap()

@@ -49,6 +49,8 @@ mod moments;
 #[cfg(all(feature = "analytics", feature = "service"))]
 mod moved;
 #[cfg(feature = "analytics")]
+mod otel;
+#[cfg(feature = "analytics")]
 mod packs;
 mod pages;
 mod parts;

@@ -346,6 +346,10 @@ impl<'a> Episode<'a> {
         });
     }
 
+    pub(crate) fn note(&mut self, message: String) {
+        self.notes.push(message);
+    }
+
     fn setting(
         &self,
         told: &Trajectory,

@@ -5,7 +5,7 @@
 //! turns, calls and results holds here, too. Beside that:
 //! - `eval.model`: name of the policy. `eval.task` and the sample's `id`: the task; its `target`
 //!   and `metadata` are facts of the task that no agent sees.
-//! - `scores`: the scores that were reported; which of them says success is for [`SuccessRule`].
+//! - `scores`: the scores that were reported; which of them says success is for [`SuccessRule`](crate::SuccessRule).
 //! - `error`, `limit`: the episode ended with a fault, or at its horizon.
 //! - Several epochs: attempts of one group.
 //! - `metadata.reel`, of samples and of assistant messages: what a trace of Reel has beyond that.
@@ -15,5 +15,5 @@ mod model;
 mod reading;
 mod writing;
 
-pub use reading::{SuccessRule, import, logs};
+pub use reading::{import, logs};
 pub use writing::LogWriter;

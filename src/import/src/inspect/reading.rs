@@ -4,7 +4,6 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
-    str::FromStr,
 };
 
 use reel_world::record::{EndReason, Reported, Score};
@@ -15,7 +14,7 @@ use super::{
     model::{Content, Header, Message, Part, Sample, Spec, Usage},
 };
 use crate::{
-    ImportError, ImportLoss, ImportOptions, ImportedEpisode,
+    ImportError, ImportLoss, ImportOptions, ImportedEpisode, SuccessRule,
     atif::{
         Agent, Call, CallResult, Content as Words, Episode, LogFacts, Media, OURS, Observation,
         Part as WordsPart, Source, Step, StepMetrics, Trajectory, VERSION, read_file,
@@ -26,35 +25,6 @@ use crate::{
 const BYTES_MAX: u64 = 1 << 30;
 /// How texts and images name an attachment of their sample.
 const ATTACHMENT: &str = "attachment://";
-
-/// Which score says that a sample was a success, and from which value on: `NAME` or `NAME>=VALUE`.
-/// Without one the first score does, if it is correct or incorrect (`C`, `I`, `N`), true or
-/// false, 1 or 0; of any other value nobody knows.
-#[derive(Clone, PartialEq, Debug)]
-pub struct SuccessRule {
-    /// The score, as [`Score::name`] names it.
-    name: String,
-    /// The smallest value of a success.
-    at_least: f64,
-}
-
-impl FromStr for SuccessRule {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (name, at_least) = text.split_once(">=").unwrap_or((text, "1"));
-        let wrong =
-            || format!("'{text}' is no score: give NAME or NAME>=VALUE, e.g. includes>=0.5");
-        let (name, at_least) = (name.trim(), at_least.trim().parse().map_err(|_| wrong())?);
-        if name.is_empty() || !f64::is_finite(at_least) {
-            return Err(wrong());
-        }
-        Ok(Self {
-            name: name.to_owned(),
-            at_least,
-        })
-    }
-}
 
 /// The logs under a folder, or the file itself: files `.eval`, and files `.json` that begin like a
 /// log.
@@ -219,13 +189,7 @@ fn facts(spec: &Spec, sample: &Sample, rule: Option<&SuccessRule>) -> LogFacts {
     };
     let task_id = format!("{}/{id}", spec.task);
     let scores = scores(&sample.scores);
-    let success = match rule {
-        Some(rule) => scores
-            .iter()
-            .find(|score| score.name == rule.name)
-            .and_then(|score| Some(score.value? >= rule.at_least)),
-        None => scores.first().and_then(judged),
-    };
+    let success = SuccessRule::judge(rule, &scores);
     let of_task = [
         (
             "target",
@@ -347,15 +311,6 @@ fn number_of(label: &str) -> Option<f64> {
         "p" => Some(0.5),
         "i" | "n" | "no" | "false" => Some(0.0),
         other => other.parse().ok().filter(|number: &f64| number.is_finite()),
-    }
-}
-
-/// Whether a score alone says that it was a success.
-fn judged(score: &Score) -> Option<bool> {
-    match score.value? {
-        1.0 => Some(true),
-        0.0 => Some(false),
-        _ => None,
     }
 }
 

@@ -2,7 +2,11 @@
 //! whatever breaks next door.
 
 use reel_vectors::episodes;
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 
 use reel_live::{Host, Lease, Limits, LiveError, Owner, PreparedTaskCache, SessionPool, Setup};
 use reel_replay::verify;
@@ -31,6 +35,7 @@ fn setup(folder: &Path) -> Setup {
         options: Images::None.into(),
         host: Host::default(),
         stages: PreparedTaskCache::default(),
+        on_finished: Default::default(),
     }
 }
 
@@ -161,6 +166,15 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
 async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     let folder = TempDir::new().unwrap();
     let pool = Arc::new(SessionPool::new(setup(folder.path()), limits()));
+    let finished = Arc::new(Mutex::new(Vec::new()));
+    let observed = Arc::clone(&finished);
+    pool.setup().on_finished.set(move |trace| {
+        // It is whole by then.
+        observed
+            .lock()
+            .unwrap()
+            .push(Trace::read(trace).unwrap().steps.len());
+    });
     pool.open("a", &Owner::default()).unwrap();
     let none = pool
         .with_session("a", |session| session.call(call("walk_around")))
@@ -209,6 +223,7 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
         .unwrap()
         .unwrap();
     assert_eq!(made.ended, Some(EndReason::Finished));
+    assert_eq!(*finished.lock().unwrap(), [1, 1]);
     let after = pool
         .with_session("b", |session| session.call(call("walk_around")))
         .await

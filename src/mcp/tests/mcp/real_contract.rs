@@ -314,6 +314,7 @@ impl Table {
             options: Images::None.into(),
             host: Host::default(),
             stages: known,
+            on_finished: Default::default(),
         };
         let [park_after, close_after, patience] = [60, 600, 60].map(Duration::from_secs);
         let limits = Limits {

@@ -43,9 +43,10 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("view", &["world", "trace", "replay", "sim"]),
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
+    ("otlp", &[]),
     // dataset: names of files, and the rows of JSON with their lines
     ("publish", &["dataset"]),
-    ("import", &["world", "reward", "trace"]),
+    ("import", &["world", "reward", "trace", "otlp"]),
     ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
     ("live", &["world", "reward", "episode", "trace"]),
@@ -70,6 +71,9 @@ const LAYERS: &[(&str, &[&str])] = &[
             "mcp",
             "tape",
             "llm",
+            // spans of agents that come over HTTP become traces
+            "otlp",
+            "import",
         ],
     ),
     // the Python package: what it calls in the process, and the command line
@@ -131,7 +135,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("parry3d*", &["sim"]),
     // proxy: its tests read every record of a trace
     ("mcap", &["cli", "import", "proxy", "trace"]),
-    ("prost*", &["import", "trace"]),
+    // otlp: the messages of OpenTelemetry
+    ("prost*", &["import", "otlp", "trace"]),
     ("re_cdr", &["import"]),
     ("re_ros_msg", &["import"]),
     ("re_sdk*", &["view"]),
@@ -163,7 +168,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "redact", "reward", "server"]),
     ("rustls*", &["proxy"]),
-    ("ureq", &["llm", "publish"]),
+    ("ureq", &["llm", "otlp", "publish"]),
     // vectors: the stub of a Hub
     ("sha1", &["publish", "vectors"]),
     ("sha2", &["publish", "vectors"]),

@@ -8,6 +8,8 @@ mod inspect;
 #[cfg(feature = "analytics")]
 mod lerobot;
 #[cfg(feature = "analytics")]
+mod otel;
+#[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
 mod real_annotation;
@@ -63,6 +65,9 @@ enum Command {
     #[command(about = "Traces as logs of Inspect, for its viewer and Inspect Scout")]
     #[cfg(feature = "analytics")]
     Inspect(inspect::Arguments),
+    #[command(about = "Traces as spans of OpenTelemetry, in files or to a collector")]
+    #[cfg(feature = "analytics")]
+    Otel(otel::Arguments),
     #[command(about = "Episodes with their motion and video as a LeRobot dataset")]
     #[cfg(feature = "analytics")]
     Lerobot(Box<lerobot::Arguments>),
@@ -142,6 +147,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         Command::Atif(arguments) => atif::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::Inspect(arguments) => inspect::execute(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Otel(arguments) => otel::execute(arguments),
         #[cfg(feature = "analytics")]
         Command::Lerobot(arguments) => lerobot::execute(arguments),
         Command::Coco(arguments) => coco::execute(arguments),

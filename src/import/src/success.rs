@@ -1,0 +1,51 @@
+//! Which of the scores that were reported says that an episode was a success.
+
+use std::str::FromStr;
+
+use reel_world::record::Score;
+
+/// Which score says that an episode was a success, and from which value on: `NAME` or `NAME>=VALUE`.
+/// Without one the first score does, if it is correct or incorrect (`C`, `I`, `N`), true or
+/// false, 1 or 0; of any other value nobody knows.
+#[derive(Clone, PartialEq, Debug)]
+pub struct SuccessRule {
+    /// The score, as [`Score::name`] names it.
+    name: String,
+    /// The smallest value of a success.
+    at_least: f64,
+}
+
+impl FromStr for SuccessRule {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, at_least) = text.split_once(">=").unwrap_or((text, "1"));
+        let wrong =
+            || format!("'{text}' is no score: give NAME or NAME>=VALUE, e.g. includes>=0.5");
+        let (name, at_least) = (name.trim(), at_least.trim().parse().map_err(|_| wrong())?);
+        if name.is_empty() || !f64::is_finite(at_least) {
+            return Err(wrong());
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            at_least,
+        })
+    }
+}
+
+impl SuccessRule {
+    /// Whether the scores say success: by the rule, or without one by the first score. `None` if they do not say.
+    pub(crate) fn judge(rule: Option<&Self>, scores: &[Score]) -> Option<bool> {
+        match rule {
+            Some(rule) => {
+                let score = scores.iter().find(|score| score.name == rule.name)?;
+                Some(score.value? >= rule.at_least)
+            }
+            None => match scores.first()?.value? {
+                1.0 => Some(true),
+                0.0 => Some(false),
+                _ => None,
+            },
+        }
+    }
+}
