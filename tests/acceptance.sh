@@ -90,7 +90,7 @@ done
 timed "10,000 flips, 200 kills, a cut at every byte" env REEL_FLIPS=10000 REEL_KILLS=200 REEL_CUT_STRIDE=1 cargo test --locked --quiet --workspace --test trace
 timed "1,000 forgeries" env REEL_FORGERIES=1000 cargo test --locked --quiet --workspace --test replay -- forgeries
 timed "1,000 branches" env REEL_BRANCHES=1000 cargo test --locked --quiet --workspace --test branch -- random
-timed "202 episodes to ATIF and back" env REEL_ATIF_TASKS=67 cargo test --locked --quiet --workspace --test cli -- a_trace_comes_back
+timed "202 episodes to ATIF, Inspect, OpenTelemetry and back" env REEL_ATIF_TASKS=67 cargo test --locked --quiet --workspace --test cli -- a_trace_comes_back
 timed "200 recordings answer over 3 transports" env REEL_REPLAY_TRACES=201 cargo test --locked --quiet --workspace --test cli -- on_tape_every_transport
 timed "500 mutations, deviations named" env REEL_REPLAY_MUTATIONS=500 cargo test --locked --quiet --workspace --test cli -- first_deviation_of_mutated
 timed "blame of every task" env REEL_EVERY_TASK=1 REEL_REAL_BENCH="$data" cargo test --locked --quiet --workspace --test blame -- real_bench
