@@ -52,6 +52,8 @@ pub struct Config {
     pub hosts: Vec<String>,
     /// Origins of web pages that may call it, e.g. `https://lab.example`.
     pub origins: Vec<String>,
+    /// Whether it takes spans of OpenTelemetry at /v1/traces, from whoever may act; complete ones become traces.
+    pub otlp_in: bool,
     /// Format of the server's logs: text or JSON.
     pub log: LogFormat,
     /// Which logs: a level, or directives such as `info,reel_mcp=debug`.
@@ -59,8 +61,6 @@ pub struct Config {
     /// Certificate and key of TLS; without them, plain HTTP.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tls: Option<TlsFiles>,
-    /// Whether it takes spans of OpenTelemetry at /v1/traces, from whoever may act; complete ones become traces.
-    pub otlp_in: bool,
     /// What the sessions play: tasks, seed, profile, rewards and who answers.
     pub play: Play,
     /// What clients may take.
@@ -235,10 +235,10 @@ impl Default for Config {
             tokens: None,
             hosts: Vec::new(),
             origins: Vec::new(),
+            otlp_in: false,
             log: LogFormat::Text,
             log_filter: "info,rmcp=error,buoyant_kernel=warn".to_owned(),
             tls: None,
-            otlp_in: false,
             play: Play::default(),
             limits: Limits::default(),
         }
