@@ -303,7 +303,10 @@ fn rules(arguments: &Arguments) -> anyhow::Result<Rules> {
             let mut text = String::new();
             fs::File::open(path)
                 // One byte more than is allowed, so that the error is about the size.
-                .and_then(|file| file.take(RULES_FILE_MAX as u64 + 1).read_to_string(&mut text))
+                .and_then(|file| {
+                    file.take(RULES_FILE_MAX as u64 + 1)
+                        .read_to_string(&mut text)
+                })
                 .with_context(|| {
                     format!(
                         "cannot read the rules file {}; 'none' switches redaction off",

@@ -21,6 +21,7 @@ mod reading;
 mod turns;
 mod writing;
 
+pub(crate) use model::words_of;
 pub use model::{
     Agent, Call, CallResult, Content, FinalMetrics, Media, Observation, Part, Source, Step,
     StepMetrics, Trajectory, VERSION,

@@ -169,6 +169,25 @@ pub enum Content {
     Parts(Vec<Part>),
 }
 
+impl Content {
+    /// The words, without images and sounds.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Parts(parts) => words_of(parts),
+        }
+    }
+}
+
+/// The texts among parts, each on lines of its own.
+pub(crate) fn words_of(parts: &[Part]) -> String {
+    let words = parts.iter().filter_map(|part| match part {
+        Part::Text { text } => Some(text.as_str()),
+        Part::Image { .. } | Part::Audio { .. } => None,
+    });
+    words.collect::<Vec<_>>().join("\n")
+}
+
 /// A part of a content.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]

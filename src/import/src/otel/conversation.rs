@@ -421,7 +421,7 @@ impl Reader {
         let reply = span.attributes.get(names::RESULT).map(messages::result);
         if let Some((content, left_out)) = reply {
             self.lose(&place, left_out);
-            self.answered = Some(text_in(&content));
+            self.answered = Some(content.text());
             self.replies.insert(number, content);
         } else if let (Some(error), false) = (error, recorded) {
             self.replies.insert(number, Content::Text(error));
@@ -568,19 +568,6 @@ impl Reader {
             scores,
         }
     }
-}
-
-/// The words of a content, as messages have them.
-fn text_in(content: &Content) -> String {
-    let parts = match content {
-        Content::Text(text) => return text.clone(),
-        Content::Parts(parts) => parts,
-    };
-    let words = parts.iter().filter_map(|part| match part {
-        Part::Text { text } => Some(text.as_str()),
-        Part::Image { .. } | Part::Audio { .. } => None,
-    });
-    words.collect::<Vec<_>>().join("\n")
 }
 
 fn observation(step: &mut Step) -> &mut Vec<CallResult> {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
 
-use crate::atif::{Content, Media, Part};
+use crate::atif::{Content, Media, Part, words_of};
 
 /// How references begin that Reel wrote itself.
 const DIGEST: &str = "blake3:";
@@ -39,11 +39,7 @@ pub(super) struct ToolResponse {
 impl Message {
     /// The words of the message, without images.
     pub(super) fn text(&self) -> String {
-        let words = self.parts.iter().filter_map(|part| match part {
-            Part::Text { text } => Some(text.as_str()),
-            Part::Image { .. } | Part::Audio { .. } => None,
-        });
-        words.collect::<Vec<_>>().join("\n")
+        words_of(&self.parts)
     }
 
     /// What is equal where two spans tell of the same message: images and reasoning may be told once.

@@ -275,7 +275,7 @@ impl<'a> Writer<'a> {
                 tool.attributes
                     .push(KeyValue::new(names::CALL_RESULT, self.result(result)));
                 let mut response = vec![json!({
-                    "type": "tool_call_response", "id": call.tool_call_id, "response": text(result),
+                    "type": "tool_call_response", "id": call.tool_call_id, "response": result.text(),
                 })];
                 // The words stand in the response.
                 let parts = self.parts(result, false).into_iter();
@@ -570,19 +570,6 @@ fn failed(message: &str) -> Status {
         message: message.to_owned(),
         code: StatusCode::Error.into(),
     }
-}
-
-/// The words of a content, without its images.
-fn text(content: &Content) -> String {
-    let parts = match content {
-        Content::Text(text) => return text.clone(),
-        Content::Parts(parts) => parts,
-    };
-    let words = parts.iter().filter_map(|part| match part {
-        Part::Text { text } => Some(text.as_str()),
-        Part::Image { .. } | Part::Audio { .. } => None,
-    });
-    words.collect::<Vec<_>>().join("\n")
 }
 
 /// The name that a value of an enum has in JSON.
