@@ -188,7 +188,7 @@ fn record(arguments: &Arguments, setup: &Arc<Setup>) -> anyhow::Result<ExitStatu
     let (bridge, url) = match &arguments.upstream {
         Some(url) => (None, url.clone()),
         None => {
-            let (bridge, url) = Bridge::start(&arguments.command, &setup)?;
+            let (bridge, url) = Bridge::start(&arguments.command, setup)?;
             (Some(bridge), url)
         }
     };
