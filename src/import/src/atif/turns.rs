@@ -252,10 +252,9 @@ impl Decision {
         };
         record.digests = digests;
         record.outcome.text = result.text;
-        let arguments = std::mem::take(&mut record.input.call.arguments);
-        record.input.call = input.call;
-        if !arguments.is_null() {
-            record.input.call.arguments = arguments;
+        let kept = std::mem::replace(&mut record.input.call, input.call);
+        if !kept.arguments.is_null() || !kept.name.is_empty() {
+            record.input.call.arguments = kept.arguments;
         }
         if let Some(said) = input.policy {
             let policy = record.input.policy.get_or_insert_default();

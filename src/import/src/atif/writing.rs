@@ -130,8 +130,10 @@ fn step(record: &StepRecord, backend: Backend, result: Content) -> serde_json::R
     };
     let mut kept = record.clone();
     kept.outcome.text.clear();
+    // Where it has a name, its arguments count although they are null.
+    let name = if call.arguments.is_null() { "null" } else { "" };
     kept.input.call = ToolCall::new(
-        "",
+        name,
         if object {
             Value::Null
         } else {

@@ -13,8 +13,8 @@ use super::{
 use crate::{
     SuccessRule,
     atif::{
-        Agent, Call, CallResult, Content, LogFacts, OURS, Observation, Source, Step, StepMetrics,
-        Trajectory, VERSION,
+        Agent, Call, CallResult, Content, LogFacts, OURS, Observation, Part, Source, Step,
+        StepMetrics, Trajectory, VERSION,
     },
 };
 
@@ -218,6 +218,14 @@ struct OpenCall {
     failed: bool,
 }
 
+/// A response of which nothing was recorded.
+struct Unrecorded {
+    /// Its turn.
+    step: usize,
+    /// Its step, where the span says so.
+    number: Option<String>,
+}
+
 /// Turns on their way.
 #[derive(Default)]
 struct Reader {
@@ -230,7 +238,7 @@ struct Reader {
     /// What came after a turn without a call, by an attribute of ours; the next response tells it again.
     answered: Option<String>,
     /// The turn of a response of which nothing was recorded: the executions that follow are its calls.
-    unrecorded: Option<usize>,
+    unrecorded: Option<Unrecorded>,
     /// How often each message was there.
     seen: BTreeMap<String, usize>,
     /// The first message but for those of the system.
@@ -417,7 +425,10 @@ impl Reader {
                 failed: false,
             });
         }
-        self.unrecorded = (!recorded && error.is_none()).then_some(number);
+        self.unrecorded = (!recorded && error.is_none()).then(|| Unrecorded {
+            step: number,
+            number: span.text(&[names::STEP]),
+        });
         let reply = span.attributes.get(names::RESULT).map(messages::result);
         if let Some((content, left_out)) = reply {
             self.lose(&place, left_out);
@@ -445,7 +456,7 @@ impl Reader {
             Some(_) => open.position(|call| waits(call) && call.told == id),
             None => open.position(|call| waits(call) && call.name == name),
         };
-        let number = found.unwrap_or_else(|| self.new_call(&name, id));
+        let number = found.unwrap_or_else(|| self.new_call(&name, id, span));
         let (step, id) = (self.calls[number].step, self.calls[number].id.clone());
         let told = self.steps[step].tool_calls.iter_mut();
         if let Some(call) = told.into_iter().find(|call| call.tool_call_id == id) {
@@ -471,9 +482,12 @@ impl Reader {
 
     /// A call of which no response told: of the response before if nothing of that was recorded, else a turn of
     /// its own.
-    fn new_call(&mut self, name: &str, id: Option<String>) -> usize {
+    fn new_call(&mut self, name: &str, id: Option<String>, span: &SpanFacts) -> usize {
         self.acted = true;
-        let step = self.unrecorded.unwrap_or_else(|| {
+        let number = span.text(&[names::STEP]);
+        let unrecorded = self.unrecorded.as_ref();
+        let unrecorded = unrecorded.filter(|it| it.number == number || number.is_none());
+        let step = unrecorded.map(|it| it.step).unwrap_or_else(|| {
             self.steps.push(Step::of(Source::Agent));
             self.steps.len() - 1
         });

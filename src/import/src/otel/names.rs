@@ -28,6 +28,8 @@ pub(super) const EXPLANATION: &str = "gen_ai.evaluation.explanation";
 
 /// On `invoke_agent`, in JSON: header, task, world graphs and end of the episode.
 pub(super) const EPISODE: &str = "reel.episode";
+/// On `execute_tool` and `chat`: index of the step.
+pub(super) const STEP: &str = "reel.step";
 /// On `execute_tool`, or `chat` where nothing was called, in JSON: the record of the step.
 pub(super) const RECORD: &str = "reel.record";
 /// On `chat` where nothing was called: what came after it.

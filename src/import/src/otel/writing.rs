@@ -203,7 +203,7 @@ impl<'a> Writer<'a> {
                 KeyValue::new(names::OPERATION, kind),
                 KeyValue::new(names::CONVERSATION, self.conversation.as_str()),
                 KeyValue::new(names::AGENT_NAME, self.trace.header.policy.name.as_str()),
-                KeyValue::new("reel.step", step),
+                KeyValue::new(names::STEP, step),
             ],
             ..Span::default()
         }
