@@ -13,8 +13,8 @@ use super::{
 use crate::{
     SuccessRule,
     atif::{
-        Agent, Call, CallResult, Content, LogFacts, OURS, Observation, Part, Source, Step,
-        StepMetrics, Trajectory, VERSION,
+        Agent, Call, CallResult, Content, LogFacts, OURS, Observation, Source, Step, StepMetrics,
+        Trajectory, VERSION,
     },
 };
 
