@@ -50,7 +50,7 @@ class Collector:
                     collector.requests.append(ExportTraceServiceRequest.FromString(body))
                     if collector.rejects:
                         answer.partial_success.rejected_spans = collector.rejects
-                        answer.partial_success.error_message = "too \\x1b[31mold"
+                        answer.partial_success.error_message = "too \x1b[31mold"
                 answer = answer.SerializeToString()
                 self.send_response(status)
                 if status == 503:
@@ -109,7 +109,7 @@ def sent(folder, collector):
     assert blobs and all(part["mime_type"] == "image/webp" for part in blobs)
     collector.rejects = 1
     done = reel(folder, "export", "otel", "traces", "--to", collector.url, code=1)
-    assert "4 rejected" in done.stdout and "the collector says: too" in done.stderr and "\\x1b" not in done.stderr, f"{done}"
+    assert "4 rejected" in done.stdout and "the collector says: too" in done.stderr and "\x1b" not in done.stderr, f"{done}"
     collector.rejects = 0
     collector.answers = [400]
     done = reel(folder, "export", "otel", "traces", "--to", collector.url, code=2)

@@ -21,9 +21,9 @@ struct Secrets {
     servers: String,
     /// By the name of a member.
     password: String,
-    /// In a header.
+    /// Sent in a header of each request.
     bearer: String,
-    /// In the environment.
+    /// Known from the environment of the process.
     variable: String,
 }
 
