@@ -354,7 +354,7 @@ mod tests {
         let mut pending = PendingTraces::new(limits);
         let begun = Instant::now();
         let at = |seconds| begun + Duration::from_secs(seconds);
-        let mut add = |pending: &mut PendingTraces, spans, seconds| {
+        let add = |pending: &mut PendingTraces, spans, seconds| {
             pending.add(Format::Protobuf, request(spans), at(seconds))
         };
         let odd = Span {

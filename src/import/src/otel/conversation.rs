@@ -220,7 +220,7 @@ struct OpenCall {
 
 /// A response of which nothing was recorded.
 struct Unrecorded {
-    /// Its turn.
+    /// Index of its turn.
     step: usize,
     /// Its step, where the span says so.
     number: Option<String>,
