@@ -342,6 +342,29 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     Ok(paths)
 }
 
+/// The files in a folder and in those below it that belong, sorted; or the file itself, if it is one. Links to folders
+/// are not followed.
+pub(crate) fn files_below(
+    root: &Path,
+    belongs: impl Fn(&Path) -> bool,
+) -> Result<Vec<PathBuf>, ImportError> {
+    if root.is_file() {
+        return Ok(vec![root.to_owned()]);
+    }
+    let (mut found, mut open) = (Vec::new(), vec![root.to_owned()]);
+    while let Some(folder) = open.pop() {
+        for path in list(&folder)? {
+            if path.is_dir() && !path.is_symlink() {
+                open.push(path);
+            } else if path.is_file() && belongs(&path) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
 /// Number in the name of a step's folder: `step_007` is 7; `None` for anything else.
 fn step_number(path: &Path) -> Option<u32> {
     let digits = path.file_name()?.to_str()?.strip_prefix("step_")?;

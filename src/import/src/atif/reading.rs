@@ -23,6 +23,7 @@ use super::{
 use crate::{
     ImportError, ImportLoss, ImportOptions, ImportedEpisode, TaskSetup,
     episode::file_stem,
+    layout::files_below,
     observe::{self, ObservedState, same_graph_for_both},
     unknown_task,
 };
@@ -37,32 +38,14 @@ const BYTES_MAX: u64 = 1 << 30;
 /// # Errors
 /// When a folder cannot be listed, or there is none.
 pub fn documents(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    if root.is_file() {
-        return Ok(vec![root.to_owned()]);
-    }
-    let (mut found, mut open) = (Vec::new(), vec![root.to_owned()]);
-    while let Some(folder) = open.pop() {
-        let listed = fs::read_dir(&folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        let entries = listed.map_err(|source| ImportError::List {
-            path: folder.clone(),
-            source,
-        })?;
-        for entry in entries {
-            let path = entry.path();
-            let kind = entry.file_type();
-            if kind.is_ok_and(|kind| kind.is_dir()) {
-                open.push(path);
-            } else if path.extension().is_some_and(|end| end == "json") && is_trajectory(&path) {
-                found.push(path);
-            }
-        }
-    }
+    let found = files_below(root, |path| {
+        path.extension().is_some_and(|end| end == "json") && is_trajectory(path)
+    })?;
     if found.is_empty() {
         return Err(ImportError::NoTrajectory {
             root: root.to_owned(),
         });
     }
-    found.sort();
     Ok(found)
 }
 

@@ -2,7 +2,6 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -19,6 +18,7 @@ use crate::{
         Agent, Call, CallResult, Content as Words, Episode, LogFacts, Media, OURS, Observation,
         Part as WordsPart, Source, Step, StepMetrics, Trajectory, VERSION, read_file,
     },
+    layout::files_below,
 };
 
 /// Largest log that is one JSON document.
@@ -32,31 +32,14 @@ const ATTACHMENT: &str = "attachment://";
 /// # Errors
 /// When a folder cannot be listed, or there is none.
 pub fn logs(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    if root.is_file() {
-        return Ok(vec![root.to_owned()]);
-    }
-    let (mut found, mut open) = (Vec::new(), vec![root.to_owned()]);
-    while let Some(folder) = open.pop() {
-        let listed = fs::read_dir(&folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        let entries = listed.map_err(|source| ImportError::List {
-            path: folder.clone(),
-            source,
-        })?;
-        for entry in entries {
-            let path = entry.path();
-            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                open.push(path);
-            } else if path.extension().is_some_and(|end| end == "eval") || is_log(&path) {
-                found.push(path);
-            }
-        }
-    }
+    let found = files_below(root, |path| {
+        path.extension().is_some_and(|end| end == "eval") || is_log(path)
+    })?;
     if found.is_empty() {
         return Err(ImportError::NoLog {
             root: root.to_owned(),
         });
     }
-    found.sort();
     Ok(found)
 }
 

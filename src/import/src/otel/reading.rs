@@ -17,6 +17,7 @@ use super::{
 use crate::{
     ImportError, ImportLoss, ImportOptions, ImportedEpisode, SuccessRule,
     atif::{Episode, read_file},
+    layout::files_below,
 };
 
 /// Largest file that is read, compressed or not.
@@ -34,31 +35,12 @@ const BEGINNING: u64 = 64 << 10;
 /// # Errors
 /// When a folder cannot be listed, or there is none.
 pub fn documents(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    if root.is_file() {
-        return Ok(vec![root.to_owned()]);
-    }
-    let (mut found, mut open) = (Vec::new(), vec![root.to_owned()]);
-    while let Some(folder) = open.pop() {
-        let listed = fs::read_dir(&folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-        let entries = listed.map_err(|source| ImportError::List {
-            path: folder.clone(),
-            source,
-        })?;
-        for entry in entries {
-            let path = entry.path();
-            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                open.push(path);
-            } else if path.is_file() && is_of_spans(&path) {
-                found.push(path);
-            }
-        }
-    }
+    let found = files_below(root, is_of_spans)?;
     if found.is_empty() {
         return Err(ImportError::NoSpans {
             root: root.to_owned(),
         });
     }
-    found.sort();
     Ok(found)
 }
 

@@ -10,7 +10,7 @@ use reel_lerobot::{
 use reel_replay::MotionRate;
 use serde_json::json;
 
-use super::shared::command;
+use super::shared::{CardOptions, command};
 use crate::{ExitStatus, inputs, progress};
 
 /// Episodes that replay exactly as a LeRobot dataset of version 3, which LeRobot 0.6 loads: state, action, rewards
@@ -63,14 +63,8 @@ pub struct Arguments {
     /// What the dataset is called
     #[arg(long, value_name = "NAME", default_value = "reel-lerobot")]
     name: String,
-    /// Licence of the data, as the dataset's card names it
-    #[arg(
-        long = "license",
-        alias = "licence",
-        value_name = "NAME",
-        default_value = "other"
-    )]
-    licence: String,
+    #[command(flatten)]
+    card: CardOptions,
     /// Seed of the wordings of subtasks
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -153,7 +147,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .map(|word| word.to_string_lossy().into_owned());
     let description = DatasetDescription {
         name: arguments.name.clone(),
-        licence: arguments.licence.clone(),
+        licence: arguments.card.licence.clone(),
         command: command(words),
     };
     let counts = writer.finish(&tools, &description)?;

@@ -21,7 +21,7 @@ use reel_tables::Store;
 use reel_trace::{Trace, TraceFiles};
 use serde_json::{Value, json};
 
-use super::shared::{StoreSource, command};
+use super::shared::{CardOptions, StoreSource, command};
 use crate::{ExitStatus, inputs, progress};
 
 /// Discount of the value targets (paper, Full POMDP Definition).
@@ -64,14 +64,8 @@ pub struct Arguments {
     /// What the dataset is called
     #[arg(long, value_name = "NAME", default_value = "reel-preferences")]
     name: String,
-    /// Licence of the data, as the dataset's card names it
-    #[arg(
-        long = "license",
-        alias = "licence",
-        value_name = "NAME",
-        default_value = "other"
-    )]
-    licence: String,
+    #[command(flatten)]
+    card: CardOptions,
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -225,7 +219,7 @@ fn write(
     let words = crate::words().iter().skip(1);
     let description = PreferenceDescription {
         name: arguments.name.clone(),
-        licence: arguments.licence.clone(),
+        licence: arguments.card.licence.clone(),
         command: command(words.map(|word| word.to_string_lossy().into_owned())),
         pairs: count as u64,
         values: targets,
@@ -297,7 +291,7 @@ fn options(arguments: &Arguments) -> ExportOptions {
         tokenizer: None,
         trace_base: std::env::current_dir().ok(),
         name: arguments.name.clone(),
-        licence: arguments.licence.clone(),
+        licence: arguments.card.licence.clone(),
         command: "reel export preferences".to_owned(),
     }
 }

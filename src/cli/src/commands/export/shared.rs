@@ -75,6 +75,19 @@ impl StoreSource {
     }
 }
 
+/// What the card of a dataset says and no export knows.
+#[derive(clap::Args)]
+pub struct CardOptions {
+    /// Licence of the data, as the dataset's card names it
+    #[arg(
+        long = "license",
+        alias = "licence",
+        value_name = "NAME",
+        default_value = "other"
+    )]
+    pub licence: String,
+}
+
 /// What every training set is asked.
 #[derive(clap::Args)]
 pub struct CommonArguments {
@@ -124,14 +137,8 @@ pub struct CommonArguments {
     /// token is four bytes
     #[arg(long, value_name = "FILE")]
     tokenizer: Option<PathBuf>,
-    /// Licence of the data, as the dataset's card names it
-    #[arg(
-        long = "license",
-        alias = "licence",
-        value_name = "NAME",
-        default_value = "other"
-    )]
-    licence: String,
+    #[command(flatten)]
+    card: CardOptions,
     /// Seed of every draw: splits, caps, balance, groups, wordings
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -188,7 +195,7 @@ impl CommonArguments {
             tokenizer: self.tokenizer.clone(),
             trace_base: std::env::current_dir().ok(),
             name: name.to_owned(),
-            licence: self.licence.clone(),
+            licence: self.card.licence.clone(),
             command: command(
                 crate::words()
                     .iter()
