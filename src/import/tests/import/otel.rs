@@ -31,6 +31,7 @@ const MAY_STAY: &[&str] = &[
     "masks",
     "timings",
     "mcp_answers",
+    "redactions",
     "robot",
     "sensors",
     // What is not compared here.

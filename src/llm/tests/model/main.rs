@@ -461,7 +461,8 @@ fn the_key_is_nowhere() {
         ));
     }
     assert!(
-        shown[0].contains("no such key: [key]") && shown[1].contains("your key was [key]"),
+        shown[0].contains("no such key: [redacted:key]")
+            && shown[1].contains("your key was [redacted:key]"),
         "{shown:?}"
     );
     shown.push(fs::read_to_string(&log).unwrap());
