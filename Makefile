@@ -18,8 +18,8 @@ demo: pages ## build reel; then record, replay, ask, export and draw episodes in
 	@start=$$(date +%s); cargo build --locked --workspace --bin reel && echo "built in $$(($$(date +%s) - start)) s"
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
-test: pages ## install what tests compare Reel with, run every test of the workspace, list what was skipped
-	tests/setup.sh
+test: pages ## build the tests and install what they compare Reel with, run every test of the workspace, list what was skipped
+	@status=0; tests/setup.sh & setup=$$!; cargo test --locked --workspace --no-run || status=$$?; wait $$setup || status=$$?; exit $$status
 	@tests/skips.sh --forget
 	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
 

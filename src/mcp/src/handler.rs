@@ -465,14 +465,22 @@ fn stateless(context: &RequestContext<RoleServer>) -> bool {
         .is_some_and(|version| version.as_str() >= ProtocolVersion::V_2026_07_28.as_str())
 }
 
+/// How a server with a household introduces itself, and what it tells the model; `which` says what is special about
+/// the household.
+pub fn server_info(which: &str) -> ServerConfig {
+    let instructions = format!(
+        "A household with a robot in it, {which}. Call 'finish' to begin the first episode: the answer holds your task. \
+         Then act by calling tools one at a time; numbers in images and lists are marker ids. Call 'finish' again when \
+         the task is done: the answer is the next task."
+    );
+    ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
+        .with_server_info(Implementation::new("reel", env!("CARGO_PKG_VERSION")))
+        .with_instructions(instructions)
+}
+
 impl ServerHandler for ToolServer {
     fn get_info(&self) -> ServerConfig {
-        let instructions = "A household with a robot in it, one for you alone. Call 'finish' to begin the first episode: the \
-                            answer holds your task. Then act by calling tools one at a time; numbers in images and lists are \
-                            marker ids. Call 'finish' again when the task is done: the answer is the next task.";
-        ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
-            .with_server_info(Implementation::new("reel", env!("CARGO_PKG_VERSION")))
-            .with_instructions(instructions)
+        server_info("one for you alone")
     }
 
     /// Where nothing but a session says whose world it is, only protocols with sessions are spoken.

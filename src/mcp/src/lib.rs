@@ -27,6 +27,7 @@ pub use catalogue::tools;
 pub use guard::{BrowserRequest, Guard};
 pub use handler::{
     AnswerSources, AskResponder, AskUser, CallObserver, LookUp, ToolServer, ToolServerOptions,
+    server_info,
 };
 pub use methods::{VERSIONS, WITH_SESSIONS, agreed_version, refusal};
 pub use policy_output::policy_output;

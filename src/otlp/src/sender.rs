@@ -4,12 +4,7 @@
 use std::{io::Write as _, time::Duration};
 
 use flate2::{Compression, write::GzEncoder};
-use ureq::{
-    Agent,
-    config::Config,
-    http::header::RETRY_AFTER,
-    tls::{RootCerts, TlsConfig},
-};
+use reel_http::ureq::{self, Agent};
 use url::Url;
 
 use crate::{
@@ -23,10 +18,6 @@ const PATH: &str = "/v1/traces";
 const TIMEOUT: Duration = Duration::from_secs(10);
 /// How often a request is tried again.
 const RETRIES: u32 = 5;
-/// Longest pause of our own between two tries.
-const PAUSE_MAX: Duration = Duration::from_secs(30);
-/// Longest pause that a collector may ask for.
-const RETRY_AFTER_MAX: Duration = Duration::from_secs(60);
 /// Longest answer that is read, in bytes.
 const ANSWER_BYTES_MAX: u64 = 1 << 20;
 /// Most characters of an answer in an error.
@@ -258,8 +249,7 @@ impl Sender {
                 Err(failure) => failure,
             };
             let again = failure.transient && attempts <= RETRIES;
-            let pause = failure.retry_after.unwrap_or_else(|| pause(attempts));
-            if !again || !sleep(pause.min(RETRY_AFTER_MAX)) {
+            if !again || !sleep(reel_http::pause(attempts, failure.retry_after)) {
                 return Err(failure.error);
             }
             attempts += 1;
@@ -313,16 +303,9 @@ impl Sender {
         }
         let mut response = post.send(body).map_err(broken)?;
         let status = response.status();
-        let header = |name: &str| {
-            response
-                .headers()
-                .get(name)?
-                .to_str()
-                .ok()
-                .map(str::to_owned)
-        };
-        let retry_after = header(RETRY_AFTER.as_str()).and_then(|text| text.trim().parse().ok());
-        let answered = header("content-type").and_then(|text| Format::of_media_type(&text));
+        let retry_after = reel_http::retry_after(response.headers());
+        let answered = response.headers().get("content-type");
+        let answered = answered.and_then(|kind| Format::of_media_type(kind.to_str().ok()?));
         let limited = response.body_mut().with_config().limit(ANSWER_BYTES_MAX);
         let bytes = limited.read_to_vec().unwrap_or_default();
         if status.is_success() {
@@ -341,7 +324,7 @@ impl Sender {
                 status,
                 excerpt: excerpt(&bytes),
             },
-            retry_after: retry_after.map(Duration::from_secs),
+            retry_after,
         })
     }
 }
@@ -362,32 +345,10 @@ fn excerpt(bytes: &[u8]) -> String {
     plain.take(EXCERPT_CHARACTERS).collect()
 }
 
-/// Before the next try, after so many: 1, 2, 4, ... seconds.
-fn pause(attempts: u32) -> Duration {
-    let seconds = 1u64.checked_shl(attempts - 1).unwrap_or(u64::MAX);
-    Duration::from_secs(seconds).min(PAUSE_MAX)
-}
-
-/// Statuses are read, not thrown; a redirect is not followed: the headers go nowhere else. Proxies come from the
-/// environment, but what runs on this machine is asked directly.
 fn agent(endpoint: &Endpoint) -> Agent {
-    let mut config = Config::builder()
-        .timeout_global(Some(endpoint.timeout))
-        .http_status_as_error(false)
-        .max_redirects(0)
-        .max_redirects_will_error(false)
-        .user_agent(concat!("reel/", env!("CARGO_PKG_VERSION")))
-        .tls_config(
-            TlsConfig::builder()
-                .root_certs(RootCerts::PlatformVerifier)
-                .build(),
-        );
     let url = Url::parse(&endpoint.url).ok();
     let host = url.as_ref().and_then(Url::host_str).unwrap_or_default();
-    if host == "localhost" || host == "[::1]" || host.starts_with("127.") {
-        config = config.proxy(None);
-    }
-    config.build().into()
+    reel_http::agent(host, endpoint.timeout)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its
 //! graphs, images and digests. The tool handlers are in `tools`.
 
-use std::{collections::VecDeque, sync::Arc};
+use std::sync::Arc;
 
 use reel_world::{
     Digest, DoorState, FIRST_RECEPTACLE_INSTANCE, FLOOR, Frame, InstanceId, Profile,
@@ -13,6 +13,7 @@ use crate::{
     PreparedTask,
     geometry::{Camera, Pose},
     model::{DoorMotion, ObjectModel, SceneModel, Surface},
+    motion_sampler::MotionSampler,
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics},
     published,
@@ -61,22 +62,7 @@ pub struct Simulator {
     /// wanted, and these states.
     pub(crate) watch: Option<usize>,
     pub(crate) watched: Option<Vec<BodyState>>,
-    /// Physics steps of the episode after which samples are wanted, ascending, and these samples.
-    pub(crate) sample_at: VecDeque<u64>,
-    pub(crate) samples: Vec<MotionSample>,
-}
-
-/// What the robot's head sees in the middle of a call.
-#[derive(Clone, Debug)]
-pub struct MotionSample {
-    /// Physics steps since the start of the episode, those of a world at rest included.
-    pub sim_step: u64,
-    /// Where the robot stands and looks.
-    pub robot: RobotState,
-    /// Whether the gripper holds an object.
-    pub holds: bool,
-    /// The image of the head camera without marks, 640 x 480, RGB.
-    pub rgb: Vec<u8>,
+    pub(crate) motion: MotionSampler,
 }
 
 impl Simulator {
@@ -193,31 +179,6 @@ impl Simulator {
     pub fn take_watched(&mut self) -> Option<Vec<BodyState>> {
         self.watch = None;
         self.watched.take()
-    }
-
-    /// Renders what the head sees after these physics steps of the episode (ascending, counted like
-    /// [`Simulator::sim_step`]), as far as the next call executes them.
-    pub fn sample_motion(&mut self, sim_steps: impl IntoIterator<Item = u64>) {
-        self.sample_at = sim_steps.into_iter().collect();
-        self.samples.clear();
-    }
-
-    /// The samples since [`Simulator::sample_motion`], in its order; what was not reached is left out.
-    pub fn take_samples(&mut self) -> Vec<MotionSample> {
-        self.sample_at.clear();
-        std::mem::take(&mut self.samples)
-    }
-
-    /// Renders what is due after `executed` physics steps of the episode.
-    fn sample_due(&mut self, executed: u64) {
-        while let Some(sim_step) = self.sample_at.pop_front_if(|due| *due <= executed) {
-            self.samples.push(MotionSample {
-                sim_step,
-                robot: self.robot,
-                holds: self.held.is_some(),
-                rgb: self.render_from(&self.camera()).rgb,
-            });
-        }
     }
 
     /// The world graphs of both authorities: physics, and the registry of picks and places.
@@ -569,8 +530,7 @@ impl Simulator {
             step_digests: Vec::new(),
             watch: None,
             watched: None,
-            sample_at: VecDeque::new(),
-            samples: Vec::new(),
+            motion: MotionSampler::default(),
         }
     }
 

@@ -151,8 +151,7 @@ impl Simulator {
             step_digests: Vec::new(),
             watch: None,
             watched: None,
-            sample_at: std::collections::VecDeque::new(),
-            samples: Vec::new(),
+            motion: Default::default(),
         };
         match restored.digest() {
             found if found == snapshot.digest => Ok(restored),

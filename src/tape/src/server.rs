@@ -10,17 +10,16 @@ use std::{
 
 use axum::Router;
 use reel_mcp::{
-    Transports, WITH_SESSIONS, call_as_it_came, outgoing_result, policy_output, router_of, tools,
-    tools_as_they_came, tools_only,
+    Transports, WITH_SESSIONS, call_as_it_came, outgoing_result, policy_output, router_of,
+    server_info, tools, tools_as_they_came, tools_only,
 };
 use reel_trace::AnsweredRequest;
 use reel_world::{ToolCall, record::StepInput};
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, ServiceExt as _,
     model::{
-        CallToolRequestParams, CallToolResponse, ClientNotification, ClientRequest, Implementation,
-        ListToolsResult, PaginatedRequestParams, ProtocolVersion, ServerCapabilities, ServerConfig,
-        ServerResult,
+        CallToolRequestParams, CallToolResponse, ClientNotification, ClientRequest,
+        ListToolsResult, PaginatedRequestParams, ProtocolVersion, ServerConfig, ServerResult,
     },
     service::{self, NotificationContext, RequestContext},
 };
@@ -199,12 +198,7 @@ impl TapeServer {
 
 impl ServerHandler for TapeServer {
     fn get_info(&self) -> ServerConfig {
-        let instructions = "A household with a robot in it, as it was recorded. Call 'finish' to begin the first episode: the \
-                            answer holds your task. Then act by calling tools one at a time; numbers in images and lists are \
-                            marker ids. Call 'finish' again when the task is done: the answer is the next task.";
-        ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
-            .with_server_info(Implementation::new("reel", env!("CARGO_PKG_VERSION")))
-            .with_instructions(instructions)
+        server_info("as it was recorded")
     }
 
     /// A session holds the place in a recording, so only protocols with sessions are spoken.

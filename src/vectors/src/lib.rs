@@ -1,6 +1,6 @@
 //! Fixtures of the tests of several crates: what they read of REAL from outside the repository,
 //! with a report that compares ours with it; and, as features, episodes that are made up
-//! ([`play`]), episodes that are played ([`episodes`]), an endpoint of a model ([`scripted`]) and a
+//! ([`play`]), what other formats lose of them ([`round_trip`]), episodes that are played ([`episodes`]), an endpoint of a model ([`scripted`]) and a
 //! Hugging Face Hub ([`hub`]).
 //! Only tests depend on it. Vector files hold inputs and outputs of REAL's published code:
 //! `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the checkout
@@ -26,6 +26,8 @@ pub mod episodes;
 pub mod hub;
 #[cfg(feature = "play")]
 pub mod play;
+#[cfg(feature = "play")]
+pub mod round_trip;
 #[cfg(feature = "scripted")]
 pub mod scripted;
 mod skip;

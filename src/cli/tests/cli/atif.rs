@@ -1,13 +1,10 @@
 //! Trajectories in ATIF: what a trace is afterwards, and what becomes of those of other agents.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
-    path::Path,
-};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use reel_import::atif::LOST;
-use reel_trace::{Trace, TraceFiles};
+use reel_trace::TraceFiles;
+use reel_vectors::round_trip::{self, LostFields};
 use serde_json::{Value, json};
 
 use crate::{complaint, expect};
@@ -106,29 +103,14 @@ pub(crate) fn comes_back_but_for_what_is_listed(
     let before = fs::read_dir(folder.join("traces")).unwrap();
     let before = before.map(|entry| parts(&entry.unwrap().path()));
     let before: BTreeMap<String, Value> = before.map(|parts| (played(&parts), parts)).collect();
-    let mut lost = BTreeSet::new();
+    let mut lost = LostFields::default();
     for told in &lines {
         assert_eq!(told["losses"], json!([]), "{told}");
         let after = parts(&folder.join(told["trace"].as_str().unwrap()));
-        differences("", &before[&played(&after)], &after, &mut lost);
+        lost.compare(&before[&played(&after)], &after);
     }
-    let fields: BTreeSet<&str> = list.iter().map(|(field, _)| *field).collect();
-    let listed = |path: &String| {
-        fields.iter().copied().find(|field| {
-            path.strip_prefix(*field)
-                .is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
-        })
-    };
-    for path in &lost {
-        assert!(listed(path).is_some(), "{path} is lost and not listed");
-    }
-    let seen: BTreeSet<&str> = lost.iter().filter_map(listed).collect();
-    let stays: BTreeSet<&str> = &(&fields - &seen) - &BTreeSet::from_iter(MAY_STAY.iter().copied());
-    assert!(stays.is_empty(), "listed, and not lost: {stays:?}");
-    println!(
-        "{count} episodes come back from {format} but for {} listed fields",
-        seen.len()
-    );
+    let lost = lost.expect_listed(list.iter().map(|(field, _)| *field), MAY_STAY);
+    println!("{count} episodes come back from {format} but for {lost} listed fields");
 
     // The traces are like others, and the same again.
     expect(folder, 0, &["ingest", "back", "--store", "store"]);
@@ -231,50 +213,9 @@ fn a_trace_comes_back_but_for_what_is_listed() {
     assert!(told.contains("two traces are called branch"), "{told}");
 }
 
-/// Everything of a trace that can be compared.
+/// Everything of a trace in a file that can be compared.
 fn parts(path: &Path) -> Value {
-    let trace: Trace = TraceFiles::default().read(path).unwrap();
-    let steps = (0..trace.steps.len() as u32).map(Some);
-    let images: Vec<Option<String>> = [None]
-        .into_iter()
-        .chain(steps)
-        .map(|step| {
-            trace
-                .frame_rgb(step)
-                .unwrap()
-                .map(|rgb| reel_world::Digest::of(&rgb).to_string())
-        })
-        .collect();
-    json!({
-        "header": trace.header, "task": *trace.task, "scene": *trace.scene, "start": trace.start,
-        "steps": trace.steps, "end": trace.end, "images": images,
-    })
-}
-
-/// Paths of what differs, each list without its numbers.
-fn differences(path: &str, before: &Value, after: &Value, found: &mut BTreeSet<String>) {
-    match (before, after) {
-        (Value::Object(left), Value::Object(right)) => {
-            for key in left.keys().chain(right.keys()) {
-                let path = if path.is_empty() {
-                    key.clone()
-                } else {
-                    format!("{path}.{key}")
-                };
-                let of = |map: &serde_json::Map<String, Value>| {
-                    map.get(key).cloned().unwrap_or_default()
-                };
-                differences(&path, &of(left), &of(right), found);
-            }
-        }
-        (Value::Array(left), Value::Array(right)) if left.len() == right.len() => {
-            for (left, right) in left.iter().zip(right) {
-                differences(&format!("{path}[]"), left, right, found);
-            }
-        }
-        _ if before == after => {}
-        _ => drop(found.insert(path.to_owned())),
-    }
+    round_trip::parts(&TraceFiles::default().read(path).unwrap())
 }
 
 /// Harbor's models, those of the package `atif`, and Inspect Scout.

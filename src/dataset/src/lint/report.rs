@@ -74,6 +74,33 @@ pub struct CheckReport {
     pub examples: Vec<Finding>,
 }
 
+impl CheckReport {
+    /// The report of a check that found nothing so far.
+    pub fn new(check: &'static str, description: &'static str) -> Self {
+        Self {
+            check,
+            description,
+            applies: true,
+            findings: 0,
+            rows: 0,
+            share: 0.0,
+            worst: None,
+            kinds: BTreeMap::new(),
+            note: String::new(),
+            examples: Vec::new(),
+        }
+    }
+
+    /// Counts a finding; how many of its kind there are now.
+    pub fn count(&mut self, kind: &'static str, severity: Severity) -> u64 {
+        self.findings += 1;
+        self.worst = self.worst.max(Some(severity));
+        let count = self.kinds.entry(kind).or_default();
+        *count += 1;
+        *count
+    }
+}
+
 /// What all checks found.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Report {
@@ -228,21 +255,9 @@ impl<'a> Findings<'a> {
         description: &'static str,
         kept_of_kind: usize,
     ) -> Self {
-        let report = CheckReport {
-            check,
-            description,
-            applies: true,
-            findings: 0,
-            rows: 0,
-            share: 0.0,
-            worst: None,
-            kinds: BTreeMap::new(),
-            note: String::new(),
-            examples: Vec::new(),
-        };
         Self {
             dataset,
-            report,
+            report: CheckReport::new(check, description),
             kept_of_kind,
             last_row: None,
         }
@@ -257,8 +272,7 @@ impl<'a> Findings<'a> {
         words: impl FnOnce() -> (String, String),
     ) {
         let report = &mut self.report;
-        report.findings += 1;
-        report.worst = report.worst.max(Some(severity));
+        let count = report.count(kind, severity);
         if let Some(place) = places
             .first()
             .filter(|place| self.last_row != Some(place.index))
@@ -266,9 +280,7 @@ impl<'a> Findings<'a> {
             self.last_row = Some(place.index);
             report.rows += 1;
         }
-        let count = report.kinds.entry(kind).or_default();
-        *count += 1;
-        if *count > self.kept_of_kind as u64 {
+        if count > self.kept_of_kind as u64 {
             return;
         }
         let (message, excerpt) = words();

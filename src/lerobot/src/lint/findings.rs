@@ -1,9 +1,6 @@
 //! Findings of one check as they come: all are counted, the first of each kind are kept.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::{collections::BTreeSet, path::Path};
 
 use reel_dataset::lint::{CheckReport, ExampleRef, Finding, Severity};
 
@@ -17,18 +14,7 @@ pub(super) struct Check {
 impl Check {
     pub(super) fn new(check: &'static str, description: &'static str, kept_of_kind: usize) -> Self {
         Self {
-            report: CheckReport {
-                check,
-                description,
-                applies: true,
-                findings: 0,
-                rows: 0,
-                share: 0.0,
-                worst: None,
-                kinds: BTreeMap::new(),
-                note: String::new(),
-                examples: Vec::new(),
-            },
+            report: CheckReport::new(check, description),
             kept_of_kind,
             rows: BTreeSet::new(),
         }
@@ -43,12 +29,9 @@ impl Check {
         message: String,
     ) {
         let report = &mut self.report;
-        report.findings += 1;
-        report.worst = report.worst.max(Some(severity));
-        let count = report.kinds.entry(kind).or_default();
-        *count += 1;
+        let count = report.count(kind, severity);
         self.rows.extend(place.as_ref().map(|place| place.index));
-        if *count <= self.kept_of_kind as u64 {
+        if count <= self.kept_of_kind as u64 {
             report.examples.push(Finding {
                 check: report.check,
                 kind,

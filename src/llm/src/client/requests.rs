@@ -2,13 +2,8 @@
 
 use std::{io, sync::Arc, time::Duration};
 
+use reel_http::ureq::{self, Agent, http::Uri};
 use reel_world::{Digest, canonical_json};
-use ureq::{
-    Agent,
-    config::Config,
-    http::{Uri, header::RETRY_AFTER},
-    tls::{RootCerts, TlsConfig},
-};
 
 use crate::client::{
     Cache, CallLog, Clock, Endpoint, LoggedCall, ModelError, Reply, Request,
@@ -20,10 +15,6 @@ use crate::client::{
 
 /// Longest answer that is read, in bytes.
 const ANSWER_BYTES_MAX: u64 = 16 << 20;
-/// Longest pause of our own between two tries.
-const PAUSE_MAX: Duration = Duration::from_secs(30);
-/// Longest pause that an endpoint may ask for.
-const RETRY_AFTER_MAX: Duration = Duration::from_secs(60);
 
 /// A client of one endpoint, for any number of threads.
 pub struct Client {
@@ -216,10 +207,8 @@ impl Client {
                     return (attempts, Err(failure.error));
                 }
                 Err(failure) => {
-                    let pause = failure
-                        .retry_after
-                        .map_or_else(|| pause(attempts), |asked| asked.min(RETRY_AFTER_MAX));
-                    self.clock.sleep(pause);
+                    self.clock
+                        .sleep(reel_http::pause(attempts, failure.retry_after));
                     attempts += 1;
                 }
             }
@@ -243,10 +232,7 @@ impl Client {
         }
         let mut response = post.send(body).map_err(broken)?;
         let status = response.status();
-        let retry_after = response
-            .headers()
-            .get(RETRY_AFTER)
-            .and_then(|value| value.to_str().ok()?.trim().parse().ok());
+        let retry_after = reel_http::retry_after(response.headers());
         let bytes = response
             .body_mut()
             .with_config()
@@ -262,10 +248,7 @@ impl Client {
                 status: status.as_u16(),
                 excerpt: excerpt(&text),
             };
-            return Err(Failure {
-                error,
-                retry_after: retry_after.map(Duration::from_secs),
-            });
+            return Err(Failure { error, retry_after });
         }
         read(&text).map_err(|none| {
             let error = match none.cut {
@@ -374,13 +357,6 @@ struct Failure {
     retry_after: Option<Duration>,
 }
 
-/// Before the next try, after so many: 1, 2, 4, ... seconds.
-fn pause(attempts: u32) -> Duration {
-    Duration::from_secs(1u64.checked_shl(attempts - 1).unwrap_or(u64::MAX)).min(PAUSE_MAX)
-}
-
-/// Statuses are read, not thrown; a redirect is never followed: the key goes nowhere else. Proxies
-/// come from the environment, but what runs on this machine is asked directly.
 fn agent(endpoint: &Endpoint, url: &str) -> Result<Agent, ModelError> {
     let uri: Uri = url.parse().map_err(|_| ModelError::BaseUrl {
         problem: "it cannot be read",
@@ -388,33 +364,5 @@ fn agent(endpoint: &Endpoint, url: &str) -> Result<Agent, ModelError> {
     let host = uri.host().ok_or(ModelError::BaseUrl {
         problem: "it names no host",
     })?;
-    let mut config = Config::builder()
-        .timeout_global(Some(endpoint.timeout))
-        .http_status_as_error(false)
-        .max_redirects(0)
-        .max_redirects_will_error(false)
-        .user_agent(concat!("reel/", env!("CARGO_PKG_VERSION")))
-        .tls_config(
-            TlsConfig::builder()
-                .root_certs(RootCerts::PlatformVerifier)
-                .build(),
-        );
-    if host == "localhost" || host == "[::1]" || host.starts_with("127.") {
-        config = config.proxy(None);
-    }
-    Ok(config.build().into())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pauses_double_up_to_a_bound() {
-        let seconds: Vec<u64> = [1, 2, 3, 5, 6, 64, 65, u32::MAX]
-            .into_iter()
-            .map(|attempts| pause(attempts).as_secs())
-            .collect();
-        assert_eq!(seconds, [1, 2, 4, 16, 30, 30, 30, 30]);
-    }
+    Ok(reel_http::agent(host, endpoint.timeout))
 }

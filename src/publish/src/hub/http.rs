@@ -7,23 +7,19 @@
 
 use std::{io::Read, time::Duration};
 
-use serde_json::Value;
-use ureq::{
-    Agent, SendBody,
-    config::Config,
+use reel_http::ureq::{
+    self, Agent, SendBody,
     http::{HeaderMap, Method, Request, StatusCode},
-    tls::{RootCerts, TlsConfig},
 };
+use serde_json::Value;
 
 use super::token::{HubToken, endpoint};
 use crate::{PublishError, printable};
 
 /// Longest answer that is read, in bytes: a page of a tree has a thousand files.
 const ANSWER_BYTES_MAX: u64 = 32 << 20;
-/// Pauses between two tries, in seconds.
-const PAUSES_S: [u64; 4] = [1, 2, 4, 8];
-/// Longest pause that the Hub may ask for.
-const RETRY_AFTER_MAX: Duration = Duration::from_secs(60);
+/// How often a request is sent again.
+const RETRIES: u32 = 4;
 
 /// Waits for a time: who calls owns the clock, and tests do not wait.
 pub type Pause = Box<dyn Fn(Duration) + Send + Sync>;
@@ -85,25 +81,13 @@ impl<'c> Call<'c> {
 
 impl Http {
     pub fn new(address: &str, token: Option<HubToken>, pause: Pause) -> Result<Self, PublishError> {
-        let (endpoint, is_local) = endpoint(address)?;
-        let mut config = Config::builder()
+        let (endpoint, host) = endpoint(address)?;
+        let settings = reel_http::settings(&host)
             .timeout_connect(Some(Duration::from_secs(30)))
             .timeout_recv_response(Some(Duration::from_secs(300)))
-            .timeout_recv_body(Some(Duration::from_secs(300)))
-            .http_status_as_error(false)
-            .max_redirects(0)
-            .max_redirects_will_error(false)
-            .user_agent(concat!("reel/", env!("CARGO_PKG_VERSION")))
-            .tls_config(
-                TlsConfig::builder()
-                    .root_certs(RootCerts::PlatformVerifier)
-                    .build(),
-            );
-        if is_local {
-            config = config.proxy(None);
-        }
+            .timeout_recv_body(Some(Duration::from_secs(300)));
         Ok(Self {
-            agent: config.build().into(),
+            agent: settings.build().into(),
             endpoint,
             token,
             pause,
@@ -123,18 +107,21 @@ impl Http {
 
     /// Sends a request, again where that may help; an answer of any status.
     pub fn send(&self, call: &Call<'_>) -> Result<Response, PublishError> {
-        let mut pauses = PAUSES_S.iter();
+        let mut attempts = 1;
         loop {
             let result = self.attempt(call);
-            let retry = match &result {
-                Ok(response) if is_transient(response.status) => retry_after(&response.headers),
+            let asked = match &result {
+                Ok(response) if is_transient(response.status) => {
+                    reel_http::retry_after(&response.headers)
+                }
                 Err(PublishError::Connection { .. }) => None,
                 _ => return result,
             };
-            let Some(pause_s) = pauses.next().filter(|_| call.repeatable) else {
+            if !call.repeatable || attempts > RETRIES {
                 return result;
-            };
-            (self.pause)(retry.unwrap_or(Duration::from_secs(*pause_s)));
+            }
+            (self.pause)(reel_http::pause(attempts, asked));
+            attempts += 1;
         }
     }
 
@@ -244,17 +231,6 @@ impl Http {
 
 fn is_transient(status: StatusCode) -> bool {
     matches!(status.as_u16(), 408 | 429 | 500 | 502 | 503 | 504)
-}
-
-fn retry_after(headers: &HeaderMap) -> Option<Duration> {
-    let seconds = headers
-        .get("retry-after")?
-        .to_str()
-        .ok()?
-        .trim()
-        .parse()
-        .ok()?;
-    Some(Duration::from_secs(seconds).min(RETRY_AFTER_MAX))
 }
 
 /// An address without its query, which may be a signature that gives access.

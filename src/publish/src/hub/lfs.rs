@@ -12,8 +12,8 @@ use std::{
     thread,
 };
 
+use reel_http::ureq::http::Method;
 use serde_json::{Value, json};
-use ureq::http::Method;
 
 use super::{Body, Call, Hub};
 use crate::{PublishError, PublishedFile, RepositoryId, folder::Content};

@@ -10,8 +10,8 @@ mod upload;
 
 use std::{collections::BTreeMap, ffi::OsString};
 
+use reel_http::ureq::http::Method;
 use serde_json::{Value, json};
-use ureq::http::Method;
 
 use crate::{ExistingFile, FileDigest, PublishError, RepositoryId};
 use http::{Body, Call, Http, Response};

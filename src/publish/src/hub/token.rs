@@ -76,13 +76,13 @@ fn is_small_file(path: &Path) -> bool {
 ///
 /// # Errors
 /// Fails if it is no address, or one to which a token would go in clear.
-pub(super) fn endpoint(text: &str) -> Result<(String, bool), PublishError> {
+pub(super) fn endpoint(text: &str) -> Result<(String, String), PublishError> {
     let text = text.trim().trim_end_matches('/');
     let refuse = |reason: &str| PublishError::Endpoint {
         endpoint: text.split('@').next_back().unwrap_or_default().to_owned(),
         reason: reason.to_owned(),
     };
-    let uri: ureq::http::Uri = text.parse().map_err(|_| refuse("it cannot be read"))?;
+    let uri: reel_http::ureq::http::Uri = text.parse().map_err(|_| refuse("it cannot be read"))?;
     let host = uri.host().ok_or_else(|| refuse("it names no host"))?;
     if uri.authority().is_some_and(|it| it.as_str().contains('@')) {
         return Err(refuse("it holds a user name or password"));
@@ -90,7 +90,7 @@ pub(super) fn endpoint(text: &str) -> Result<(String, bool), PublishError> {
     if uri.query().is_some() || text.contains('#') {
         return Err(refuse("it holds a query"));
     }
-    let is_local = host == "localhost" || host == "[::1]" || host.starts_with("127.");
+    let is_local = reel_http::is_this_machine(host);
     match uri.scheme_str() {
         Some("https") => {}
         Some("http") if is_local => {}
@@ -101,7 +101,7 @@ pub(super) fn endpoint(text: &str) -> Result<(String, bool), PublishError> {
         }
         _ => return Err(refuse("it has to begin with https://")),
     }
-    Ok((text.to_owned(), is_local))
+    Ok((text.to_owned(), host.to_owned()))
 }
 
 #[cfg(test)]

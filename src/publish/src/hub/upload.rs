@@ -5,9 +5,9 @@
 use std::{collections::BTreeMap, io::Read as _};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
+use reel_http::ureq::http::Method;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
-use ureq::http::Method;
 
 use super::{Body, Call, Hub, RepositoryTree, encoded, lfs::Progress};
 use crate::{

@@ -9,6 +9,7 @@ use reel_tidy::{crates, root};
 const LAYERS: &[(&str, &[&str])] = &[
     ("world", &[]),
     ("redact", &[]),
+    ("http", &[]),
     ("reward", &["world"]),
     ("sim", &["world"]),
     ("trace", &["world"]),
@@ -28,7 +29,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
-    ("llm", &["world", "agents", "episode", "trace", "prompt", "redact"]),
+    ("llm", &["world", "agents", "episode", "trace", "prompt", "redact", "http"]),
     ("dataset", &["world", "history", "prompt"]),
     // dataset: the files of a folder and the rows of JSON, with their lines
     ("data-profile", &["dataset"]),
@@ -43,9 +44,9 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("view", &["world", "trace", "replay", "sim"]),
     // view: the encoder of videos
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
-    ("otlp", &[]),
+    ("otlp", &["http"]),
     // dataset: names of files, and the rows of JSON with their lines
-    ("publish", &["dataset"]),
+    ("publish", &["dataset", "http"]),
     ("import", &["world", "reward", "trace", "otlp"]),
     ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),
@@ -168,7 +169,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("strsim", &["query", "reward"]),
     ("toml", &["cli", "import", "proxy", "redact", "reward", "server"]),
     ("rustls*", &["proxy"]),
-    ("ureq", &["llm", "otlp", "publish"]),
+    ("ureq", &["http"]),
     // vectors: the stub of a Hub
     ("sha1", &["publish", "vectors"]),
     ("sha2", &["publish", "vectors"]),

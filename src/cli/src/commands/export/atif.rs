@@ -1,14 +1,14 @@
 //! `reel export atif`: traces in the Agent Trajectory Interchange Format.
 
-use std::{collections::BTreeSet, fs, path::PathBuf};
+use std::{fs, path::PathBuf};
 
 use anyhow::Context;
 use reel_import::atif::LOST;
 use reel_trace::trace_stem;
-use reel_world::record::Backend;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use crate::{ExitStatus, inputs, progress};
+use super::readable::{Traces, tell_lost};
+use crate::{ExitStatus, otlp};
 
 /// Traces as trajectories in ATIF 1.7, the Agent Trajectory Interchange Format, which Harbor, Inspect
 /// Scout, Phoenix and NeMo read: one document per episode, with its images in a folder beside it.
@@ -36,43 +36,13 @@ pub struct Arguments {
 
 /// Writes a document for each trace.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
-    let traces = inputs::traces(&files, &arguments.paths)?;
-    let mut stems = BTreeSet::new();
-    if let Some(twice) = traces.iter().find(|path| !stems.insert(trace_stem(path))) {
-        anyhow::bail!(
-            "two traces are called {}; export them into different folders, or rename one: {}",
-            trace_stem(twice),
-            twice.display()
-        );
-    }
-    let bar = progress::bar(traces.len(), "export");
+    let mut traces = Traces::find(&arguments.paths)?;
+    traces.expect_distinct_names()?;
     let out = &arguments.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let mut unread = 0;
-    for path in &traces {
-        let trace = match files.read(path) {
-            Ok(trace) => trace,
-            Err(error) => {
-                bar.suspend(|| eprintln!("reel: not exported: {error}"));
-                unread += 1;
-                continue;
-            }
-        };
+    traces.each(|path, trace, bar| {
         let stem = trace_stem(path);
-        let header = &trace.header;
-        let tools = match header.backend {
-            Backend::Sim => Some(reel_prompt::functions(header.profile.names())),
-            Backend::Robot | Backend::Proxy | Backend::Imported => {
-                header.policy.parameters.get("tools").cloned()
-            }
-        };
-        let tools = tools
-            .as_ref()
-            .and_then(Value::as_array)
-            .cloned()
-            .unwrap_or_default();
-        let exported = reel_import::atif::export(&trace, &stem, &tools)?;
+        let exported = reel_import::atif::export(&trace, &stem, &otlp::tools(&trace))?;
         let document = out.join(format!("{stem}.json"));
         let write = |path: &PathBuf, bytes: &[u8]| {
             fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
@@ -86,33 +56,16 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         for (name, image) in &exported.images {
             write(&out.join(name), image)?;
         }
-        bar.inc(1);
         if arguments.json {
             let steps = exported.trajectory.steps.len();
             let told = json!({"trace": path, "document": document, "steps": steps, "images": exported.images.len()});
             bar.suspend(|| println!("{told}"));
         }
+        Ok(())
+    })?;
+    if !arguments.json {
+        println!("{} trajectories in {}", traces.exported(), out.display());
     }
-    bar.finish_and_clear();
-    if arguments.json {
-        println!(
-            "{}",
-            json!({ "lost": LOST.iter().map(|(field, what)| json!({"field": field, "becomes": what})).collect::<Value>() })
-        );
-    } else {
-        println!(
-            "{} trajectories in {}",
-            traces.len() - unread,
-            out.display()
-        );
-        println!("reel import atif gives back all but:");
-        for (field, what) in LOST {
-            println!("  {field}: {what}");
-        }
-    }
-    Ok(match traces.len() - unread {
-        _ if unread == 0 => ExitStatus::Success,
-        0 => ExitStatus::BadInput,
-        _ => ExitStatus::Partial,
-    })
+    tell_lost("atif", LOST, arguments.json);
+    Ok(traces.status())
 }

@@ -5,9 +5,10 @@ use std::{collections::BTreeMap, fs, path::PathBuf, time::SystemTime};
 use anyhow::Context;
 use chrono::{DateTime, Utc};
 use reel_import::{atif::LOST, inspect::LogWriter};
-use serde_json::{Value, json};
+use serde_json::json;
 
-use crate::{ExitStatus, inputs, progress};
+use super::readable::{Traces, tell_lost};
+use crate::ExitStatus;
 
 /// Traces as logs of Inspect (.eval), which its viewer and Inspect Scout open: one log for each policy, one
 /// sample for each episode, the second episode of a task as its second epoch.
@@ -44,22 +45,11 @@ struct Log {
 
 /// Writes a log for each policy.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
-    let traces = inputs::traces(&files, &arguments.paths)?;
-    let bar = progress::bar(traces.len(), "export");
+    let mut traces = Traces::find(&arguments.paths)?;
     let out = &arguments.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let mut logs: BTreeMap<String, Log> = BTreeMap::new();
-    let mut unread = 0;
-    for path in &traces {
-        let trace = match files.read(path) {
-            Ok(trace) => trace,
-            Err(error) => {
-                bar.suspend(|| eprintln!("reel: not exported: {error}"));
-                unread += 1;
-                continue;
-            }
-        };
+    traces.each(|path, trace, _| {
         let policy = &trace.header.policy.name;
         if !logs.contains_key(policy) {
             let log = begin(out, policy, &logs)?;
@@ -71,9 +61,8 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         log.samples += 1;
         let modified = fs::metadata(path).and_then(|facts| facts.modified());
         log.newest = log.newest.max(modified.unwrap_or(SystemTime::UNIX_EPOCH));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
+        Ok(())
+    })?;
     for (policy, log) in logs {
         let created = DateTime::<Utc>::from(log.newest).to_rfc3339();
         let placed = log.writer.finish(&created);
@@ -86,22 +75,8 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             println!("{}: {} samples", log.path.display(), log.samples);
         }
     }
-    if arguments.json {
-        println!(
-            "{}",
-            json!({ "lost": LOST.iter().map(|(field, what)| json!({"field": field, "becomes": what})).collect::<Value>() })
-        );
-    } else {
-        println!("reel import inspect gives back all but:");
-        for (field, what) in LOST {
-            println!("  {field}: {what}");
-        }
-    }
-    Ok(match traces.len() - unread {
-        _ if unread == 0 => ExitStatus::Success,
-        0 => ExitStatus::BadInput,
-        _ => ExitStatus::Partial,
-    })
+    tell_lost("inspect", LOST, arguments.json);
+    Ok(traces.status())
 }
 
 /// A log with the name of a policy, as far as a file can have it, and a number where two are alike.

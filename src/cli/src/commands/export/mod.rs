@@ -12,6 +12,7 @@ mod otel;
 #[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
+mod readable;
 mod real_annotation;
 mod real_eval;
 #[cfg(feature = "analytics")]

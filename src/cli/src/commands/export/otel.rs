@@ -1,22 +1,22 @@
 //! `reel export otel`: traces as spans of OpenTelemetry, in files or to a collector.
 
 use std::{
-    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     time::UNIX_EPOCH,
 };
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use chrono::DateTime;
 use reel_import::otel::{self, ImageParts, LOST, LOST_IMAGES, SpanClock, SpanOptions};
 use reel_otlp::{
     Acknowledged, Endpoint, ExportTraceServiceRequest, Sender, encode, json_line, span_count,
 };
-use reel_trace::{Trace, trace_stem};
-use serde_json::{Value, json};
+use reel_trace::trace_stem;
+use serde_json::json;
 
-use crate::{ExitStatus, inputs, otlp, progress};
+use super::readable::{Traces, lost_fields, tell_lost};
+use crate::{ExitStatus, otlp};
 
 /// Traces as spans of OpenTelemetry, by the semantic conventions for generative AI, which collectors, Jaeger,
 /// Tempo, Phoenix and Langfuse take: one trace an episode.
@@ -126,7 +126,7 @@ enum Target {
 }
 
 impl Target {
-    fn of(arguments: &Arguments, traces: &[PathBuf]) -> anyhow::Result<Self> {
+    fn of(arguments: &Arguments, traces: &Traces) -> anyhow::Result<Self> {
         if let Some(to) = &arguments.to {
             let address = (to != "env").then_some(to.as_str());
             let endpoint = Endpoint::resolve(address, otlp::variable)?;
@@ -135,14 +135,7 @@ impl Target {
             )?;
             return Ok(Target::Collector(Sender::new(endpoint)));
         }
-        let mut stems = BTreeSet::new();
-        if let Some(twice) = traces.iter().find(|path| !stems.insert(trace_stem(path))) {
-            bail!(
-                "two traces are called {}; export them into different folders, or rename one: {}",
-                trace_stem(twice),
-                twice.display()
-            );
-        }
+        traces.expect_distinct_names()?;
         let folder = arguments.out.clone();
         fs::create_dir_all(&folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -196,26 +189,15 @@ impl Target {
 
 /// Writes or sends the spans of each trace.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let files = inputs::trace_files();
-    let traces = inputs::traces(&files, &arguments.paths)?;
+    let mut traces = Traces::find(&arguments.paths)?;
     let target = Target::of(arguments, &traces)?;
-    let bar = progress::bar(traces.len(), "export");
-    let (mut unread, mut spans, mut rejected) = (0, 0, 0);
-    for path in &traces {
-        let trace: Trace = match files.read(path) {
-            Ok(trace) => trace,
-            Err(error) => {
-                bar.suspend(|| eprintln!("reel: not exported: {error}"));
-                unread += 1;
-                continue;
-            }
-        };
+    let (mut spans, mut rejected) = (0, 0);
+    traces.each(|path, trace, bar| {
         let tools = otlp::tools(&trace);
         let requests = otel::requests(&trace, &tools, &arguments.options(path))?;
         let (place, taken) = target.take(path, &requests)?;
         spans += taken.accepted;
         rejected += taken.rejected;
-        bar.inc(1);
         if !taken.message.is_empty() {
             // Words of another program, without its control characters.
             let words = taken.message.escape_debug();
@@ -225,14 +207,13 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             let told = json!({"trace": path, "to": place, "spans": taken.accepted, "rejected": taken.rejected});
             bar.suspend(|| println!("{told}"));
         }
-    }
-    bar.finish_and_clear();
-    tell(arguments, &target, traces.len() - unread, spans, rejected);
-    Ok(match traces.len() - unread {
-        0 if unread > 0 => ExitStatus::BadInput,
+        Ok(())
+    })?;
+    tell(arguments, &target, traces.exported(), spans, rejected);
+    Ok(match traces.status() {
+        status @ ExitStatus::BadInput => status,
         _ if rejected > 0 => ExitStatus::CheckFailed,
-        _ if unread == 0 => ExitStatus::Success,
-        _ => ExitStatus::Partial,
+        status => status,
     })
 }
 
@@ -240,14 +221,8 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 fn tell(arguments: &Arguments, target: &Target, traces: usize, spans: u64, rejected: u64) {
     let lost = arguments.lost();
     if arguments.json {
-        let lost = lost
-            .iter()
-            .map(|(field, what)| json!({"field": field, "becomes": what}));
-        let lost = lost.collect::<Value>();
-        println!(
-            "{}",
-            json!({"lost": lost, "content": !arguments.no_content})
-        );
+        let told = json!({"lost": lost_fields(&lost), "content": !arguments.no_content});
+        println!("{told}");
         return;
     }
     let place = match target {
@@ -265,8 +240,5 @@ fn tell(arguments: &Arguments, target: &Target, traces: usize, spans: u64, rejec
         );
         return;
     }
-    println!("reel import otel gives back all but:");
-    for (field, what) in lost {
-        println!("  {field}: {what}");
-    }
+    tell_lost("otel", &lost, false);
 }
