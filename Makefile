@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
+.PHONY: help demo test test-long pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -22,6 +22,9 @@ test: pages ## build the tests and install what they compare Reel with, run ever
 	@status=0; tests/setup.sh & setup=$$!; cargo test --locked --workspace --no-run || status=$$?; wait $$setup || status=$$?; exit $$status
 	@tests/skips.sh --forget
 	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
+
+test-long: ## `make test` with its long forms: browser tests, clusters, LeRobot, taxonomy (half an hour more)
+	REEL_LONG=1 $(MAKE) test
 
 wheel: pages ## build the Python package with the command line as a wheel in python/dist (an optimised build; an hour)
 	python/wheel.sh
@@ -148,6 +151,7 @@ release: ## archive, list of packages, checksums and signature of the whole bina
 	tests/release.sh
 
 acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
+	$(MAKE) test-long
 	tests/acceptance.sh
 	tests/determinism.sh
 	tests/eval-taxonomy.sh

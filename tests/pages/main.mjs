@@ -1,4 +1,4 @@
-/** The web pages in Chromium: `main.mjs [NAME...]`, or `main.mjs --screenshots DIR`. See run.sh. */
+/** The web pages in Chromium: `main.mjs [NAME...]`, `main.mjs --short` or `main.mjs --screenshots DIR`. See run.sh. */
 import { mkdirSync } from "node:fs";
 import { findings, launch, opened, sql, traceName, url, visit } from "./kit.mjs";
 import * as beside from "./beside.mjs";
@@ -12,6 +12,14 @@ import * as remarks from "./remarks.mjs";
 import * as review from "./review.mjs";
 import * as sqlTests from "./sql.mjs";
 import * as strip from "./strip.mjs";
+
+/** The short form: every page once, and one test of each thing that people do on them. */
+const SHORT = [
+  "a_person_answers_an_agent", "a_question_becomes_a_panel", "a_replay_leaves_its_verdict", "a_selection_is_exported", "an_empty_store_is_told",
+  "an_episode_is_starred_and_tagged", "attribution_from_job_to_branch", "claim_from_a_condition_to_its_episodes", "drive_by_clicking_and_hand_back",
+  "labels_persist", "odd_traces_are_told", "orbit_shows_the_scene", "page_", "plausible_calls_are_tried_and_played", "sankey_to_decisive_step",
+  "search_finds_what_was_said", "stepping", "terms_are_explained", "two_episodes_of_a_task_are_aligned", "what_if_succeeds",
+];
 
 const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
 if (!index.includes('id="app"')) {
@@ -45,11 +53,12 @@ if (process.argv[2] === "--screenshots") {
     }
   }
 } else {
-  const wanted = process.argv.slice(2);
+  const short = process.argv[2] === "--short";
+  const wanted = short ? SHORT : process.argv.slice(2);
   const all = { ...beside, ...episodes, ...failures, ...live, ...orbit, ...remarks, ...review, ...sqlTests, ...claims, ...drive, ...strip };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
-      for (const dark of [false, true]) {
+      for (const dark of short ? [false] : [false, true]) {
         const { page, context, complaints, answers } = await opened(browser, { dark, width: dark ? 1024 : 1440 });
         await visit(page, address);
         const heading = await page.locator("main h1").first().innerText();
@@ -60,6 +69,9 @@ if (process.argv[2] === "--screenshots") {
         if (!heading.trim() || found.length) throw new Error(`${address}: "${heading}" ${found.join("\n  ")}`);
       }
     };
+  }
+  for (const name of wanted) {
+    if (!Object.keys(all).some((other) => other.startsWith(name))) throw new Error(`no test begins with ${name}`);
   }
   for (const [name, test] of Object.entries(all)) {
     if (wanted.length && !wanted.some((begin) => name.startsWith(begin))) continue;

@@ -22,7 +22,7 @@ START_TIMEOUT_S = 120
 STOP_TIMEOUT_S = 120
 PROBE_TIMEOUT_S = 20
 CONNECT_TIMEOUT_S = 60
-SHORT_TASKS = 4
+SHORT_TASKS = 2
 """Tasks of each family in the short form."""
 
 

@@ -4,7 +4,7 @@
 #   real-contract FILE PART CASES EQUAL DIFFERENT DEVIATING
 # and exits with 1 on any difference. What cannot be done here says `skipped:` and how to get what it needs.
 #
-#   run.sh [--short]      --short: four tasks of each family instead of all
+#   run.sh [--short]      --short: two tasks of each family instead of all
 #
 # REEL: the binary, otherwise the dev build in CARGO_TARGET_DIR. REEL_REAL_BENCH: the benchmark's folder. REEL_REAL_CONTRACT: the vectors.
 set -euo pipefail

@@ -420,10 +420,4 @@ mod tests {
             assert!(of(wrong).is_err(), "{wrong}");
         }
     }
-
-    #[test]
-    fn pauses_double_up_to_a_bound() {
-        let seconds = [1, 2, 3, 6, 65].map(|attempts| pause(attempts).as_secs());
-        assert_eq!(seconds, [1, 2, 4, 30, 30]);
-    }
 }

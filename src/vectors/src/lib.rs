@@ -68,6 +68,19 @@ pub enum KeyOrder {
     Same,
 }
 
+/// Whether tests run in their long form: `make acceptance` sets `REEL_LONG`, `make test` does not.
+pub fn is_long() -> bool {
+    std::env::var_os("REEL_LONG").is_some()
+}
+
+/// The arguments of a script that has a short form: `--short`, or none where tests run in their long form.
+pub fn form() -> &'static [&'static str] {
+    match is_long() {
+        true => &[],
+        false => &["--short"],
+    }
+}
+
 /// The traces in a folder, by name.
 pub fn traces_in(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> = fs::read_dir(folder)

@@ -9,20 +9,6 @@ use serde_json::{Value, json};
 
 use crate::{complaint, expect};
 
-/// What these episodes may not have, or have the same: one build wrote both.
-const MAY_STAY: &[&str] = &[
-    "header.build",
-    "header.meshes",
-    "start.visible",
-    "depth",
-    "masks",
-    "timings",
-    "mcp_answers",
-    "redactions",
-    "robot",
-    "sensors",
-];
-
 /// What is lost, and the page that lists it.
 const LISTED: (&[(&str, &str)], &str) = (LOST, include_str!("../../../../docs/trajectories.md"));
 
@@ -109,7 +95,7 @@ pub(crate) fn comes_back_but_for_what_is_listed(
         let after = parts(&folder.join(told["trace"].as_str().unwrap()));
         lost.compare(&before[&played(&after)], &after);
     }
-    let lost = lost.expect_listed(list.iter().map(|(field, _)| *field), MAY_STAY);
+    let lost = lost.expect_listed(list.iter().map(|(field, _)| *field), &[]);
     println!("{count} episodes come back from {format} but for {lost} listed fields");
 
     // The traces are like others, and the same again.

@@ -313,9 +313,10 @@ faulty"
 fn perturbed_competent_play_is_explained() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
+    let episodes = if reel_vectors::is_long() { 140 } else { 35 };
     let text = reel!(
         folder,
-        "dev eval-insight --split development --episodes 70 --seed 4 --out insight --json"
+        "dev eval-insight --split development --episodes {episodes} --seed 4 --out insight --json"
     );
     let figures: Value = serde_json::from_str(&text).unwrap();
     let share = |name: &str| {
@@ -331,7 +332,10 @@ fn perturbed_competent_play_is_explained() {
         let (hits, of) = share(name);
         assert!(hits >= least * of, "{name}: {hits} of {of}\n{text}");
     };
-    assert!(share("class, fair").1 >= 25.0, "{text}");
+    assert!(
+        share("class, fair").1 >= f64::from(episodes) / 3.0,
+        "{text}"
+    );
     at_least("class, fair", 0.85);
     at_least("sub-class, fair", 0.75);
     at_least("step world, fair", 0.75);

@@ -21,8 +21,8 @@ use crate::expect;
 #[path = "../../../query/tests/hostile/questions.rs"]
 mod questions;
 
-/// Seeds of a daily run: two of each kind.
-const DAILY: u64 = 24;
+/// Seeds of a daily run: one of each kind.
+const DAILY: u64 = 12;
 /// What a question may cost here: seconds, and MiB before it spills.
 const TIME_S: u64 = 2;
 const MEMORY_MIB: u64 = 64;

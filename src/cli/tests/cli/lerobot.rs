@@ -63,5 +63,5 @@ fn episodes_become_a_dataset_that_the_lint_accepts() {
 /// LeRobot 0.6 and lerobot-doctor.
 #[test]
 fn lerobots_own_readers_agree() {
-    crate::service::script("formats/robot_datasets.py", &[]);
+    crate::service::script("formats/robot_datasets.py", reel_vectors::form());
 }

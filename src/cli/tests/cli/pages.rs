@@ -20,7 +20,9 @@ fn people_find_out_why_an_episode_failed() {
         &odd,
     );
     let mut command = reel_vectors::script("bash", "pages/run.sh");
-    let command = command.env("REEL", env!("CARGO_BIN_EXE_reel"));
+    let command = command
+        .args(reel_vectors::form())
+        .env("REEL", env!("CARGO_BIN_EXE_reel"));
     reel_vectors::run(command.env("ODD", &odd));
 }
 

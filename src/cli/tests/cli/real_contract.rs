@@ -1,7 +1,7 @@
 //! REAL's published clients, written anew in Python from their contract (`tests/real-contract`),
 //! against the binary of this build.
 
-/// Four tasks of each family; `tests/real-contract/run.sh` without `--short` plays all of them.
+/// Two tasks of each family; `tests/real-contract/run.sh` without `--short` plays all of them.
 #[test]
 fn the_published_clients_run_on_reel() {
     let mut command = reel_vectors::script("bash", "real-contract/run.sh");

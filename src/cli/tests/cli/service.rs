@@ -19,7 +19,7 @@ pub(crate) fn script(name: &str, arguments: &[&str]) {
 
 /// The faults of every day; `make service` has all of them.
 const FAULTS: &[&str] = &reel_world::words! {
-    kill_under_load names_are_taken_once disk_full file_too_large upload_breaks_off halves
+    names_are_taken_once disk_full file_too_large upload_breaks_off halves
     large_bodies bodies_as_large_as_they_may_be deep_json_and_invalid_utf8 hostile_calls
     hosts_and_origins last_token what_is_anothers more_than_their_share revoked_in_the_midst
     tls audit words_of_the_protocol words_of_the_newest_protocol sessions_that_are_not_there

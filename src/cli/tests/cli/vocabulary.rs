@@ -178,7 +178,8 @@ fn vectors_of_a_file_decide_and_replay_needs_no_file() {
     };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    reel!(folder, "task draw --count 30 --seed 35 --out tasks");
+    let tasks = if reel_vectors::is_long() { 30 } else { 10 };
+    reel!(folder, "task draw --count {tasks} --seed 35 --out tasks");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/vocabulary/argmax.py");
     let done = Command::new(python)
         .arg(script)

@@ -273,6 +273,9 @@ fn the_four_rules_hold_over_500_questions_in_every_situation() {
         ),
     ];
     assert!(questions().len() > 500);
+    // Every situation has other questions, and all are asked.
+    let stride = if reel_vectors::is_long() { 1 } else { 7 };
+    let mut situation = 0;
     for task in &tasks {
         for seen in [
             vec![],
@@ -290,7 +293,12 @@ fn the_four_rules_hold_over_500_questions_in_every_situation() {
                         .collect::<Vec<_>>(),
                 );
                 user.observe_held(held.map(InstanceId::from).as_ref());
-                for question in questions() {
+                situation += 1;
+                for question in questions()
+                    .into_iter()
+                    .skip(situation % stride)
+                    .step_by(stride)
+                {
                     let reply = say(&user, &question);
                     let broken = violations(task, &scene, &reply, user.saw_target());
                     assert!(

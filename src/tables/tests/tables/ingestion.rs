@@ -271,7 +271,8 @@ fn a_large_store_takes_traces_as_a_small_one_does() {
             .wrapping_add(1);
         (random >> 33) as usize % below
     };
-    for round in 0..40 {
+    let rounds = if reel_vectors::is_long() { 40 } else { 12 };
+    for round in 0..rounds {
         let (one, other) = (path(FILES[draw(4)]), path(FILES[draw(4)]));
         match draw(6) {
             0 | 1 => drop(fs::copy(&variants[draw(4)], &one).unwrap()),

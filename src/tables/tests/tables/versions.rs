@@ -67,7 +67,8 @@ fn earlier_versions_stay_readable() {
     ingest(&mut store, &[record(0)]);
     let version = store.version();
     let before = batches(&store, Table::Episodes);
-    for seed in 1..=50 {
+    let more = if reel_vectors::is_long() { 50 } else { 16 };
+    for seed in 1..=more as u64 {
         assert_eq!(ingest(&mut store, &[record(seed)]), (1, 0, 0, 0));
     }
     let then = Store::open_at(&folder, version).unwrap();
@@ -77,7 +78,7 @@ fn earlier_versions_stay_readable() {
             rows(&store, Table::Episodes),
             store.history().unwrap().len() as u64
         ),
-        (51, store.version() + 1)
+        (1 + more, store.version() + 1)
     );
     assert!(
         store.files(Table::Episodes).len() < 10,
@@ -94,11 +95,11 @@ fn earlier_versions_stay_readable() {
             store.files(Table::Episodes).len(),
             rows(&store, Table::Episodes)
         ),
-        (1, 51)
+        (1, 1 + more)
     );
     let looked = store.vacuum(0, true).unwrap();
     assert!(
-        looked.dry_run && looked.deleted.len() > 40,
+        looked.dry_run && looked.deleted.len() + 10 > more,
         "{} files",
         looked.deleted.len()
     );
@@ -111,7 +112,10 @@ fn earlier_versions_stay_readable() {
         store.vacuum(0, false).unwrap().deleted.len(),
         looked.deleted.len()
     );
-    assert_eq!(rows(&Store::open(&folder).unwrap(), Table::Episodes), 51);
+    assert_eq!(
+        rows(&Store::open(&folder).unwrap(), Table::Episodes),
+        1 + more
+    );
     assert!(Store::open(&folder).unwrap().check_files().is_ok());
     assert!(matches!(
         Store::open_at(&folder, version).unwrap().check_files(),
