@@ -3,7 +3,7 @@
 # (installed where it may be) and pages in the binary; what is missing is said, and the rest is skipped.
 #
 #   run.sh [NAME...]           only the tests whose names begin so
-#   run.sh --short             every page once, and one test of each thing that people do on them
+#   run.sh --short             every page once, and the shortest test of each thing that people do on them
 #   run.sh --screenshots DIR   every page, light and dark, 1440, 1024 and 390 wide
 #   run.sh --large             how long pages take over 100,000 synthetic episodes, and whether they keep memory
 #

@@ -2,7 +2,8 @@
 //! answer to an `ask`.
 
 use reel_world::{
-    ErrorCode, Lifecycle, Outcome, Tool, ToolCall, ToolText, ask_reply, record::UserReply,
+    CallError, ErrorCode, Lifecycle, Outcome, Tool, ToolCall, ToolText, ask_reply,
+    record::UserReply,
 };
 
 /// The outcome of a call of a tool (`None` for an unknown one): `text` is none, or empty, where the
@@ -43,7 +44,8 @@ fn error(call: &ToolCall, tool: Option<&Tool>, text: &str) -> Option<ErrorCode> 
     }
     if ToolText::Exception.begins(text) {
         // The server reads arguments without looking whether they are there.
-        let asked_wrongly = tool.is_none() || text.contains("KeyError: ");
+        let is_foreign = matches!(Tool::parse(call), Err(CallError::UnknownTool { .. }));
+        let asked_wrongly = (tool.is_none() && !is_foreign) || text.contains("KeyError: ");
         return Some(if asked_wrongly {
             ErrorCode::BadArguments
         } else if ToolText::failure(text) == Some(ToolText::SkillFailed) {

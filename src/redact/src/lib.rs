@@ -3,10 +3,11 @@
 //! label is no function of its secret, so that nobody can test guesses against it.
 //!
 //! `rules` reads rules and holds the built-in ones, `redactor` applies them to texts and JSON values, `escapes` looks
-//! through JSON escapes inside of texts. Never opens a file and never reads the environment: both are arguments. Never
+//! through JSON escapes inside of texts, `nested` finds values within brackets there. Never opens a file and never reads the environment: both are arguments. Never
 //! reads Base64.
 
 mod escapes;
+mod nested;
 mod redactor;
 mod rules;
 

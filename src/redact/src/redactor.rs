@@ -15,6 +15,7 @@ use serde_json::{Map, Value};
 use crate::{
     Rules,
     escapes::{LEVELS, Unescaped},
+    nested,
     rules::{MEMBER, Pattern, SECRET},
 };
 
@@ -355,8 +356,28 @@ impl Redactor {
                 let (Some(name), Some(secret)) = (member, groups.name(SECRET)) else {
                     continue;
                 };
-                found.extend(Found::of(secret, name, 2));
+                if !is_no_secret(secret.as_str()) {
+                    found.extend(Found::of(secret, name, 2));
+                }
             }
+        }
+        let nested = self.rules.nested.iter();
+        for groups in nested.flat_map(|regex| regex.captures_iter(text)) {
+            let member = groups
+                .name(MEMBER)
+                .and_then(|name| self.rules.key(name.as_str()));
+            let (Some(name), Some(bracket)) = (member, groups.name(SECRET)) else {
+                continue;
+            };
+            // What stands beside others in an object is no secret by itself.
+            let rank = if bracket.as_str() == "{" { 3 } else { 2 };
+            let values = nested::values(text, bracket.start());
+            found.extend(values.into_iter().map(|range| Found {
+                secret: text[range.clone()].to_owned(),
+                range,
+                name: name.to_owned(),
+                rank,
+            }));
         }
     }
 
@@ -446,6 +467,19 @@ impl Redactor {
             }
         }
     }
+}
+
+/// Whether the value of a member is the sign of none, or of a block below.
+fn is_no_secret(value: &str) -> bool {
+    let block = value.trim_start_matches(['|', '>']);
+    let none = ["null", "none", "true", "false"];
+    // The bracket after it belongs to what is around.
+    let word = value.trim_end_matches(['}', ']', ')']);
+    none.iter().any(|none| word.eq_ignore_ascii_case(none))
+        || (block.len() < value.len()
+            && block
+                .trim_matches(|c: char| "+-".contains(c) || c.is_ascii_digit())
+                .is_empty())
 }
 
 /// Whether a recorded value is what an actual one was recorded as: equal, but for labels, each of which stands for any

@@ -40,12 +40,13 @@ const SHAPES: &[(&str, &str)] = &[
     ("token", r"(?-u:\b)gh[pousr]_[A-Za-z0-9]{20,}"),
     ("token", r"(?-u:\b)github_pat_[A-Za-z0-9_]{20,}"),
     ("token", r"(?-u:\b)gl[a-z]{2,6}-[A-Za-z0-9_-]{20,}"),
-    // Slack, Google, npm, PyPI
+    // Slack, Google, npm, PyPI, NVIDIA
     ("token", r"(?-u:\b)xox[a-z]-[A-Za-z0-9-]{10,}"),
     ("token", r"(?-u:\b)AIza[A-Za-z0-9_-]{35}"),
     ("token", r"(?-u:\b)ya29\.[A-Za-z0-9_-]{20,}"),
     ("token", r"(?-u:\b)npm_[A-Za-z0-9]{30,}"),
     ("token", r"(?-u:\b)pypi-[A-Za-z0-9_-]{16,}"),
+    ("token", r"(?-u:\b)nvapi-[A-Za-z0-9_-]{40,}"),
     (
         "aws-key",
         r"(?-u:\b)A(?:KIA|SIA|GPA|IDA|ROA|NPA)[A-Z0-9]{16}(?-u:\b)",
@@ -81,8 +82,10 @@ const SHAPES: &[(&str, &str)] = &[
 const KEYS: &[&str] = &[
     "password",
     "passwd",
+    "passwords",
     "passphrase",
     "secret",
+    "secrets",
     "token",
     "api_key",
     "access_key",
@@ -146,6 +149,8 @@ pub struct Rules {
     pub(crate) of_file: usize,
     /// Members in texts, `password=...` and `"password": "..."`.
     pub(crate) members: Vec<Regex>,
+    /// Members in texts whose value stands in brackets.
+    pub(crate) nested: Option<Regex>,
     keys: Vec<Key>,
     /// Places in calls and results, as the segments of JSON pointers; `*` is any segment.
     pub(crate) pointers: Vec<Vec<String>>,
@@ -359,14 +364,32 @@ impl Rules {
         let name = format!("(?P<{MEMBER}>(?i-u:{}))", names.join("|"));
         let quoted = r#""[ \t\r\n]*:[ \t\r\n]*"(?P<secret>(?:[^"\\]|\\(?s:.))+)""#;
         let number = r#""[ \t\r\n]*:[ \t\r\n]*(?P<secret>-?[0-9][0-9.eE+-]*)"#;
-        let assigned = r#"["']?[ \t]*[:=][ \t]*["']?(?P<secret>[^ \t\r\n"',;&]+)"#;
-        self.members = [quoted, number, assigned]
-            .into_iter()
-            .filter(|_| !names.is_empty())
-            .map(|value| {
-                compiled(&format!("{name}{value}")).expect("names of bounded length compile")
-            })
-            .collect();
+        // Where the closing quote is missing, the line ends it.
+        let in_double_quotes = r#"["']?[ \t]*[:=][ \t]*"(?P<secret>(?:[^"\\\r\n]|\\[^\r\n])+)"#;
+        let in_single_quotes = r#"["']?[ \t]*[:=][ \t]*'(?P<secret>(?:[^'\\\r\n]|\\[^\r\n])+)"#;
+        let assigned = r#"["']?[ \t]*[:=][ \t]*(?P<secret>[^ \t\r\n"',;&\[{][^ \t\r\n"',;&]*)"#;
+        // A block of YAML: the lines below that are indented.
+        let block =
+            r"[ \t]*:[ \t]*[|>][0-9+-]*[ \t]*\r?\n(?P<secret>(?:[ \t]+[^\r\n]*(?:\r?\n|$))+)";
+        let element = r"[ \t]*>(?P<secret>[^<]+)</";
+        let compiled = |value: &str| {
+            compiled(&format!("{name}{value}")).expect("names of bounded length compile")
+        };
+        let values = [
+            quoted,
+            number,
+            in_double_quotes,
+            in_single_quotes,
+            assigned,
+            block,
+            element,
+        ];
+        if !names.is_empty() {
+            self.members = values.into_iter().map(compiled).collect();
+            self.nested = Some(compiled(
+                r#"["']?[ \t\r\n]*[:=][ \t\r\n]*(?P<secret>[\[{])"#,
+            ));
+        }
     }
 }
 
@@ -493,6 +516,12 @@ impl File<'_> {
                 .as_str()
                 .ok_or_else(|| self.error(at, "a pattern is a regular expression as text"))?;
             let regex = compiled(self.bounded(at, text)?).map_err(|what| self.error(at, what))?;
+            if let Some(name) = regex.capture_names().flatten().find(|name| *name != SECRET) {
+                let what = format!(
+                    "the secret is the group (?P<{SECRET}>...); there is no group '{name}'"
+                );
+                return Err(self.error(at, what));
+            }
             if regex.is_match("") {
                 return Err(self.error(at, "this pattern matches an empty text, so everywhere"));
             }

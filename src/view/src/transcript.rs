@@ -8,7 +8,8 @@ use reel_world::{
     record::{Backend, EndReason, Score, StepRecord},
 };
 
-/// The whole episode, for people. Names instances and receptacles as the simulator knows them.
+/// The whole episode, for people. Names instances and receptacles as the simulator knows them. What others wrote
+/// moves no cursor: control characters are escapes.
 pub fn transcript(trace: &Trace) -> String {
     let mut text = String::new();
     header(trace, &mut text);
@@ -16,7 +17,20 @@ pub fn transcript(trace: &Trace) -> String {
         text.push_str(&step(record, trace.timings.get(&record.step)));
     }
     end(trace, &mut text);
-    text
+    for_terminals(&text)
+}
+
+/// A text for a terminal: control characters but ends of lines and tabs are written as escapes.
+pub fn for_terminals(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '\n' | '\t' => shown.push(letter),
+            letter if letter.is_control() => shown.extend(letter.escape_default()),
+            letter => shown.push(letter),
+        }
+    }
+    shown
 }
 
 fn header(trace: &Trace, text: &mut String) {

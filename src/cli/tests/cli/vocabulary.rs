@@ -178,7 +178,7 @@ fn vectors_of_a_file_decide_and_replay_needs_no_file() {
     };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let tasks = if reel_vectors::is_long() { 30 } else { 10 };
+    let tasks = if reel_vectors::is_long() { 30 } else { 20 };
     reel!(folder, "task draw --count {tasks} --seed 35 --out tasks");
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/vocabulary/argmax.py");
     let done = Command::new(python)

@@ -17,7 +17,7 @@ const SINGLE: [FaultKind; 7] = [
 
 #[test]
 fn a_fault_costs_its_own_capability_and_no_other() {
-    let tasks = if reel_vectors::is_long() { 24 } else { 8 };
+    let tasks = if reel_vectors::is_long() { 24 } else { 16 };
     let stage = Stage::new(tasks, 5);
     let (mut right, mut all, mut wrong) = (0, 0, Vec::new());
     for (index, task) in stage.tasks.iter().enumerate() {

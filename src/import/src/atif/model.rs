@@ -10,6 +10,8 @@ use crate::lenient::{or_default, or_empty};
 pub const VERSION: &str = "ATIF-v1.7";
 /// How every version of the format begins that is read.
 pub(super) const VERSIONS: &str = "ATIF-v1.";
+/// What a file begins its version with that may be a trajectory.
+pub(super) const FORMAT: &str = "ATIF-v";
 
 /// One trajectory: who acted, and everything that was said, called and answered.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]

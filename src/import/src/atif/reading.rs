@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use super::{
     KeptEpisode, OURS, Trajectory,
-    model::VERSIONS,
+    model::{FORMAT, VERSIONS},
     turns::{Decision, Opening, digests},
 };
 use crate::{
@@ -53,8 +53,8 @@ pub fn documents(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
 fn is_trajectory(path: &Path) -> bool {
     read_file(path, BYTES_MAX).is_ok_and(|bytes| {
         let named = bytes
-            .windows(VERSIONS.len())
-            .any(|part| part == VERSIONS.as_bytes());
+            .windows(FORMAT.len())
+            .any(|part| part == FORMAT.as_bytes());
         named && without_mark(&bytes).trim_ascii_start().first() == Some(&b'{')
     })
 }

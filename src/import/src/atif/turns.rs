@@ -1,6 +1,9 @@
 //! The turns of a trajectory as calls with what came of them.
 
-use std::path::Path;
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_trace::decode_webp;
@@ -197,6 +200,19 @@ impl Episode<'_> {
         (texts, frame)
     }
 
+    /// The file of this path in the folder of the document. A document names no other files: whoever imports what a
+    /// stranger sent would find pictures of this machine in traces and exports.
+    fn beside(&self, path: &str) -> Result<PathBuf, String> {
+        let told = |error: io::Error| error.to_string();
+        let folder = self.source.parent().unwrap_or(Path::new(""));
+        let file = folder.join(path).canonicalize().map_err(told)?;
+        let folder = Path::new(".").join(folder).canonicalize().map_err(told)?;
+        if !file.starts_with(folder) {
+            return Err("it lies outside of the document's folder".to_owned());
+        }
+        Ok(file)
+    }
+
     /// An image within the document or beside it; addresses are not asked.
     fn image(&self, path: &str) -> Result<Frame, String> {
         let bytes = if let Some(data) = path.strip_prefix("data:") {
@@ -209,8 +225,7 @@ impl Episode<'_> {
         } else if path.contains("://") {
             return Err("it lies elsewhere; download it and name the file".to_owned());
         } else {
-            let folder = self.source.parent().unwrap_or(Path::new("."));
-            read_file(&folder.join(path), IMAGE_BYTES_MAX)?
+            read_file(&self.beside(path)?, IMAGE_BYTES_MAX)?
         };
         if !bytes.starts_with(b"RIFF") {
             return image::decode(&bytes);

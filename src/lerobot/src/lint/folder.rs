@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::{
     LeRobotLintError,
     findings::Check,
-    tables::{columns, open},
+    tables::{columns, open, texts},
 };
 
 /// What `info.json` says of a column.
@@ -37,6 +37,8 @@ pub(super) struct EpisodeEntry {
     pub(super) to: i64,
     pub(super) data: PathBuf,
     pub(super) videos: BTreeMap<String, VideoPart>,
+    /// The words of its tasks; none where the table does not tell.
+    pub(super) tasks: Option<BTreeSet<String>>,
 }
 
 /// A dataset as its metadata describes it.
@@ -45,7 +47,8 @@ pub(super) struct Folder {
     pub(super) info: Value,
     pub(super) fps: f64,
     pub(super) features: BTreeMap<String, Feature>,
-    pub(super) tasks: BTreeSet<i64>,
+    /// The words of each task, by `task_index`, in the order of the table.
+    pub(super) tasks: Vec<(i64, Vec<String>)>,
     pub(super) episodes: Vec<EpisodeEntry>,
 }
 
@@ -80,7 +83,7 @@ impl Folder {
             root: root.to_owned(),
             fps,
             features: features.collect(),
-            tasks: BTreeSet::new(),
+            tasks: Vec::new(),
             episodes: Vec::new(),
             info: info.clone(),
         };
@@ -90,6 +93,11 @@ impl Folder {
         }
         folder.episodes.sort_by_key(|episode| episode.index);
         Ok(folder)
+    }
+
+    /// Whether the table of tasks has this one.
+    pub(super) fn has_task(&self, task: i64) -> bool {
+        self.tasks.iter().any(|(index, _)| *index == task)
     }
 
     /// The names of the videos.
@@ -148,14 +156,18 @@ impl Folder {
             path: path.clone(),
             reason,
         };
-        let (_, batches) = open(&path, |name| name == "task_index").map_err(broken)?;
+        let (_, batches) = open(&path, |_| true).map_err(broken)?;
         for batch in batches {
             let batch = batch.map_err(broken)?;
             let columns = columns(&batch);
             let tasks = columns.get("task_index");
             let tasks = tasks.ok_or_else(|| broken("no column task_index".to_owned()))?;
+            // LeRobot's own have the words as the index of a table of pandas.
+            let mut words = batch.columns().iter().find_map(texts).unwrap_or_default();
+            words.resize(batch.num_rows(), Vec::new());
+            let rows = words.into_iter().enumerate();
             self.tasks
-                .extend((0..batch.num_rows()).filter_map(|row| tasks.integer(row)));
+                .extend(rows.filter_map(|(row, words)| Some((tasks.integer(row)?, words))));
         }
         Ok(())
     }
@@ -170,6 +182,7 @@ impl Folder {
         for batch in batches {
             let batch = batch.map_err(broken)?;
             let columns = columns(&batch);
+            let tasks = batch.column_by_name("tasks").and_then(texts);
             let value = |name: &str, row: usize| -> Result<f64, LeRobotLintError> {
                 let column = columns.get(name);
                 let column =
@@ -200,6 +213,9 @@ impl Folder {
                     to: integer("dataset_to_index", row)?,
                     data: self.path("data_path", "", chunk, file),
                     videos,
+                    tasks: tasks
+                        .as_ref()
+                        .map(|tasks| tasks[row].iter().cloned().collect()),
                 });
             }
         }

@@ -208,11 +208,14 @@ impl Scan {
             complain("timestamp", message);
         }
         match integer("task_index") {
-            Some(task) if folder.tasks.contains(&task) => drop(seen.tasks.insert(task)),
-            task => complain(
-                "task",
-                format!("task_index {task:?} is not in meta/tasks.parquet"),
-            ),
+            Some(task) if folder.has_task(task) => drop(seen.tasks.insert(task)),
+            task => {
+                let task = task.map_or("null".to_owned(), |task| task.to_string());
+                complain(
+                    "task",
+                    format!("task_index {task} is not in meta/tasks.parquet"),
+                );
+            }
         }
         let mut bytes = seen.digest.0.to_vec();
         for (name, numbers) in columns {

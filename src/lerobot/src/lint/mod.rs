@@ -111,6 +111,7 @@ pub fn lint(
     );
     let mut metadata = check("metadata", "totals of info.json against tables and frames");
     totals(&folder, &scan, &mut metadata);
+    words_of_tasks(&folder, &scan, &mut metadata);
     folder.check_episodes(&mut episodes);
     scan.check_episodes(&folder, &mut episodes);
     let mut videos = check("videos", "video files against the episodes that they show");
@@ -137,6 +138,33 @@ pub fn lint(
         frames: scan.frames,
         checks: checks.map(|check| check.finish(scan.frames)).into(),
     })
+}
+
+/// The words of the tasks: one row a task, and the same words in the tables of tasks and of episodes, which loaders
+/// take an instruction from.
+fn words_of_tasks(folder: &Folder, scan: &Scan, check: &mut Check) {
+    let mut by_index: BTreeMap<i64, &Vec<String>> = BTreeMap::new();
+    let mut known: BTreeSet<&String> = BTreeSet::new();
+    for (index, words) in &folder.tasks {
+        let repeated = by_index.insert(*index, words).is_some();
+        if repeated || words.iter().any(|words| !known.insert(words)) {
+            let message = format!("task {index} stands twice in meta/tasks.parquet: {words:?}");
+            check.add("repeated-task", Severity::Error, None, message);
+        }
+    }
+    for episode in &folder.episodes {
+        let (Some(told), Ok(index)) = (&episode.tasks, u64::try_from(episode.index)) else {
+            continue;
+        };
+        let words = |task| by_index.get(&task).into_iter().flat_map(|it| it.iter());
+        let found: BTreeSet<&String> = scan.tasks_of(index).flat_map(words).collect();
+        if !found.is_empty() && !told.iter().eq(found.iter().copied()) {
+            let message = format!(
+                "episode {index} is {found:?} by its frames and meta/tasks.parquet, and {told:?} by meta/episodes"
+            );
+            check.add("task", Severity::Error, scan.place(index), message);
+        }
+    }
 }
 
 /// The totals of `info.json` against what is there.

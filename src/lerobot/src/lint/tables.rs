@@ -103,6 +103,43 @@ impl Numbers {
     }
 }
 
+/// The texts of a column, row by row; `None` if it does not hold texts, or lists of them. Null is no text.
+pub(super) fn texts(column: &ArrayRef) -> Option<Vec<Vec<String>>> {
+    let rows = |column: &dyn Array| (0..column.len()).collect::<Vec<usize>>();
+    let of_list = |values: ArrayRef| Some(texts(&values)?.into_iter().flatten().collect());
+    let nulls = column.clone();
+    let row_of = |row: usize, values: &dyn Fn(usize) -> ArrayRef| {
+        if nulls.is_null(row) {
+            return Some(Vec::new());
+        }
+        of_list(values(row))
+    };
+    match column.data_type() {
+        DataType::List(_) => {
+            let list = column.as_list::<i32>();
+            let rows = rows(list).into_iter();
+            rows.map(|row| row_of(row, &|row| list.value(row)))
+                .collect()
+        }
+        DataType::LargeList(_) => {
+            let list = column.as_list::<i64>();
+            let rows = rows(list).into_iter();
+            rows.map(|row| row_of(row, &|row| list.value(row)))
+                .collect()
+        }
+        DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => {
+            let column = cast(column, &DataType::Utf8).ok()?;
+            let texts = column.as_string::<i32>().iter();
+            Some(
+                texts
+                    .map(|text| text.map(str::to_owned).into_iter().collect())
+                    .collect(),
+            )
+        }
+        _ => None,
+    }
+}
+
 /// The columns of a batch that hold numbers, by name.
 pub(super) fn columns(batch: &RecordBatch) -> BTreeMap<&str, Numbers> {
     let names = batch.schema_ref().fields().iter();

@@ -188,6 +188,18 @@ fn damage_of_the_metadata_is_found() {
         });
     });
     assert_eq!(stats, ["statistics/differs"]);
+    let tasks = |name, change: fn(usize, i64) -> i64| {
+        let change = column("meta/tasks.parquet", "task_index", integers(change));
+        datasets.found(name, change)
+    };
+    assert_eq!(
+        tasks("swapped-tasks", |_, task| 1 - task),
+        ["metadata/task"]
+    );
+    assert_eq!(
+        tasks("one-task", |_, _| 0),
+        ["metadata/repeated-task", "metadata/task", "frames/task"]
+    );
 }
 
 #[test]

@@ -82,6 +82,54 @@ fn members_of_texts_and_values() {
     assert!(redactor.take_redactions().is_empty());
 }
 
+/// Servers repeat what they answer as a text, in JSON or as their language prints it.
+#[test]
+fn what_stands_in_brackets_or_quotes_of_a_text() {
+    let mut redactor = built_in();
+    let mut text = |text: &str| redactor.text(text);
+    assert_eq!(
+        text(
+            "{\n  \"credentials\": {\n    \"user\": \"svc-robot\",\n    \"key\": \"LEAK_0011\"\n  },\n  \"secret\": [\"LEAK_2\", 3],\n  \"n\": 1\n}"
+        ),
+        "{\n  \"credentials\": {\n    \"user\": \"[redacted:credentials#1]\",\n    \"key\": \"[redacted:credentials#2]\"\n  },\n  \"secret\": [\"[redacted:secret#1]\", [redacted:secret#2]],\n  \"n\": 1\n}"
+    );
+    assert_eq!(
+        text("secret = ['LEAK_2'] # of TOML"),
+        "secret = ['[redacted:secret#1]'] # of TOML"
+    );
+    let nested = r#"{"text": "{\"secrets\": {\"a\": \"LEAK_3\"}}"}"#;
+    assert!(!text(nested).contains("LEAK"), "{}", text(nested));
+    for (given, expected) in [
+        (
+            "DB_PASSWORD='quoted pass word99' x",
+            "DB_PASSWORD='[redacted:password#1]' x",
+        ),
+        ("password=\"a b c d\"", "password=\"[redacted:password#2]\""),
+        (
+            "{'password': 'e f g'}",
+            "{'password': '[redacted:password#3]'}",
+        ),
+        (
+            "\"password\":\"never ends",
+            "\"password\":\"[redacted:password#4]",
+        ),
+        (
+            "<password>h i</password>",
+            "<password>[redacted:password#5]</password>",
+        ),
+        (
+            "password: |\n  line one\n  line two\nport: 80",
+            "password: |\n[redacted:password#6]port: 80",
+        ),
+        (
+            "{\"password\": null, \"token\": true}",
+            "{\"password\": null, \"token\": true}",
+        ),
+    ] {
+        assert_eq!(text(given), expected);
+    }
+}
+
 #[test]
 fn schemas_of_tools_stay() {
     let schema = json!({"tools": [{"name": "login", "description": "password: the user's", "inputSchema": {
@@ -172,6 +220,7 @@ fn mistakes_have_lines() {
     assert!(error("[patterns]\nA = 'x'\n").starts_with("line 2, column 1: a pattern's name"));
     assert!(error("[patterns]\na = '('\n").starts_with("line 2, column 5: "));
     assert!(error("[patterns]\na = 'x*'\n").contains("matches an empty text"));
+    assert!(error("[patterns]\na = 'x(?P<secre>y)'\n").contains("there is no group 'secre'"));
     assert!(error("[patterns]\na = '(\\w{500}){500}'\n").contains("make its repetitions smaller"));
     assert!(error(&"#".repeat(300_000)).contains("larger than"));
     assert!(error("keys = ['-']\n").contains("needs a letter"));

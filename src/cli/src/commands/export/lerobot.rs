@@ -1,8 +1,8 @@
 //! `reel export lerobot`: a LeRobot dataset from traces.
 
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_lerobot::{
     DatasetDescription, EncodedEpisode, ExportSettings, LeRobotError, LeRobotWriter, encode,
@@ -95,7 +95,15 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let files = inputs::trace_files();
     let paths = inputs::traces(&files, &arguments.paths)?;
     let bar = progress::bar(paths.len(), "lerobot");
-    let mut writer = LeRobotWriter::create(&arguments.out, settings)?;
+    // What is interrupted does not stand where a dataset is looked for, and does not keep the next run from it.
+    let mut unfinished = arguments.out.clone().into_os_string();
+    unfinished.push(".part");
+    let unfinished = PathBuf::from(unfinished);
+    if LeRobotWriter::is_begun(&unfinished) {
+        fs::remove_dir_all(&unfinished)
+            .with_context(|| format!("cannot remove {}", unfinished.display()))?;
+    }
+    let mut writer = LeRobotWriter::create(&unfinished, settings)?;
     let pool = inputs::pool(arguments.jobs)?;
     let (mut tools, mut refused, mut failed) = (None, 0, 0);
     for batch in paths.chunks(pool.current_num_threads()) {
@@ -134,7 +142,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
     bar.finish_and_clear();
     let Some(tools) = tools else {
-        let _ = std::fs::remove_dir_all(&arguments.out);
+        let _ = fs::remove_dir_all(&unfinished);
         bail!(
             "no dataset is written: of {} traces {failed} failed and {refused} do not replay exactly",
             paths.len()
@@ -152,6 +160,13 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     };
     let counts = writer.finish(&tools, &description)?;
     let out = &arguments.out;
+    fs::rename(&unfinished, out).with_context(|| {
+        format!(
+            "cannot rename {} to {}",
+            unfinished.display(),
+            out.display()
+        )
+    })?;
     if arguments.json {
         println!(
             "{}",
