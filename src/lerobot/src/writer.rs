@@ -66,7 +66,7 @@ pub struct LeRobotWriter {
 
 impl LeRobotWriter {
     /// Whether a folder is what a writer left that was interrupted.
-    pub fn is_begun(root: &Path) -> bool {
+    pub fn is_unfinished(root: &Path) -> bool {
         let has = |name: &str| root.join(name).exists();
         ["meta", "data", "videos"].into_iter().all(has) && !has("meta/info.json")
     }

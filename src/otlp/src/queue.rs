@@ -146,14 +146,16 @@ impl<T: Send + 'static> Queue<T> {
             .deadline
             .lock()
             .unwrap_or_else(PoisonError::into_inner) = Some(Instant::now() + patience);
-        drop(
-            self.items
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .take(),
-        );
+        let items = self
+            .items
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let is_first = items.is_some();
+        drop(items);
         let finished = self.finished.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Err(RecvTimeoutError::Timeout) = finished.recv_timeout(patience) {
+        let waited = is_first.then(|| finished.recv_timeout(patience));
+        if let Some(Err(RecvTimeoutError::Timeout)) = waited {
             shared.note(|delivery| {
                 delivery.dropped += 1;
                 delivery.problem = Some(format!(

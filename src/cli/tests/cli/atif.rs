@@ -328,7 +328,7 @@ fn what_other_agents_did_is_read() {
     fs::write(folder.join("odd.json"), odd.to_string()).unwrap();
     let told = complaint(folder, 3, &["import", "atif", "odd.json", "--out", "odd"]);
     assert!(
-        told.contains("image /dev/zero is left out: it is no file"),
+        told.contains("image /dev/zero is left out: it lies outside of the document's folder"),
         "{told}"
     );
     assert!(

@@ -99,7 +99,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut unfinished = arguments.out.clone().into_os_string();
     unfinished.push(".part");
     let unfinished = PathBuf::from(unfinished);
-    if LeRobotWriter::is_begun(&unfinished) {
+    if LeRobotWriter::is_unfinished(&unfinished) {
         fs::remove_dir_all(&unfinished)
             .with_context(|| format!("cannot remove {}", unfinished.display()))?;
     }
