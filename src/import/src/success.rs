@@ -34,6 +34,20 @@ impl FromStr for SuccessRule {
 }
 
 impl SuccessRule {
+    /// What is to be said of a rule that names a score that an episode does not have.
+    pub(crate) fn unmet(rule: Option<&Self>, scores: &[Score]) -> Option<String> {
+        let rule = rule.filter(|rule| scores.iter().all(|score| score.name != rule.name))?;
+        let names: Vec<&str> = scores.iter().map(|score| score.name.as_str()).collect();
+        Some(match names.is_empty() {
+            true => format!("no score is called '{}', for there are none", rule.name),
+            false => format!(
+                "no score is called '{}'; there are: {}",
+                rule.name,
+                names.join(", ").escape_debug()
+            ),
+        })
+    }
+
     /// Whether the scores say success: by the rule, or without one by the first score. `None` if they do not say.
     pub(crate) fn judge(rule: Option<&Self>, scores: &[Score]) -> Option<bool> {
         match rule {
@@ -47,5 +61,27 @@ impl SuccessRule {
                 _ => None,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rule_without_its_score_is_said() {
+        let rule: SuccessRule = "nosuch>=0.5".parse().unwrap();
+        let score = |name: &str| Score {
+            name: name.to_owned(),
+            ..Score::default()
+        };
+        let said = |scores: &[Score]| SuccessRule::unmet(Some(&rule), scores);
+        assert_eq!(
+            said(&[score("includes"), score("match")]).unwrap(),
+            "no score is called 'nosuch'; there are: includes, match"
+        );
+        assert!(said(&[]).unwrap().contains("there are none"));
+        assert_eq!(said(&[score("nosuch")]), None);
+        assert_eq!(SuccessRule::unmet(None, &[]), None);
     }
 }

@@ -134,6 +134,7 @@ struct Log<'a> {
 impl Log<'_> {
     fn sample(&self, spec: &Spec, mut sample: Sample) -> Result<ImportedEpisode, ImportError> {
         let facts = facts(spec, &sample, self.rule);
+        let unmet = SuccessRule::unmet(self.rule, &facts.reported.scores);
         let kept = sample.metadata.remove(OURS);
         let uuid = sample.uuid.take();
         let (steps, left_out) = turns(sample);
@@ -159,6 +160,7 @@ impl Log<'_> {
             subagent_trajectories: Vec::new(),
         };
         let mut episode = Episode::new(self.source, self.options, facts);
+        unmet.into_iter().for_each(|what| episode.note(what));
         left_out.into_iter().for_each(|what| episode.lose(what));
         episode.write(trajectory, self.out)
     }

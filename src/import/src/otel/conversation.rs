@@ -577,6 +577,7 @@ impl Reader {
                 name.escape_debug()
             )
         }));
+        self.notes.extend(SuccessRule::unmet(rule, &scores));
         Reported {
             success: SuccessRule::judge(rule, &scores),
             scores,
