@@ -19,26 +19,29 @@ import subprocess
 import typing
 
 Record = dict[str, typing.Any]
-PLAIN = ["size", "shape", "colour", "material"]  # attributes whose words stand alone; of others the part is named
+PLAIN = ["size", "colour", "material"]  # attributes whose words stand alone; of others the part is named
+WORDS = ["size", "shape", "colour", "material"]  # attributes that an instruction may name
 
 
 def look(attributes: dict[str, list[str]]) -> str:
     """What an image shows of a thing, in words: `small red ceramic`, `glass top, brown legs`."""
     plain = [word for kind in PLAIN for word in attributes.get(kind, [])]
-    parts = [f"{' '.join(words)} {kind}" for kind, words in sorted(attributes.items()) if kind not in PLAIN]
+    parts = [f"{' '.join(words)} {kind}" for kind, words in sorted(attributes.items()) if kind not in WORDS]
     return ", ".join([*([" ".join(plain)] if plain else []), *parts]) or "plain"
 
 
 def phrase(instruction: str, captions: collections.abc.Iterable[str], fallback: str) -> str:
-    """The longest caption that stands in the instruction, without its article."""
-    bare = lambda caption: re.sub(r"^(the|an|a) ", "", caption.strip().rstrip("."), flags=re.IGNORECASE)
-    found = [bare(caption) for caption in captions if bare(caption).lower() in instruction.lower()]
-    return max(found, key=len, default=fallback)
+    """The longest caption that stands in the instruction, as it stands there and without its article."""
+    bare = lambda caption: re.sub(r"^(the|an|a) ", "", caption.strip().rstrip("."), flags=re.IGNORECASE).lower()
+    found = [bare(caption) for caption in captions if bare(caption) in instruction.lower()]
+    longest = max(found, key=len, default="")
+    start = instruction.lower().find(longest)
+    return instruction[start : start + len(longest)] or fallback
 
 
 def described(category: str, attributes: dict[str, list[str]], room: str = "") -> list[str]:
     """The ways in which an instruction may describe a thing by its attributes."""
-    words = [word for kind in PLAIN for word in attributes.get(kind, [])]
+    words = [word for kind in WORDS for word in attributes.get(kind, [])]
     pairs = [f"{one} {other}" for index, one in enumerate(words) for other in words[index + 1 :]]
     names = [f"{adjective} {category}" for adjective in [*pairs, *words]] + [category]
     return [f"{name} in the {room}" for name in names if room] + names
@@ -60,9 +63,11 @@ class Episode:
 
     def place_phrase(self, name: str) -> str:
         place = self.places[name]
-        room = place["room"].split("/")[0]
-        ways = [*place.get("captions", {}), *described(place["category"], place.get("attributes", {}), room)]
+        ways = [*place.get("captions", {}), *described(place["category"], place.get("attributes", {}), self.room(name))]
         return phrase(self.instruction, ways, place["category"])
+
+    def room(self, name: str) -> str:
+        return self.places[name]["room"].split("/")[0]
 
     def seen(self, target: Record) -> str:
         """What the image shows of a marked thing."""
@@ -92,7 +97,7 @@ class Episode:
         match last.get("tool"):
             case "nav_to":
                 name = str(arguments.get("receptacle_name"))
-                seen = f"{name}: {look(self.places[name].get('attributes', {}))}" if name in self.places and not error else ""
+                seen = f"{name} in {self.room(name)}: {look(self.places[name].get('attributes', {}))}" if name in self.places and not error else ""
                 return (f"at {seen}" if seen else f"no way to {name}"), seen
             case "show_object_by_category":
                 sought = str(arguments.get("target_category"))
