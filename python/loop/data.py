@@ -122,10 +122,11 @@ class Batch:
 
 
 def batch(rows: Sequence[Row], pictures: Pictures) -> Batch:
+    """The rows as tensors; a blind model gets no images."""
     tokens = torch.full((len(rows), max(map(len, rows))), PAD)
     for index, one in enumerate(rows):
         tokens[index, : len(one)] = torch.tensor(one.prompt + one.answer)
-    shown = [pictures.get(one.image) for one in rows if one.image]
+    shown = [pictures.get(one.image) for one in rows if one.image and not pictures.config.blind]
     return Batch(
         tokens,
         torch.from_numpy(numpy.stack(shown)) if shown else None,

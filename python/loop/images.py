@@ -29,8 +29,7 @@ def shrink(pixels: numpy.ndarray, height: int, width: int) -> numpy.ndarray:
     rows, columns = HEIGHT // height, WIDTH // width
     if (height * rows, width * columns) != (HEIGHT, WIDTH):
         raise ValueError(f"{width} x {height} does not divide {WIDTH} x {HEIGHT}")
-    tiles = pixels.reshape(height, rows, width, columns, 3).astype(numpy.uint32)
-    return ((tiles.sum((1, 3)) + rows * columns // 2) // (rows * columns)).astype(numpy.uint8)
+    return numpy.asarray(Image.fromarray(pixels).reduce((columns, rows)))
 
 
 def load(path: pathlib.Path, height: int, width: int) -> numpy.ndarray:

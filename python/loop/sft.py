@@ -104,7 +104,8 @@ def train(examples: list[data.Example], config: model.Config, tokenizer: Tokeniz
                     losses, tokens, seconds = zip(*recent)
                     line = {
                         "update": done, "epoch": number, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1),
-                        "tokens": sum(tokens), "seconds_an_update": sum(seconds) / len(seconds), "minutes": (time.monotonic() - start) / 60,
+                        "tokens": sum(tokens), "seconds_an_update": sum(seconds) / len(seconds), "cpu_seconds": time.process_time(),
+                        "minutes": (time.monotonic() - start) / 60,
                     }
                     if not math.isfinite(line["loss"]):
                         raise SystemExit(f"the loss of update {done} is {line['loss']}; lower --rate")
@@ -132,6 +133,8 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--layers", type=int, default=4)
+    parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
+    parser.add_argument("--image", default="160x120", help="width and height that images are shrunk to")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits")
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
@@ -140,8 +143,11 @@ def main() -> None:
 
     examples = data.read(chosen.set)
     tokenizer = Tokenizer.of([one.prompt for one in examples], [one.answer for one in examples])
-    config = model.Config(len(tokenizer), width=chosen.width, layers=chosen.layers, blind=chosen.blind)
-    options = Options(chosen.updates, chosen.seed, chosen.rate, bf16=not chosen.fp32)
+    image_width, image_height = map(int, chosen.image.split("x"))
+    config = model.Config(
+        len(tokenizer), width=chosen.width, layers=chosen.layers, image_height=image_height, image_width=image_width, blind=chosen.blind
+    )
+    options = Options(chosen.updates, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32)
     rows = [data.row(tokenizer, config, one) for one in examples]
     mean = lambda counts: round(sum(counts) / len(rows), 1)
     prompts, answers = mean([len(one.prompt) for one in rows]), mean([len(one.answer) for one in rows])

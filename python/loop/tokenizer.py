@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 PIECE = re.compile(r"<image>|[A-Za-z]+|[_/]?[0-9]+|\s*(?:(?![_/][0-9]|<image>)[^A-Za-z0-9\s]\s*)+|\s+")
+NUMBER = re.compile(r"[_/][0-9]+")
 PAD, ANSWER, END, IMAGE, JOIN = range(5)
 SPECIAL = ["<pad>", "<answer>", "<end>", "<image>", "<join>"]
 CONTINUED = "##"
@@ -46,10 +47,10 @@ def join(pieces: Iterable[str]) -> str:
 
 
 def shared_runs(texts: Sequence[str], share: float) -> list[str]:
-    """The longest runs of whole lines that stand in at least `share` of the texts."""
+    """The longest runs of whole lines that stand in at least `share` of the texts. Lines that name receptacles or rooms belong to none."""
     lines = [text.splitlines(keepends=True) for text in texts]
     frequency = collections.Counter(line for one in lines for line in set(one))
-    common = {line for line, count in frequency.items() if count >= share * len(texts) and SPECIAL[IMAGE] not in line}
+    common = {line for line, count in frequency.items() if count >= share * len(texts) and not NUMBER.search(line) and SPECIAL[IMAGE] not in line}
     runs: collections.Counter[str] = collections.Counter()
     for one in lines:
         found, run = set[str](), ""
@@ -64,29 +65,53 @@ def shared_runs(texts: Sequence[str], share: float) -> list[str]:
 
 
 def phrases(documents: Sequence[list[str]], share: float, most: int) -> list[list[str]]:
-    """Neighbouring pieces that are one piece in at least `share` of the documents, found by merging pairs. Digits stay by themselves."""
-    merged: list[list[tuple[str, ...]]] = [[(piece,) for piece in document] for document in documents]
-    free = lambda part: not any(character.isdigit() for piece in part for character in piece) and not any(piece in SPECIAL for piece in part)
+    """Neighbouring pieces that are one piece in at least `share` of the documents, found by merging pairs.
+
+    Digits stay by themselves, and so do the words before them: names are copied piece by piece.
+    """
+    names = {one for document in documents for one, other in zip(document, document[1:]) if NUMBER.fullmatch(other)}
+    parts: list[list[str]] = []  # the pieces of each merged part
+    known: dict[str, int] = {}
+    free: list[bool] = []
+    sequences: list[list[int]] = []
+    for document in documents:
+        for piece in document:
+            if piece not in known:
+                known[piece] = len(parts)
+                parts.append([piece])
+                free.append(not (piece in names or piece in SPECIAL or any(map(str.isdigit, piece))))
+        sequences.append([known[piece] for piece in document])
+    # The documents of each pair of neighbours.
+    pairs: dict[tuple[int, int], set[int]] = collections.defaultdict(set)
+    for index, sequence in enumerate(sequences):
+        for pair in zip(sequence, sequence[1:]):
+            pairs[pair].add(index)
+    usable = lambda pair: free[pair[0]] and free[pair[1]] and len(parts[pair[0]]) + len(parts[pair[1]]) <= LONGEST_PHRASE
     found: list[list[str]] = []
     while len(found) < most:
-        pairs: collections.Counter[tuple[tuple[str, ...], tuple[str, ...]]] = collections.Counter()
-        for document in merged:
-            pairs.update({pair for pair in zip(document, document[1:]) if free(pair[0]) and free(pair[1]) and len(pair[0]) + len(pair[1]) <= LONGEST_PHRASE})
-        if not pairs:
+        pair = max((pair for pair in pairs if usable(pair)), key=lambda pair: (len(pairs[pair]), parts[pair[0]], parts[pair[1]]), default=None)
+        if pair is None or len(pairs[pair]) < share * len(documents):
             break
-        pair, count = max(pairs.items(), key=lambda item: (item[1], item[0]))
-        if count < share * len(documents):
-            break
-        whole = pair[0] + pair[1]
-        found.append(list(whole))
-        for index, document in enumerate(merged):
-            kept: list[tuple[str, ...]] = []
-            for part in document:
+        whole = len(parts)
+        parts.append(parts[pair[0]] + parts[pair[1]])
+        free.append(True)
+        found.append(parts[whole])
+        for index in sorted(pairs[pair]):
+            before, kept = sequences[index], list[int]()
+            for part in before:
                 if kept and kept[-1] == pair[0] and part == pair[1]:
                     kept[-1] = whole
                 else:
                     kept.append(part)
-            merged[index] = kept
+            sequences[index] = kept
+            old, new = set(zip(before, before[1:])), set(zip(kept, kept[1:]))
+            for gone in old - new:
+                pairs[gone].discard(index)
+            for come in new - old:
+                pairs[come].add(index)
+        pairs.pop(pair, None)
+        if len(pairs) > 50_000 or len(found) % 20 == 0:
+            pairs = collections.defaultdict(set, {one: some for one, some in pairs.items() if len(some) >= share * len(documents) / 2})
     return found
 
 
@@ -101,12 +126,12 @@ class Tokenizer:
             self.by_first[phrase[0]].append(phrase)
 
     @classmethod
-    def of(cls, prompts: Sequence[str], answers: Sequence[str], least: int = 3, share: float = 0.15, most: int = 400) -> "Tokenizer":
+    def of(cls, prompts: Sequence[str], answers: Sequence[str], least: int = 3, share: float = 0.15, most: int = 200) -> "Tokenizer":
         """The tokenizer of a training set: words that stand in `least` documents, and phrases."""
         runs = shared_runs(prompts, 0.95)
         rests = [rest for prompt in prompts for rest in cut(prompt, runs) if rest not in runs]
         documents = [split(text) for text in [*rests, *answers]]
-        sample = documents[:: max(1, len(documents) // 600)]
+        sample = documents[:: max(1, len(documents) // 400)]
         merges = phrases(sample, share / 2, most)
         found = collections.Counter(piece for document in documents for piece in set(document))
         characters = sorted({character for piece in found for character in piece} | set(map(chr, range(32, 127))) | {"\n"})

@@ -82,6 +82,15 @@ class Words(unittest.TestCase):
         self.assertEqual(len(one.prompt.split()), len(PROMPT.split()))
 
 
+class Seeing(unittest.TestCase):
+    def test_tiles_become_their_mean(self) -> None:
+        pixels = numpy.random.default_rng(0).integers(0, 256, (images.HEIGHT, images.WIDTH, 3), dtype=numpy.uint8)
+        mean = pixels.reshape(96, 5, 128, 5, 3).mean((1, 3))
+        self.assertLessEqual(numpy.abs(images.shrink(pixels, 96, 128) - mean).max(), 1)
+        with self.assertRaises(ValueError):
+            images.shrink(pixels, 100, 128)
+
+
 class Learning(unittest.TestCase):
     def setUp(self) -> None:
         self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
