@@ -96,7 +96,7 @@ def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
                 continue
             token = draw(chances[row], question.temperature, streams[row])
             found[row].tokens.append(token)
-            found[row].logprobs.append(float(numpy.log(chances[row, token] + model.EPSILON)))
+            found[row].logprobs.append(min(0.0, float(numpy.log(chances[row, token] + model.EPSILON))))
             open_rows[row] = token != END and len(found[row].tokens) < question.longest
             nexts[row] = token
         if not any(open_rows):

@@ -197,7 +197,7 @@ class Policy(nn.Module):
         written, where, share = self.mixture(chosen, keys, look)
         copied = (where * (tokens[:, None] == targets[..., None])).sum(-1)
         likely = written.gather(-1, targets[..., None])[..., 0].exp()
-        return torch.log(share[..., 0] * copied + (1 - share[..., 0]) * likely + EPSILON), real
+        return torch.log(share[..., 0] * copied + (1 - share[..., 0]) * likely + EPSILON).clamp(max=0), real
 
 
 def build(config: Config, seed: int) -> Policy:

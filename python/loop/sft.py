@@ -113,13 +113,14 @@ def train(examples: list[data.Example], config: model.Config, tokenizer: Tokeniz
                     log.flush()
                     print(json.dumps(line), flush=True)
                     recent.clear()
-                if done % (10 * REPORT) == 0:
+                if done % (2 * REPORT) == 0:
                     save()
                 if spent or done == options.updates:
                     save()
                     return policy
             before += len(planned)
             number += 1
+    save()
     return policy
 
 
@@ -127,7 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--set", required=True, type=pathlib.Path, help="folder of `reel export sft --format ms-swift`")
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
-    parser.add_argument("--updates", type=int, default=600)
+    parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
     parser.add_argument("--minutes", type=float, help="stop after this time; the same command goes on")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=1e-3)
