@@ -44,3 +44,17 @@ if [[ ! -d $LOOP_DIR/set ]]; then
     --no-replay --allow-unverified --jobs "$JOBS" --out "$LOOP_DIR/set.part"
   mv "$LOOP_DIR/set.part" "$LOOP_DIR/set"
 fi
+
+# The oracle in the homes of evaluation: what `examine.py` compares with. Nothing is trained on it.
+if [[ -n ${EXAMINE:-} && ! -d $LOOP_DIR/held-out-set ]]; then
+  rm -rf "$LOOP_DIR"/held-out-{traces,store,set.part}
+  for seed in $(seq 1001 $((1000 + HELD_OUT_HOMES))); do
+    "$REEL" run --tasks "$LOOP_DIR/held-out/home_$seed/tasks" --policy oracle --jobs "$JOBS" --out "$LOOP_DIR/held-out-traces/home_$seed" >/dev/null
+  done
+  "$REEL" dataset annotate "$LOOP_DIR/held-out-traces" >/dev/null
+  "$PYTHON" "$here/notes.py" --reel "$REEL" "$LOOP_DIR/held-out-traces"
+  "$REEL" ingest "$LOOP_DIR/held-out-traces" --store "$LOOP_DIR/held-out-store" >/dev/null
+  "$REEL" export sft --store "$LOOP_DIR/held-out-store" --format ms-swift --style single-turn --annotations notes --image-format png --max-pixels 0 \
+    --no-replay --allow-unverified --jobs "$JOBS" --out "$LOOP_DIR/held-out-set.part"
+  mv "$LOOP_DIR/held-out-set.part" "$LOOP_DIR/held-out-set"
+fi
