@@ -1,6 +1,7 @@
 """Plays a checkpoint over tasks with `reel bench`, and compares two that were played.
 
     python evaluate.py play checkpoint --reel reel --tasks held-out --out played/seeing
+    python evaluate.py play checkpoint --reel reel --tasks held-out --out played/seeing --max-minutes 20   # further options go to reel bench
     python evaluate.py compare played/seeing played/blind --reel reel
 
 Differences are paired by task and seed: success with the exact test of McNemar, completion with a sign-flip test, both with a bootstrap
@@ -114,12 +115,14 @@ def main() -> None:
     player.add_argument("--batch", type=int, default=8)
     player.add_argument("--threads", type=int, default=1)
     player.add_argument("--logprobs", action="store_true", help="record the tokens and their log-probabilities")
-    player.add_argument("bench", nargs="*", help="further options of reel bench, after --")
     comparer = commands.add_parser("compare", help="compare two that were played")
     comparer.add_argument("played", nargs=2, type=pathlib.Path)
     for one in (player, comparer):
         one.add_argument("--reel", default="reel", help="the binary")
-    chosen = parser.parse_args()
+    chosen, further = parser.parse_known_args()
+    if further and chosen.command != "play":
+        parser.error(f"unrecognized arguments: {' '.join(further)}")
+    chosen.bench = further
     if chosen.command == "play":
         play(chosen)
         found = episodes(chosen.reel, chosen.out)
