@@ -1,0 +1,71 @@
+"""Asks a checkpoint for each decision of an exported set, and compares its calls with the oracle's, by what decides them.
+
+    python examine.py checkpoint --set held-out-set
+
+Each prompt is that of the oracle's episode, so mistakes do not add up as in play. After an arrival at one of several look-alikes only the tool
+is judged: which of the others is next is free.
+"""
+
+import argparse
+import collections
+import json
+import pathlib
+import random
+import re
+import typing
+
+import torch
+
+import checkpoint
+import data
+import decisions
+import generate
+
+LINE = re.compile(r'"History":"\d+\) ([^"]*)"')
+
+
+def call(answer: str) -> tuple[str, dict[str, typing.Any]] | None:
+    """The call of an answer; `None` if it cannot be read."""
+    try:
+        action = json.loads(answer.split("</think>", 1)[1])["next action"]
+        return action["tool_name"], action["args"]
+    except (ValueError, KeyError, IndexError, TypeError):
+        return None
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("checkpoint", type=pathlib.Path)
+    parser.add_argument("--set", required=True, type=pathlib.Path)
+    parser.add_argument("--limit", type=int, default=10**9, help="most decisions, drawn by seed 0")
+    parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--threads", type=int, default=1)
+    chosen = parser.parse_args()
+    torch.set_num_threads(chosen.threads)
+    policy, tokenizer = checkpoint.load(chosen.checkpoint)
+    examples, pictures = data.read(chosen.set), data.Pictures(policy.config)
+    examples = random.Random(0).sample(examples, min(chosen.limit, len(examples)))
+    examples.sort(key=lambda one: len(one.prompt))
+    rights: dict[str, dict[str, list[bool]]] = collections.defaultdict(lambda: collections.defaultdict(list))
+    for start in range(0, len(examples), chosen.batch):
+        some = examples[start : start + chosen.batch]
+        questions = [
+            generate.Question(data.prompt_tokens(tokenizer, policy.config, one.prompt), pictures.get(one.image) if one.image else None, 0.0, 120, 0)
+            for one in some
+        ]
+        for one, answer in zip(some, generate.answers(policy, questions)):
+            text = tokenizer.text(answer.tokens)
+            said, wanted, kind = call(text), call(one.answer), decisions.kind(one)
+            for name in (kind, kind.split(":")[0], "all"):
+                rights[name]["readable"].append(said is not None)
+                rights[name]["tool"].append(said is not None and said[0] == wanted[0])
+                rights[name]["call"].append(said == wanted)
+                if one.image:
+                    lines = LINE.search(text), LINE.search(one.answer)
+                    rights[name]["history"].append(lines[0] is not None and lines[0][1] == lines[1][1])
+    share = lambda values: round(sum(values) / len(values), 3)
+    print(json.dumps({kind: {"decisions": len(found["tool"]), **{name: share(values) for name, values in found.items()}} for kind, found in sorted(rights.items())}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

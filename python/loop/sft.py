@@ -1,0 +1,161 @@
+"""Supervised fine-tuning from scratch, loss on the answers only.
+
+    python sft.py --set set --out seeing --updates 600
+    python sft.py --set set --out blind --updates 600 --blind
+
+Equal arguments give equal weights on one machine. A training that was broken off goes on where it stopped. `log.jsonl` gets a line for each
+report.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+import pathlib
+import random
+import time
+
+import torch
+from torch import Tensor
+
+import checkpoint
+import data
+import model
+from tokenizer import Tokenizer
+
+REPORT = 20  # updates between two lines of the log
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """What a training is a function of, besides the examples."""
+
+    updates: int
+    seed: int = 0
+    rate: float = 1e-3
+    warmup: float = 0.05  # share of the updates
+    decay: float = 0.3  # share of the updates in which the rate falls to a twentieth
+    tokens: int = 6144  # most tokens in a batch, padding included
+    bf16: bool = True  # products of matrices in 16 bits, weights in 32
+
+
+def rate(options: Options, update: int) -> float:
+    """The learning rate of an update: it rises, is held, and falls."""
+    rising = update / max(1, options.warmup * options.updates)
+    left = (options.updates - update) / max(1, options.decay * options.updates)
+    return options.rate * min(1.0, rising, 0.05 + 0.95 * left)
+
+
+
+
+def optimizer(policy: model.Policy, options: Options) -> torch.optim.AdamW:
+    matrices = [parameter for parameter in policy.parameters() if parameter.ndim > 1]
+    vectors = [parameter for parameter in policy.parameters() if parameter.ndim <= 1]
+    groups = [{"params": matrices, "weight_decay": 0.01}, {"params": vectors, "weight_decay": 0.0}]
+    return torch.optim.AdamW(groups, lr=options.rate, betas=(0.9, 0.98))
+
+
+def loss(policy: model.Policy, batch: data.Batch) -> tuple[Tensor, Tensor]:
+    """The mean cross-entropy of the answers' tokens, and how many there are."""
+    found, real = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
+    return -(found * real).sum() / real.sum(), real.sum()
+
+
+def epoch(number: int, examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options) -> list[list[data.Row]]:
+    """The batches of an epoch, a function of the seed and its number. Every example has other names in every epoch."""
+    luck = random.Random(f"{options.seed}/{number}")
+    rows = [data.row(tokenizer, config, data.renamed(one, luck) if luck.random() < 0.7 else one) for one in examples]
+    return list(data.batches(rows, options.tokens, luck))
+
+
+def train(examples: list[data.Example], config: model.Config, tokenizer: Tokenizer, options: Options, out: pathlib.Path, minutes: float | None) -> model.Policy:
+    """Trains to the last update or until the time is spent; keeps a checkpoint."""
+    policy = model.build(config, options.seed).train()
+    steps, pictures = optimizer(policy, options), data.Pictures(config)
+    done, seen = 0, 0.0
+    if kept := checkpoint.training(out):
+        if kept["options"] != dataclasses.asdict(options):
+            raise SystemExit(f"{out} holds a training with other options; name another folder or remove it")
+        policy.load_state_dict(kept["weights"])
+        steps.load_state_dict(kept["optimizer"])
+        done = kept["updates"]
+    save = lambda: checkpoint.save(out, policy, tokenizer, {"optimizer": steps.state_dict(), "updates": done, "options": dataclasses.asdict(options)})
+    out.mkdir(parents=True, exist_ok=True)
+    start, number, before = time.monotonic(), 0, 0
+    recent: list[tuple[float, int, float]] = []
+    with (out / "log.jsonl").open("a", encoding="utf-8") as log:
+        while done < options.updates:
+            planned = epoch(number, examples, tokenizer, config, options)
+            for rows in planned[max(0, done - before) :]:
+                began = time.monotonic()
+                for group in steps.param_groups:
+                    group["lr"] = rate(options, done)
+                batch = data.batch(rows, pictures)
+                with torch.autocast("cpu", torch.bfloat16, enabled=options.bf16):
+                    value, _ = loss(policy, batch)
+                steps.zero_grad(set_to_none=True)
+                value.backward()
+                torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
+                steps.step()
+                done += 1
+                recent.append((float(value.detach()), int(batch.ends.sum()), time.monotonic() - began))
+                spent = minutes is not None and time.monotonic() - start > 60 * minutes
+                if done % REPORT == 0 or done == options.updates or spent:
+                    losses, tokens, seconds = zip(*recent)
+                    line = {
+                        "update": done, "epoch": number, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1),
+                        "tokens": sum(tokens), "seconds_an_update": sum(seconds) / len(seconds), "cpu_seconds": time.process_time(),
+                        "minutes": (time.monotonic() - start) / 60,
+                    }
+                    if not math.isfinite(line["loss"]):
+                        raise SystemExit(f"the loss of update {done} is {line['loss']}; lower --rate")
+                    log.write(json.dumps(line) + "\n")
+                    log.flush()
+                    print(json.dumps(line), flush=True)
+                    recent.clear()
+                if done % (2 * REPORT) == 0:
+                    save()
+                if spent or done == options.updates:
+                    save()
+                    return policy
+            before += len(planned)
+            number += 1
+    save()
+    return policy
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--set", required=True, type=pathlib.Path, help="folder of `reel export sft --format ms-swift`")
+    parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
+    parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
+    parser.add_argument("--minutes", type=float, help="stop after this time; the same command goes on")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rate", type=float, default=1e-3)
+    parser.add_argument("--width", type=int, default=192)
+    parser.add_argument("--layers", type=int, default=4)
+    parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
+    parser.add_argument("--image", default="160x120", help="width and height that images are shrunk to")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits")
+    parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
+    chosen = parser.parse_args()
+    torch.set_num_threads(chosen.threads)
+
+    examples = data.read(chosen.set)
+    tokenizer = Tokenizer.of([one.prompt for one in examples], [one.answer for one in examples])
+    image_width, image_height = map(int, chosen.image.split("x"))
+    config = model.Config(
+        len(tokenizer), width=chosen.width, layers=chosen.layers, image_height=image_height, image_width=image_width, blind=chosen.blind
+    )
+    options = Options(chosen.updates, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32)
+    rows = [data.row(tokenizer, config, one) for one in examples]
+    mean = lambda counts: round(sum(counts) / len(rows), 1)
+    prompts, answers = mean([len(one.prompt) for one in rows]), mean([len(one.answer) for one in rows])
+    print(f"{len(rows)} examples; tokens: prompt {prompts}, answer {answers}, longest {max(map(len, rows))}; vocabulary {len(tokenizer)}", flush=True)
+    policy = train(examples, config, tokenizer, options, chosen.out, chosen.minutes)
+    print(f"{model.count(policy)} parameters, weights {checkpoint.digest(policy)} in {chosen.out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""Tests of the learning loop that need no binary: `python -m unittest discover python/loop/tests`."""
+
+import base64
+import dataclasses
+import io
+import json
+import pathlib
+import random
+import sys
+import tempfile
+import threading
+import unittest
+import urllib.error
+import urllib.request
+
+import numpy
+import torch
+from PIL import Image
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+import checkpoint
+import data
+import evaluate
+import generate
+import images
+import model
+import server
+import sft
+from tokenizer import ANSWER, END, IMAGE, Tokenizer, join, split
+
+PROMPT = """You are a robot.
+Call one tool at a time.
+
+Rooms and their receptacles:
+1) In kitchen/0: table_1, sink_2.
+2) In living room/0: couch_1, table_3.
+Answer with JSON.
+
+Task: Take the red mug from the table with a glass top and put it on the couch.
+Hand: empty
+Progress: {'History': '0) started'}
+Last action: {"tool_name": "navigate_to", "args": {"receptacle_name": "table_1"}}
+Last observation: View: <image>
+Result: Arrived at table_1."""
+ANSWERED = '<think>want a red mug</think>\n{"summary":{"History":"1) at table_1"},"next action":{"tool_name":"navigate_to","args":{"receptacle_name":"table_3"}}}'
+SMALL = {"width": 32, "layers": 2, "heads": 2, "channels": (8, 8, 8)}
+
+
+def examples(folder: pathlib.Path, count: int = 6) -> list[data.Example]:
+    """Decisions with images of one colour each."""
+    found = []
+    for index in range(count):
+        path = folder / f"{index}.png"
+        Image.new("RGB", (images.WIDTH, images.HEIGHT), (40 * index, 0, 255 - 40 * index)).save(path)
+        found.append(data.Example(f"e{index}", 0, "home", PROMPT.replace("mug", f"mug {'x' * index}"), path, ANSWERED))
+    return found
+
+
+class Words(unittest.TestCase):
+    def test_text_comes_back(self) -> None:
+        tokenizer = Tokenizer.of([PROMPT] * 5, [ANSWERED] * 5)
+        for text in [PROMPT, ANSWERED, "unseen_77, 3rd  a b\n\n c_d4 x1y (a)(b)", " a ", "a  b", "1 2 3/4 _5", "<image>a<image> b"]:
+            self.assertEqual(join(split(text)), text)
+            self.assertEqual(tokenizer.text(tokenizer.ids(text)), text)
+            self.assertEqual("".join(tokenizer.deltas(tokenizer.ids(text))), text)
+
+    def test_random_text_comes_back(self) -> None:
+        tokenizer, luck = Tokenizer.of([PROMPT] * 5, [ANSWERED] * 5), random.Random(0)
+        for _ in range(500):
+            text = "".join(luck.choice("ab1_/ \n{}\":,.<>") for _ in range(luck.randrange(12)))
+            self.assertEqual(tokenizer.text(tokenizer.ids(text)), text, repr(text))
+
+    def test_shared_lines_are_one_token(self) -> None:
+        other = PROMPT.replace("mug", "cup").replace("table_1", "desk_1")
+        tokenizer = Tokenizer.of([PROMPT, other] * 5, [ANSWERED] * 10)
+        self.assertEqual(len(tokenizer.ids("You are a robot.\nCall one tool at a time.\n\nRooms and their receptacles:\n")), 1)
+
+    def test_renaming_is_consistent(self) -> None:
+        one = data.renamed(data.Example("e", 0, "home", PROMPT, None, ANSWERED), random.Random(3))
+        mapped = one.prompt.split("Arrived at ")[1].rstrip(".")
+        self.assertIn(f"1) at {mapped}\"", one.answer)
+        self.assertEqual(len(one.prompt.split()), len(PROMPT.split()))
+
+
+class Seeing(unittest.TestCase):
+    def test_tiles_become_their_mean(self) -> None:
+        pixels = numpy.random.default_rng(0).integers(0, 256, (images.HEIGHT, images.WIDTH, 3), dtype=numpy.uint8)
+        mean = pixels.reshape(96, 5, 128, 5, 3).mean((1, 3))
+        self.assertLessEqual(numpy.abs(images.shrink(pixels, 96, 128) - mean).max(), 1)
+        with self.assertRaises(ValueError):
+            images.shrink(pixels, 100, 128)
+
+
+class Learning(unittest.TestCase):
+    def setUp(self) -> None:
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        self.examples = examples(self.folder)
+        self.tokenizer = Tokenizer.of([one.prompt for one in self.examples], [one.answer for one in self.examples])
+        self.config = model.Config(len(self.tokenizer), **SMALL)
+
+    def batch(self, config: model.Config) -> data.Batch:
+        return data.batch([data.row(self.tokenizer, config, one) for one in self.examples], data.Pictures(config))
+
+    def test_a_seed_is_a_model(self) -> None:
+        one, same, other = (checkpoint.digest(model.build(self.config, seed)) for seed in (0, 0, 1))
+        self.assertEqual(one, same)
+        self.assertNotEqual(one, other)
+
+    def test_the_blind_twin_sees_nothing_and_is_equal_otherwise(self) -> None:
+        batch = self.batch(self.config)
+        black = dataclasses.replace(batch, images=torch.zeros_like(batch.images))
+        score = lambda policy, what: policy.logprobs(what.tokens, what.images, what.prompts, what.ends)[0]
+        seeing, blind = model.build(self.config, 0), model.build(dataclasses.replace(self.config, blind=True), 0)
+        self.assertEqual(checkpoint.digest(seeing), checkpoint.digest(blind))
+        self.assertFalse(torch.equal(score(seeing, batch), score(seeing, black)))
+        self.assertTrue(torch.equal(score(blind, batch), score(blind, black)))
+
+    def test_sampled_logprobs_are_those_of_training(self) -> None:
+        policy = model.build(self.config, 0)
+        rows = [data.row(self.tokenizer, self.config, one) for one in self.examples[:3]]
+        pictures = data.Pictures(self.config)
+        questions = [generate.Question(one.prompt, pictures.get(one.image), 1.0, 9, index) for index, one in enumerate(rows)]
+        found = generate.answers(policy, questions)
+        batch = data.batch([dataclasses.replace(one, answer=answer.tokens) for one, answer in zip(rows, found)], pictures)
+        scored, _ = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
+        for row, answer in zip(scored, found):
+            numpy.testing.assert_allclose(row[: len(answer.tokens)].detach(), answer.logprobs, atol=1e-5)
+        alone = generate.answers(policy, questions[1:2])
+        self.assertEqual(alone[0].tokens, found[1].tokens)
+
+    def test_a_training_goes_on_where_it_stopped(self) -> None:
+        options = sft.Options(8, tokens=2000, bf16=False)
+        train = lambda out, minutes: sft.train(self.examples, self.config, self.tokenizer, options, self.folder / out, minutes)
+        whole = train("whole", None)
+        parts = [train("parts", 0) for _ in range(8)][-1]
+        self.assertEqual(checkpoint.digest(whole), checkpoint.digest(parts))
+        again, _ = checkpoint.load(self.folder / "parts")
+        self.assertEqual(checkpoint.digest(whole), checkpoint.digest(again))
+
+    def test_the_loss_falls(self) -> None:
+        sft.train(self.examples, self.config, self.tokenizer, sft.Options(60, rate=3e-3, bf16=False), self.folder / "out", None)
+        losses = [json.loads(line)["loss"] for line in (self.folder / "out" / "log.jsonl").read_text().splitlines()]
+        self.assertLess(losses[-1], losses[0] / 2)
+
+
+class Serving(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls) -> None:
+        folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
+        tokenizer = Tokenizer.of([PROMPT] * 3, [ANSWERED] * 3)
+        checkpoint.save(folder, model.build(model.Config(len(tokenizer), **SMALL), 0), tokenizer)
+        cls.server = cls.enterClassContext(server.serve(folder, "small", 0, 4))
+        threading.Thread(target=cls.server.serve_forever, daemon=True).start()
+        cls.addClassCleanup(cls.server.shutdown)
+
+    def post(self, **fields: object) -> tuple[int, dict]:
+        url = f"http://127.0.0.1:{self.server.server_port}/v1/chat/completions"
+        request = {"model": "small", "max_tokens": 12, "messages": [{"role": "user", "content": "Where?"}], **fields}
+        try:
+            with urllib.request.urlopen(urllib.request.Request(url, json.dumps(request).encode())) as reply:
+                return reply.status, json.load(reply)
+        except urllib.error.HTTPError as error:
+            return error.code, json.load(error)
+
+    def image(self, width: int = images.WIDTH) -> dict:
+        file = io.BytesIO()
+        Image.new("RGB", (width, images.HEIGHT)).save(file, "PNG")
+        return {"type": "image_url", "image_url": {"url": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()}}
+
+    def test_answers(self) -> None:
+        parts = [{"type": "text", "text": PROMPT}, self.image()]
+        status, body = self.post(messages=[{"role": "user", "content": parts}], logprobs=True, seed=3, return_tokens_as_token_ids=True)
+        self.assertEqual(status, 200)
+        named = body["choices"][0]["logprobs"]["content"]
+        self.assertEqual(len(named), body["usage"]["completion_tokens"])
+        self.assertEqual("".join(bytes(token["bytes"]).decode() for token in named), body["choices"][0]["message"]["content"])
+        self.assertTrue(all(token["token"].startswith("token_id:") and token["logprob"] <= 0 for token in named))
+        _, again = self.post(messages=[{"role": "user", "content": parts}], logprobs=True, seed=3, return_tokens_as_token_ids=True)
+        self.assertEqual(again["choices"], body["choices"])
+
+    def test_many_at_once(self) -> None:
+        found: list[int] = []
+        threads = [threading.Thread(target=lambda: found.append(self.post()[0])) for _ in range(12)]
+        [thread.start() for thread in threads]
+        [thread.join() for thread in threads]
+        self.assertEqual(found, [200] * 12)
+
+    def test_refusals(self) -> None:
+        user = lambda content: [{"role": "user", "content": content}]
+        cases = [
+            ({"model": "other"}, 404, "no model"),
+            ({"stream": True}, 400, "`stream`"),
+            ({"tools": []}, 400, "`tools` is not supported"),
+            ({"top_p": 0.5}, 400, "`top_p` is not supported"),
+            ({"n": 2}, 400, "`n`"),
+            ({"temperature": "hot"}, 400, "`temperature`"),
+            ({"max_tokens": 0}, 400, "`max_tokens`"),
+            ({"messages": []}, 400, "one message"),
+            ({"messages": [{"role": "system", "content": "x"}]}, 400, "one message"),
+            ({"messages": user(3)}, 400, "`content`"),
+            ({"messages": user([{"type": "audio"}])}, 400, "neither"),
+            ({"messages": user("<image>")}, 400, "0 images"),
+            ({"messages": user([{"type": "text", "text": "<image>"}, self.image(320)])}, 400, "320 x 480"),
+            ({"messages": user([{"type": "image_url", "image_url": {"url": "http://x/a.png"}}])}, 400, "data URL"),
+            ({"messages": user([{"type": "image_url", "image_url": {"url": "data:image/png;base64,AAAA"}}])}, 400, "cannot be read"),
+            ({"messages": user("a b " * 5000)}, 400, "context"),
+        ]
+        for fields, status, words in cases:
+            with self.subTest(words):
+                got, body = self.post(**fields)
+                self.assertEqual((got, words in body["error"]["message"]), (status, True), body)
+
+
+class Statistics(unittest.TestCase):
+    def test_probabilities(self) -> None:
+        self.assertEqual(evaluate.mcnemar(0, 0), 1.0)
+        self.assertAlmostEqual(evaluate.mcnemar(10, 0), 2 / 1024)
+        self.assertAlmostEqual(evaluate.mcnemar(3, 2), 1.0)
+        self.assertLess(evaluate.sign_flip([1.0] * 10), 0.01)
+        self.assertGreater(evaluate.sign_flip([1.0, -1.0] * 5), 0.5)
+        low, high = evaluate.interval([0.0, 1.0] * 50)
+        self.assertTrue(0.3 < low < 0.5 < high < 0.7)
+
+
+if __name__ == "__main__":
+    unittest.main()
