@@ -5,9 +5,9 @@ use std::ops::Range;
 /// Deeper brackets are not told apart from what stands in them.
 const DEPTH_MAX: usize = 64;
 
-/// Where the texts, numbers and words are that stand within the bracket at `open`, without their quotes; names of
-/// members are left out. A bracket that is not closed reaches to the end of the text.
-pub(crate) fn values(text: &str, open: usize) -> Vec<Range<usize>> {
+/// Where the texts, numbers and words are that stand within the bracket at `open`, without their quotes, and where the
+/// bracket ends; names of members are left out. A bracket that is not closed reaches to the end of the text.
+pub(crate) fn values(text: &str, open: usize) -> (Vec<Range<usize>>, usize) {
     let bytes = text.as_bytes();
     let mut values = Vec::new();
     let (mut depth, mut at) = (0, open);
@@ -49,8 +49,9 @@ pub(crate) fn values(text: &str, open: usize) -> Vec<Range<usize>> {
     if depth > DEPTH_MAX {
         values.push(at..text.len());
         values.retain(|range| !range.is_empty());
+        at = text.len();
     }
-    values
+    (values, at)
 }
 
 /// Where the quote is that closes a text; the end where there is none.
@@ -78,7 +79,7 @@ mod tests {
     use super::*;
 
     fn of(text: &str) -> Vec<&str> {
-        let values = values(text, 0).into_iter();
+        let values = values(text, 0).0.into_iter();
         values.map(|range| &text[range]).collect()
     }
 

@@ -361,6 +361,8 @@ impl Redactor {
                 }
             }
         }
+        // What stands in brackets within brackets is found with these: each is walked once, however long the text.
+        let mut walked = 0;
         let nested = self.rules.nested.iter();
         for groups in nested.flat_map(|regex| regex.captures_iter(text)) {
             let member = groups
@@ -369,9 +371,13 @@ impl Redactor {
             let (Some(name), Some(bracket)) = (member, groups.name(SECRET)) else {
                 continue;
             };
+            if bracket.start() < walked {
+                continue;
+            }
             // What stands beside others in an object is no secret by itself.
             let rank = if bracket.as_str() == "{" { 3 } else { 2 };
-            let values = nested::values(text, bracket.start());
+            let (values, end) = nested::values(text, bracket.start());
+            walked = end;
             found.extend(values.into_iter().map(|range| Found {
                 secret: text[range.clone()].to_owned(),
                 range,
