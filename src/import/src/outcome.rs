@@ -94,6 +94,15 @@ mod tests {
     }
 
     #[test]
+    fn exceptions_of_third_party_tools_are_of_the_backend() {
+        let text = "Error executing tool save: disk is full";
+        let code = |name: &str| code(name, json!({}), text);
+        assert_eq!(code("save"), Some(ErrorCode::BackendError));
+        // A tool of the household without the arguments that it needs.
+        assert_eq!(code("pick"), Some(ErrorCode::BadArguments));
+    }
+
+    #[test]
     fn a_published_text_has_its_code() {
         let marker = || json!({"marker_id": "1"});
         let handler = "Error executing pick: Traceback ...";
