@@ -186,7 +186,8 @@ def taken_over_http(folder):
     sys.path.insert(0, str(HERE.parent / "service"))
     import harness
 
-    with harness.Server("--otlp-in", data=folder / "served") as server:
+    flags = ("--otlp-in", "--otlp-task", "test.case.name", "--otlp-success", "builds")
+    with harness.Server(*flags, data=folder / "served") as server:
         exporter = OTLPSpanExporter(endpoint=f"{server.url}/v1/traces", compression=Compression.Gzip)
         foreign.spans(exporter)
         in_json = json.loads((HERE / "foreign" / "spans.jsonl").read_text().splitlines()[0])
@@ -208,6 +209,7 @@ def taken_over_http(folder):
         assert status == 200 and ExportTraceServiceResponse.FromString(answer) == ExportTraceServiceResponse()
     traces = sorted((folder / "served" / "traces").glob("*.mcap"))
     assert len(traces) == len(foreign.ATTEMPTS), f"{traces}"
+    check(folder, "served/traces")
     # Without --otlp-in nobody takes them.
     with harness.Server(data=folder / "other") as server:
         status, _, _ = server.request("POST", "/v1/traces", {})

@@ -1,13 +1,15 @@
 //! Which of the scores that were reported says that an episode was a success.
 
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 use reel_world::record::Score;
+use serde::{Deserialize, Serialize};
 
 /// Which score says that an episode was a success, and from which value on: `NAME` or `NAME>=VALUE`.
 /// Without one the first score does, if it is correct or incorrect (`C`, `I`, `N`), true or
 /// false, 1 or 0; of any other value nobody knows.
-#[derive(Clone, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct SuccessRule {
     /// The score, as [`Score::name`] names it.
     name: String,
@@ -30,6 +32,26 @@ impl FromStr for SuccessRule {
             name: name.to_owned(),
             at_least,
         })
+    }
+}
+
+impl TryFrom<String> for SuccessRule {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl fmt::Display for SuccessRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}>={}", self.name, self.at_least)
+    }
+}
+
+impl From<SuccessRule> for String {
+    fn from(rule: SuccessRule) -> Self {
+        rule.to_string()
     }
 }
 

@@ -1,49 +1,25 @@
-//! Shapes of tokens and keys, and of absolute paths of a machine. Knows the shapes; what a match
-//! holds is never reported.
+//! Tokens and keys in the bytes of files, and shapes of absolute paths of a machine. What a match holds is never
+//! reported.
 
 use std::sync::LazyLock;
 
+use reel_redact::SECRET_SHAPES;
 use regex::bytes::{Regex, RegexBuilder, RegexSet, RegexSetBuilder};
 
-/// What a secret is, and its shape. Every shape begins with letters that nothing else begins with,
-/// and is too long for chance in compressed bytes.
-const SECRETS: [(&str, &str); 16] = [
-    ("a Hugging Face token", r"\b(?:hf|api_org)_[A-Za-z0-9]{30,}"),
-    (
-        "an API key of OpenAI, Anthropic or OpenRouter",
-        r"\bsk-(?:proj-|svcacct-|admin-|ant-[a-z0-9]+-|or-v1-)?[A-Za-z0-9_-]{32,}",
-    ),
-    ("a GitHub token", r"\bgh[pousr]_[A-Za-z0-9]{36,}"),
-    ("a GitHub token", r"\bgithub_pat_[A-Za-z0-9_]{50,}"),
-    ("a GitLab token", r"\bglpat-[A-Za-z0-9_-]{20,}"),
-    ("an AWS access key", r"\b(?:AKIA|ASIA)[0-9A-Z]{16}\b"),
-    ("a Google API key", r"\bAIza[0-9A-Za-z_-]{35}"),
-    ("a Slack token", r"\bxox[abeprs]-[A-Za-z0-9-]{20,}"),
-    ("an NVIDIA API key", r"\bnvapi-[A-Za-z0-9_-]{40,}"),
-    ("a Groq API key", r"\bgsk_[A-Za-z0-9]{40,}"),
-    ("a Replicate token", r"\br8_[A-Za-z0-9]{37,}"),
-    ("a PyPI token", r"\bpypi-AgE[A-Za-z0-9_-]{50,}"),
-    ("a token of a Reel server", r"\breel_[0-9a-f]{64}\b"),
-    (
-        "a private key",
-        r"-----BEGIN (?:[A-Z0-9]{2,12} ){0,3}PRIVATE KEY-----",
-    ),
-    (
-        "a signed token (JWT)",
-        r"\beyJ[A-Za-z0-9_-]{16,}\.eyJ[A-Za-z0-9_-]{16,}\.[A-Za-z0-9_-]{16,}",
-    ),
-    (
-        "an address with a password",
-        r#"\bhttps?://[A-Za-z0-9._~%+-]{1,64}:[A-Za-z0-9._~%!$&*+=-]{4,128}@[A-Za-z0-9-]{2,}"#,
-    ),
-];
+/// The shapes that are found in any bytes, as they stand in [`SET`].
+static SHAPES: LazyLock<Vec<(&str, &str)>> = LazyLock::new(|| {
+    let shapes = SECRET_SHAPES.iter();
+    shapes
+        .filter_map(|shape| Some((shape.kind, shape.in_bytes?)))
+        .collect()
+});
 
 /// First folders of absolute paths that lie on one machine.
 const ROOTS: &str = "Users|Volumes|content|data|datasets|dbfs|etc|fsx|gpfs|home|kaggle|lustre|media|mnt|nfs|opt|private|proj\
     |projects|root|scratch|srv|storage|tmp|usr|var|work|workspace";
 
 static SET: LazyLock<RegexSet> = LazyLock::new(|| {
-    RegexSetBuilder::new(SECRETS.map(|(_, shape)| shape))
+    RegexSetBuilder::new(SHAPES.iter().map(|(_, shape)| shape))
         .unicode(false)
         .build()
         .expect("the shapes are regular expressions")
@@ -65,7 +41,7 @@ pub(crate) fn secrets_in(bytes: &[u8]) -> Vec<&'static str> {
     let mut found: Vec<&'static str> = SET
         .matches(bytes)
         .into_iter()
-        .map(|index| SECRETS[index].0)
+        .map(|index| SHAPES[index].0)
         .collect();
     found.dedup();
     found

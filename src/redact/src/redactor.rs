@@ -16,7 +16,8 @@ use crate::{
     Rules,
     escapes::{LEVELS, Unescaped},
     nested,
-    rules::{MEMBER, Pattern, SECRET},
+    rules::{MEMBER, Pattern},
+    shapes::SECRET,
 };
 
 /// Shorter secrets are replaced where a rule finds them, and not looked for elsewhere: they are words, or numbers.

@@ -1,4 +1,4 @@
-//! What a secret is: shapes of known tokens, names of members that hold secrets, places in calls and results, and
+//! What a secret is: [shapes](SECRET_SHAPES) of known tokens, names of members that hold secrets, places in calls and results, and
 //! values that are known. The built-in rules, and the file that adds to them; `docs/proxy.md` explains its format.
 
 use regex::{Regex, RegexBuilder};
@@ -7,7 +7,11 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::{Redactor, redactor::Known};
+use crate::{
+    Redactor,
+    redactor::Known,
+    shapes::{SECRET, SECRET_SHAPES, SecretShape},
+};
 
 /// Largest rules file, in bytes.
 pub const RULES_FILE_MAX: usize = 256 << 10;
@@ -21,62 +25,10 @@ const COMPILED_MAX: usize = 1 << 20;
 const NAME_MAX: usize = 32;
 /// Shorter values of the environment are no secrets, but words.
 const KNOWN_MIN: usize = 6;
-/// The group of a pattern that is the secret, where not all of it is.
-pub(crate) const SECRET: &str = "secret";
 /// The group of a member's name.
 pub(crate) const MEMBER: &str = "member";
 /// The name of rules for values that are known beforehand.
 const ENVIRONMENT: &str = "environment";
-
-/// Shapes of secrets, by the name that labels get.
-const SHAPES: &[(&str, &str)] = &[
-    // OpenAI, Anthropic, OpenRouter and others
-    ("token", r"(?-u:\b)sk-[A-Za-z0-9_-]{12,}"),
-    // Stripe
-    ("token", r"(?-u:\b)[rs]k_(?:live|test)_[A-Za-z0-9]{12,}"),
-    // Hugging Face
-    ("token", r"(?-u:\b)(?:hf|api_org)_[A-Za-z0-9]{16,}"),
-    // GitHub, GitLab
-    ("token", r"(?-u:\b)gh[pousr]_[A-Za-z0-9]{20,}"),
-    ("token", r"(?-u:\b)github_pat_[A-Za-z0-9_]{20,}"),
-    ("token", r"(?-u:\b)gl[a-z]{2,6}-[A-Za-z0-9_-]{20,}"),
-    // Slack, Google, npm, PyPI, NVIDIA
-    ("token", r"(?-u:\b)xox[a-z]-[A-Za-z0-9-]{10,}"),
-    ("token", r"(?-u:\b)AIza[A-Za-z0-9_-]{35}"),
-    ("token", r"(?-u:\b)ya29\.[A-Za-z0-9_-]{20,}"),
-    ("token", r"(?-u:\b)npm_[A-Za-z0-9]{30,}"),
-    ("token", r"(?-u:\b)pypi-[A-Za-z0-9_-]{16,}"),
-    ("token", r"(?-u:\b)nvapi-[A-Za-z0-9_-]{40,}"),
-    (
-        "aws-key",
-        r"(?-u:\b)A(?:KIA|SIA|GPA|IDA|ROA|NPA)[A-Z0-9]{16}(?-u:\b)",
-    ),
-    (
-        "jwt",
-        r"(?-u:\b)eyJ[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]{6,}\.[A-Za-z0-9_-]*",
-    ),
-    (
-        "bearer",
-        r"(?i-u:\bbearer)[ \t]+(?P<secret>[A-Za-z0-9._~+/-]{12,}=*)",
-    ),
-    (
-        "private-key",
-        r"-----BEGIN [A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,10}-----(?s:.*?)(?:-----END [A-Z0-9 ]{0,40}PRIVATE KEY[A-Z ]{0,10}-----|\z)",
-    ),
-    (
-        "userinfo",
-        r#"[A-Za-z][A-Za-z0-9+.-]{0,30}://[^ \t\r\n/:@"'<>\\]*:(?P<secret>[^ \t\r\n/"'<>\\]+)@"#,
-    ),
-    (
-        "userinfo",
-        r#"[A-Za-z][A-Za-z0-9+.-]{0,30}://(?P<secret>[^ \t\r\n/:@"'<>\\]{16,})@"#,
-    ),
-    // To the end of the line: a scheme stands before the secret, or several stand beside each other.
-    (
-        "authorization",
-        r#"(?i-u:\b(?:proxy-)?authorization|\b(?:set-)?cookie)["']?[ \t]*[:=][ \t]*["']?(?P<secret>[^"'\r\n\\]{4,})"#,
-    ),
-];
 
 /// Names of members that hold secrets: the name itself, and any name that ends with it (`db_password`, `X-Api-Key`).
 const KEYS: &[&str] = &[
@@ -206,14 +158,14 @@ impl Rules {
 
     /// The built-in rules: shapes of known tokens, and members with telling names.
     pub fn built_in() -> Self {
-        let shape = |(name, regex): &(&str, &str)| Pattern {
-            name: (*name).to_owned(),
-            regex: compiled(regex).expect("the built-in patterns compile, as a test shows"),
+        let pattern = |shape: &SecretShape| Pattern {
+            name: shape.rule.to_owned(),
+            regex: compiled(shape.in_text).expect("the built-in patterns compile, as a test shows"),
         };
         let mut rules = Self {
             source: RuleSource::BuiltIn,
-            patterns: SHAPES.iter().map(shape).collect(),
-            of_file: SHAPES.len(),
+            patterns: SECRET_SHAPES.iter().map(pattern).collect(),
+            of_file: SECRET_SHAPES.len(),
             keys: KEYS.iter().map(|key| Key::new(key)).collect(),
             ..Self::default()
         };

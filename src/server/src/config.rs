@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use reel_import::SuccessRule;
 use reel_live::{Host, PreparedTaskCache, Setup, TraceObserver};
 use reel_mcp::{AnswerSources, AskResponder};
 use reel_reward::Preset;
@@ -54,6 +55,12 @@ pub struct Config {
     pub origins: Vec<String>,
     /// Whether it takes spans of OpenTelemetry at /v1/traces, from whoever may act; complete ones become traces.
     pub otlp_in: bool,
+    /// The attribute of these spans that names the task, as `--task` of `reel import otel`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub otlp_task: Option<String>,
+    /// The score of these spans that says success, as `--success` of `reel import otel`: `NAME` or `NAME>=VALUE`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub otlp_success: Option<SuccessRule>,
     /// Format of the server's logs: text or JSON.
     pub log: LogFormat,
     /// Which logs: a level, or directives such as `info,reel_mcp=debug`.
@@ -236,6 +243,8 @@ impl Default for Config {
             hosts: Vec::new(),
             origins: Vec::new(),
             otlp_in: false,
+            otlp_task: None,
+            otlp_success: None,
             log: LogFormat::Text,
             log_filter: "info,rmcp=error,buoyant_kernel=warn".to_owned(),
             tls: None,

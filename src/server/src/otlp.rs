@@ -21,7 +21,7 @@ use reel_import::{ImportOptions, ImportedEpisode, otel};
 use reel_otlp::{ExportTraceServiceRequest, HttpAnswer, PendingLimits, PendingTraces, receive};
 use tokio::time::{Instant, sleep};
 
-use crate::{archive::Archive, service::App};
+use crate::{archive::Archive, config::Config, service::App};
 
 /// How often it is seen which traces are complete.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -99,10 +99,10 @@ async fn write(app: &Arc<App>, complete: Vec<(String, ExportTraceServiceRequest)
     if complete.is_empty() {
         return;
     }
-    let (archive, staging) = (app.archive.clone(), app.config.data.join("otlp-incoming"));
+    let (archive, config) = (app.archive.clone(), app.config.clone());
     let writing = move || {
         let requests = complete.into_iter().map(|(_, request)| request).collect();
-        write_episodes(&archive, &staging, requests);
+        write_episodes(&archive, &config, requests);
     };
     // Who sent them has been answered: what goes wrong is in the log.
     if let Err(error) = app.pool.setup().host.work.spawn(writing).await {
@@ -111,7 +111,8 @@ async fn write(app: &Arc<App>, complete: Vec<(String, ExportTraceServiceRequest)
 }
 
 /// Never logs what the agents said: errors name numbers and places alone.
-fn write_episodes(archive: &Archive, staging: &Path, requests: Vec<ExportTraceServiceRequest>) {
+fn write_episodes(archive: &Archive, config: &Config, requests: Vec<ExportTraceServiceRequest>) {
+    let staging = &config.data.join("otlp-incoming");
     let read = match otel::read_requests(Path::new("/v1/traces"), requests) {
         Ok(read) => read,
         Err(error) => {
@@ -134,8 +135,9 @@ fn write_episodes(archive: &Archive, staging: &Path, requests: Vec<ExportTraceSe
         tasks: &[],
         scenes: None,
     };
+    let (success, task) = (config.otlp_success.as_ref(), config.otlp_task.as_deref());
     for told in &read.episodes {
-        match otel::import(told, staging, &options, None, None) {
+        match otel::import(told, staging, &options, success, task) {
             Ok(imported) => match placed(archive, &imported) {
                 Ok(trace) => tracing::info!(
                     trace = %trace.display(),

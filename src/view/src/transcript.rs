@@ -102,6 +102,13 @@ pub fn step(record: &StepRecord, timing: Option<&Timing>) -> String {
     };
     if let Some(policy) = &record.input.policy {
         line("thought", &policy.reasoning);
+        // An answer that spells its call is told by the line above.
+        let spells_the_call = policy
+            .raw
+            .contains(&format!("\"{}\"", record.input.call.name));
+        if !spells_the_call && policy.raw != policy.reasoning {
+            line("said", &policy.raw);
+        }
     }
     match record.outcome.error {
         None => line("ok", &record.outcome.text),

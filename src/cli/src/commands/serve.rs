@@ -9,6 +9,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_agents::ask_user;
+use reel_import::SuccessRule;
 use reel_llm::{
     agent::ModelUser,
     client::{ApiKey, Cache, CallLog, Client, Endpoint},
@@ -71,6 +72,13 @@ pub struct Arguments {
     /// becomes one of Reel
     #[arg(long)]
     otlp_in: bool,
+    /// Attribute of these spans that names the task; without it the conversation or trace id does
+    #[arg(long, value_name = "ATTRIBUTE", requires = "otlp_in")]
+    otlp_task: Option<String>,
+    /// The score of these spans that says success, NAME or NAME>=VALUE; without it the first one does, if it is true or
+    /// false
+    #[arg(long, value_name = "SCORE", requires = "otlp_in")]
+    otlp_success: Option<SuccessRule>,
     #[command(flatten)]
     otlp: OtlpArguments,
 }
@@ -311,6 +319,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         });
     }
     config.otlp_in |= arguments.otlp_in;
+    config.otlp_task = arguments.otlp_task.clone().or(config.otlp_task);
+    config.otlp_success = arguments.otlp_success.clone().or(config.otlp_success);
     config.check()?;
     let replay = &arguments.settings.replay;
     if replay.is_given() {

@@ -361,6 +361,21 @@ fn what_other_agents_did_is_read() {
             "{told}"
         );
     }
+    // In a folder, too, none is passed over in silence.
+    fs::create_dir(folder.join("mixed")).unwrap();
+    fs::write(folder.join("mixed/a.json"), subagent.to_string()).unwrap();
+    let later =
+        r#"{"schema_version": "ATIF-v2.0", "agent": {"name": "a", "version": "1"}, "steps": []}"#;
+    fs::write(folder.join("mixed/b.json"), later).unwrap();
+    let told = complaint(
+        folder,
+        3,
+        &["import", "atif", "mixed", "--out", "mixed-out"],
+    );
+    assert!(
+        told.contains("version 'ATIF-v2.0' is not read") && told.contains("b.json"),
+        "{told}"
+    );
     fs::create_dir(folder.join("empty")).unwrap();
     let told = complaint(folder, 2, &["import", "atif", "empty"]);
     assert!(told.contains("no trajectory of ATIF here"), "{told}");

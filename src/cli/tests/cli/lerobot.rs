@@ -39,6 +39,20 @@ fn episodes_become_a_dataset_that_the_lint_accepts() {
 
     let refused = |arguments: &str| complaint(folder, 2, arguments);
     assert!(refused(&format!("{export} --out decisions")).contains("is there already"));
+    // What an interrupted export left is begun anew, and what is somebody else's stays.
+    fs::create_dir_all(folder.join("again.part/meta")).unwrap();
+    fs::write(folder.join("again.part/note.txt"), "mine").unwrap();
+    assert!(refused(&format!("{export} --out again")).contains("move it away"));
+    assert!(folder.join("again.part/note.txt").exists());
+    fs::remove_dir_all(folder.join("again.part")).unwrap();
+    for part in ["meta", "data", "videos"] {
+        fs::create_dir_all(folder.join("again.part").join(part)).unwrap();
+    }
+    fs::write(folder.join("again.part/data/rest.parquet"), "torn").unwrap();
+    reel!(folder, "{export} --out again");
+    assert!(
+        !folder.join("again.part").exists() && !folder.join("again/data/rest.parquet").exists()
+    );
     assert!(
         refused("export lerobot traces --camera-size 65x48 --out odd").contains("two even numbers")
     );

@@ -18,6 +18,8 @@ use super::{
 pub(super) struct Feature {
     pub(super) dtype: String,
     pub(super) shape: Vec<u64>,
+    /// Names of the sides of an image, or of the numbers of a vector, in lower case.
+    pub(super) sides: Vec<String>,
 }
 
 /// Where the frames of an episode are in a video.
@@ -71,10 +73,14 @@ impl Folder {
         let declared = declared.ok_or_else(|| unclear("there are no features".to_owned()))?;
         let features = declared.iter().map(|(name, feature)| {
             let shape = feature["shape"].as_array().into_iter().flatten();
+            let names = feature["names"].as_array().into_iter().flatten();
             let feature = Feature {
                 dtype: feature["dtype"].as_str().unwrap_or_default().to_owned(),
                 shape: shape
                     .map(|side| side.as_u64().unwrap_or_default())
+                    .collect(),
+                sides: names
+                    .filter_map(|name| name.as_str().map(str::to_lowercase))
                     .collect(),
             };
             (name.clone(), feature)

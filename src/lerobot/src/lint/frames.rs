@@ -315,6 +315,7 @@ impl Scan {
                     check.add("differs", Severity::Error, None, message);
                 }
             }
+            check_quantiles(name, stored, running, check);
         }
         check.note(format!("{} columns", self.columns.len()));
     }
@@ -394,6 +395,9 @@ const STATISTICS: [(&str, Statistic); 5] = [
     ("count", |running| running.count),
 ];
 
+/// Names of the quantiles in `stats.json`, from the lowest.
+const QUANTILES: [&str; 5] = ["q01", "q10", "q50", "q90", "q99"];
+
 impl Running {
     fn new() -> Self {
         Self {
@@ -413,6 +417,46 @@ impl Running {
         let difference = value - self.mean;
         self.mean += difference / self.count;
         self.squares += difference * (value - self.mean);
+    }
+}
+
+/// Quantiles rise, from the least value to the greatest. What they are exactly is not computed: LeRobot takes them from
+/// histograms and averages those of the episodes.
+fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], check: &mut Check) {
+    let told = QUANTILES.map(|quantile| (quantile, flat(&stored[quantile])));
+    let told: Vec<_> = told
+        .iter()
+        .filter(|(_, values)| !values.is_empty())
+        .collect();
+    for (quantile, values) in &told {
+        if values.len() != running.len() {
+            let message = format!(
+                "{quantile} of {name} has {} numbers, and a frame has {}",
+                values.len(),
+                running.len()
+            );
+            check.add("differs", Severity::Error, None, message);
+            return;
+        }
+    }
+    for (at, running) in running.iter().enumerate() {
+        let slack = 1e-3 * (running.max - running.min).max(1e-3);
+        let mut least = ("min", running.min);
+        let greatest = std::iter::once(("max", running.max));
+        let told = told
+            .iter()
+            .map(|(quantile, values)| (*quantile, values[at]));
+        for (quantile, value) in told.chain(greatest) {
+            if value < least.1 - slack || value.is_nan() {
+                let message = format!(
+                    "{quantile} of number {at} of {name} is {value}, below {}, {}",
+                    least.0, least.1
+                );
+                check.add("quantiles", Severity::Error, None, message);
+                break;
+            }
+            least = (quantile, value);
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use std::{
 use reel_dataset::lint::Severity;
 use shiguredo_mp4::{
     TrackKind,
+    boxes::SampleEntry,
     demux::{Input, Mp4FileDemuxer},
 };
 
@@ -25,6 +26,8 @@ const INDEX_BYTES_MAX: usize = 256 << 20;
 struct VideoTrack {
     frames: u64,
     seconds: f64,
+    /// Width and height in pixels; none where the codec is not known.
+    pixels: Option<(u16, u16)>,
 }
 
 /// Checks the files of every camera.
@@ -49,7 +52,10 @@ pub(super) fn check(folder: &Folder, check: &mut Check) {
                 .display()
                 .to_string();
             check_parts(folder, &name, &parts, check);
-            check_file(folder, &path, &name, &parts, check);
+            let track = check_file(folder, &path, &name, &parts, check);
+            if let Some(pixels) = track.and_then(|track| track.pixels) {
+                check_pixels(folder, camera, &name, pixels, check);
+            }
         }
     }
     if cameras.is_empty() {
@@ -59,8 +65,16 @@ pub(super) fn check(folder: &Folder, check: &mut Check) {
     }
 }
 
-/// The parts of a file: as long as their episodes, and one after the other.
+/// The parts of a file, by their beginnings: as long as their episodes, one after the other, and in the order of the
+/// episodes, as every writer puts them; two exchanged ones of equal length are seen by nothing else.
 fn check_parts(folder: &Folder, name: &str, parts: &[(i64, i64, VideoPart)], check: &mut Check) {
+    for pair in parts.windows(2) {
+        let ((before, ..), (after, ..)) = (&pair[0], &pair[1]);
+        if before > after {
+            let message = format!("{name} shows episode {before} before episode {after}");
+            check.add("order", Severity::Warning, None, message);
+        }
+    }
     let mut end_s = 0.0;
     for (index, length, part) in parts {
         let frames = (part.to_s - part.from_s) * folder.fps;
@@ -82,6 +96,33 @@ fn check_parts(folder: &Folder, name: &str, parts: &[(i64, i64, VideoPart)], che
     }
 }
 
+/// The size of the images of a camera's file is that which `info.json` gives.
+fn check_pixels(folder: &Folder, camera: &str, name: &str, pixels: (u16, u16), check: &mut Check) {
+    let Some(feature) = folder.features.get(camera) else {
+        return;
+    };
+    let [width, height] = [u64::from(pixels.0), u64::from(pixels.1)];
+    let named = |side: &str| {
+        let at = feature.sides.iter().position(|name| name == side)?;
+        feature.shape.get(at).copied()
+    };
+    let told = match (named("width"), named("height")) {
+        (Some(told_width), Some(told_height)) => (told_width, told_height) == (width, height),
+        // Without names, the channels may stand first or last.
+        _ => {
+            let shape = feature.shape.as_slice();
+            shape.starts_with(&[height, width]) || shape.ends_with(&[height, width])
+        }
+    };
+    if !told {
+        let message = format!(
+            "images of {name} are {width} wide and {height} high, and info.json says {:?} {:?}",
+            feature.shape, feature.sides
+        );
+        check.add("size", Severity::Error, None, message);
+    }
+}
+
 /// The file: it is there, and as long as its parts.
 fn check_file(
     folder: &Folder,
@@ -89,18 +130,18 @@ fn check_file(
     name: &str,
     parts: &[(i64, i64, VideoPart)],
     check: &mut Check,
-) {
+) -> Option<VideoTrack> {
     if !path.is_file() {
         let message = format!("{name} is not there; {} episodes are in it", parts.len());
         check.add("missing", Severity::Error, None, message);
-        return;
+        return None;
     }
     let track = match read(path) {
         Ok(track) => track,
         Err(reason) => {
             let message = format!("{name} is no whole MP4 with a video: {reason}");
             check.add("unreadable", Severity::Error, None, message);
-            return;
+            return None;
         }
     };
     let end_s = parts.iter().map(|(.., part)| part.to_s).fold(0.0, f64::max);
@@ -126,6 +167,7 @@ fn check_file(
         );
         check.add("fps", Severity::Error, None, message);
     }
+    Some(track)
 }
 
 /// Reads the index of a file, not its images.
@@ -153,10 +195,15 @@ fn read(path: &Path) -> Result<VideoTrack, String> {
     let mut track = VideoTrack {
         frames: 0,
         seconds: 0.0,
+        pixels: None,
     };
     while let Some(sample) = demuxer.next_sample().map_err(|error| error.to_string())? {
         if sample.track.track_id == id {
             track.frames += 1;
+            let entry = sample.sample_entry;
+            track.pixels = track
+                .pixels
+                .or_else(|| entry.and_then(SampleEntry::video_resolution));
             track.seconds += f64::from(sample.duration) / f64::from(sample.track.timescale.get());
         }
     }

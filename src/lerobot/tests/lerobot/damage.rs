@@ -7,7 +7,8 @@ use std::{
 };
 
 use arrow::{
-    array::{ArrayRef, AsArray, Float32Array, Int64Array, RecordBatch},
+    array::{ArrayRef, AsArray, Float32Array, Int64Array, RecordBatch, UInt32Array},
+    compute::take,
     datatypes::{DataType, Field, Float32Type, Int64Type, Schema},
 };
 use parquet::arrow::{ArrowWriter, arrow_reader::ParquetRecordBatchReaderBuilder};
@@ -83,23 +84,25 @@ fn column(
     name: &'static str,
     change: impl Fn(&ArrayRef) -> ArrayRef,
 ) -> impl FnOnce(&Path) {
-    move |root| {
-        let path = root.join(file);
-        let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
-        let schema = reader.schema().clone();
-        let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
-        let mut writer =
-            ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
-        for batch in batches {
-            let index = schema.index_of(name).unwrap();
-            let mut columns = batch.columns().to_vec();
-            columns[index] = change(&columns[index]);
-            writer
-                .write(&RecordBatch::try_new(schema.clone(), columns).unwrap())
-                .unwrap();
-        }
-        writer.close().unwrap();
+    move |root| rewrite(root, file, name, &change)
+}
+
+fn rewrite(root: &Path, file: &str, name: &str, change: &dyn Fn(&ArrayRef) -> ArrayRef) {
+    let path = root.join(file);
+    let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
+    let schema = reader.schema().clone();
+    let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
+    let mut writer =
+        ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
+    for batch in batches {
+        let index = schema.index_of(name).unwrap();
+        let mut columns = batch.columns().to_vec();
+        columns[index] = change(&columns[index]);
+        writer
+            .write(&RecordBatch::try_new(schema.clone(), columns).unwrap())
+            .unwrap();
     }
+    writer.close().unwrap();
 }
 
 fn integers(change: impl Fn(usize, i64) -> i64) -> impl Fn(&ArrayRef) -> ArrayRef {
@@ -188,6 +191,14 @@ fn damage_of_the_metadata_is_found() {
         });
     });
     assert_eq!(stats, ["statistics/differs"]);
+    for (name, quantile, value) in [("q50", "q50", -40.0), ("q99", "q99", 40.0)] {
+        let quantiles = datasets.found(name, |root| {
+            edit(root.join("meta/stats.json"), |stats| {
+                stats["action"][quantile][0] = json!(value)
+            });
+        });
+        assert_eq!(quantiles, ["statistics/quantiles"]);
+    }
     let tasks = |name, change: fn(usize, i64) -> i64| {
         let change = column("meta/tasks.parquet", "task_index", integers(change));
         datasets.found(name, change)
@@ -349,6 +360,38 @@ fn damage_of_the_videos_is_found() {
         fs::copy(video(&other), video(root)).unwrap();
     });
     assert_eq!(short, ["videos/too-short"]);
+    // Images of another size than info.json gives, with names of the sides and without.
+    let size = |name: &str, change: fn(&mut Value)| {
+        datasets.found(name, info(|info| change(&mut info["features"][CAMERA])))
+    };
+    let narrow = |camera: &mut Value| camera["shape"][1] = json!(7);
+    assert_eq!(size("size", narrow), ["videos/size"]);
+    assert_eq!(
+        size("unnamed", |camera| {
+            camera["names"] = Value::Null;
+            camera["shape"][1] = json!(7);
+        }),
+        ["videos/size"]
+    );
+    let unnamed = |camera: &mut Value| camera["names"] = Value::Null;
+    assert_eq!(size("right", unnamed), Vec::<String>::new());
+    // The first and the last episode are one trace: their places exchanged are as long as before.
+    let from = format!("videos/{CAMERA}/from_timestamp");
+    let to = format!("videos/{CAMERA}/to_timestamp");
+    let swapped = datasets.found("swapped", |root| {
+        for name in [from, to] {
+            rewrite(root, EPISODES, &name, &|column| {
+                let last = column.len() - 1;
+                let order = (0..column.len()).map(|row| match row {
+                    0 => last as u32,
+                    row if row == last => 0,
+                    row => row as u32,
+                });
+                take(column, &UInt32Array::from_iter_values(order), None).unwrap()
+            });
+        }
+    });
+    assert_eq!(swapped, ["videos/order"]);
 }
 
 #[test]

@@ -342,7 +342,7 @@ async fn there_are_so_many_sessions_and_no_more() {
     assert!(
         read(&mut first.send("DELETE", "", "").await, None)
             .await
-            .contains(" 202 ")
+            .contains(" 204 ")
     );
     let third = server.open().await;
     assert!(server.initialize().await.contains(" 503 "));

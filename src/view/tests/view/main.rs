@@ -26,8 +26,14 @@ fn a_transcript_tells_everything_once() {
         .nav("table_1")
         .fails("pick", ErrorCode::NoMarkerMap)
         .find("clock")
+        .thinking(PolicyOutput {
+            // Not a word of it moves the cursor.
+            raw: "Which clock?\u{1b}[2J\u{9b}1A\rNone.".into(),
+            ..PolicyOutput::default()
+        })
         .pick(DISTRACTOR);
     let play = play.thinking(PolicyOutput {
+        raw: r#"{"reasoning": "Any clock\ntells the time.", "tool_call": {"name": "pick"}}"#.into(),
         reasoning: "Any clock\ntells the time.".into(),
         ..PolicyOutput::default()
     });
@@ -50,6 +56,7 @@ recorded by  reel 0.1.0, simulator 1
      reward   -0.03 = time -0.03 (one more decision)
 
   2  show_object_by_category(target_category=\"clock\")
+     said     Which clock?\\u{1b}[2J\\u{9b}1A\\rNone.
      ok       Marked 2 objects.
      reward   -0.03 = time -0.03 (one more decision)
 

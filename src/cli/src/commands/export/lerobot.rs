@@ -102,6 +102,11 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     if LeRobotWriter::is_unfinished(&unfinished) {
         fs::remove_dir_all(&unfinished)
             .with_context(|| format!("cannot remove {}", unfinished.display()))?;
+    } else if unfinished.exists() {
+        bail!(
+            "{} is there and is no rest of an interrupted export: move it away",
+            unfinished.display()
+        );
     }
     let mut writer = LeRobotWriter::create(&unfinished, settings)?;
     let pool = inputs::pool(arguments.jobs)?;

@@ -217,7 +217,7 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     })
 }
 
-/// What was written or sent, and what an import does not give back.
+/// What was written or sent, and what an import of files does not give back.
 fn tell(arguments: &Arguments, target: &Target, traces: usize, spans: u64, rejected: u64) {
     let lost = arguments.lost();
     if arguments.json {
@@ -234,6 +234,10 @@ fn tell(arguments: &Arguments, target: &Target, traces: usize, spans: u64, rejec
         count => format!(", {count} rejected"),
     };
     println!("{traces} episodes, {spans} spans: {place}{rejected}");
+    // A collector gets them to be looked at, files to be imported somewhere else.
+    if matches!(target, Target::Collector(_)) {
+        return;
+    }
     if arguments.no_content {
         println!(
             "reel import otel gives back the calls, their errors and tokens: the words are left out"
