@@ -61,6 +61,9 @@ pub struct Step {
     pub schedule: String,
     /// `Current subtask`: what the agent is doing now.
     pub subtask: String,
+    /// The answer as it came, where rows teach or reward exactly that; else one is written of the fields above. Not in
+    /// conversations, whose calls stand in fields of their own.
+    pub answer: Option<String>,
     /// The category of what the gripper holds after the call; `None` if nothing.
     pub held: Option<String>,
     /// What it saw before the decision: the images of the latest observation, often one.

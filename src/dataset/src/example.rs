@@ -331,7 +331,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
                 true => CallLog::Last(log.as_deref()),
                 false => CallLog::Off,
             };
-            let answer = DecisionAnswer {
+            let written = DecisionAnswer {
                 reasoning: &step.reasoning,
                 history: &history.next(&step.history, last),
                 schedule: &step.schedule,
@@ -339,7 +339,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
                 tool_name: &step.call_name,
                 arguments: Some(&step.arguments),
             };
-            let answer = answer.text();
+            let answer = step.answer.clone().unwrap_or_else(|| written.text());
             if wanted.binary_search(&index).is_ok() {
                 match checks.single_turn(index) {
                     Some(reason) => made.refused.push(refuse(Some(step.call), reason)),

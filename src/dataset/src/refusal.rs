@@ -65,9 +65,18 @@ pub(crate) fn refusal(
     if text.is_empty() {
         return None;
     }
-    let tag = CONTROL_TAGS
-        .iter()
-        .find(|tag| text.contains('<') && text.contains(**tag));
+    refusal_but_for(&[], text, secrets, field)
+}
+
+/// [`refusal`], with these tags allowed.
+fn refusal_but_for(
+    allowed: &[&str],
+    text: &str,
+    secrets: &PrivilegedFacts,
+    field: impl Fn() -> String,
+) -> Option<RefusalReason> {
+    let mut tags = CONTROL_TAGS.iter().filter(|tag| !allowed.contains(tag));
+    let tag = tags.find(|tag| text.contains('<') && text.contains(**tag));
     if let Some(tag) = tag {
         return Some(RefusalReason::Tag {
             tag,
@@ -118,6 +127,7 @@ impl Checks {
     pub fn of(episode: &Episode, arguments: &[String], outcomes: &[Cow<'_, str>]) -> Self {
         let secrets = episode.briefing.secrets();
         let steps = episode.steps.iter().zip(arguments).zip(outcomes);
+        let as_they_came = episode.steps.iter().any(|step| step.answer.is_some());
         let texts = steps.clone().flat_map(|((step, arguments), outcome)| {
             let Step {
                 reasoning,
@@ -137,13 +147,24 @@ impl Checks {
                 outcome,
             ]
         });
-        if clean(texts, secrets) {
+        if !as_they_came && clean(texts, secrets) {
             return Self { steps: Vec::new() };
         }
         let steps = steps.map(|((step, arguments), outcome)| {
             let check = |what: &str, text: &str| {
                 refusal(text, secrets, || format!("{what} of call {}", step.call))
             };
+            if let Some(answer) = &step.answer {
+                // All of it is in the row, and later prompts remember of it what they want.
+                let field = || format!("the answer of call {}", step.call);
+                return StepChecks {
+                    reasoning: None,
+                    history: refusal_but_for(&THOUGHT_TAGS, answer, secrets, field),
+                    plan: None,
+                    action: None,
+                    outcome: check("the outcome", outcome),
+                };
+            }
             StepChecks {
                 reasoning: check("the reasoning", &step.reasoning),
                 history: check("the History", &step.history),
@@ -200,6 +221,9 @@ impl Checks {
         })
     }
 }
+
+/// What an answer as it came is made of, and no trainer takes out of it.
+const THOUGHT_TAGS: [&str; 4] = ["<think>", "</think>", "<tool_call>", "</tool_call>"];
 
 /// What trainers and templates take for images, turns or thoughts.
 const CONTROL_TAGS: [&str; 10] = reel_world::words! {

@@ -6,7 +6,7 @@ use std::{borrow::Cow, path::Path};
 use reel_annotate::{
     AnnotateError, Annotation, MarkedItem, ObservedObject, Step as Decision, notes_path, read_notes,
 };
-use reel_dataset::{Rollout, Step};
+use reel_dataset::{Rollout, Step, Style};
 use reel_history::{Checker, EpisodeFacts, StepFacts, repair_history};
 use reel_trace::Trace;
 use reel_world::{Digest, ErrorCode, TokenLogprobs};
@@ -20,8 +20,10 @@ pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static s
         AnnotationSource::Auto | AnnotationSource::Rules => ANNOTATOR_COLUMNS,
         AnnotationSource::Recorded | AnnotationSource::Notes => &[],
     };
-    let logprobs: &[&str] = if rollouts { LOGPROB_COLUMNS } else { &[] };
-    [COLUMNS, annotator, logprobs].concat()
+    let rollouts: &[&str] = if rollouts { ROLLOUT_COLUMNS } else { &[] };
+    let mut columns = [COLUMNS, annotator].concat();
+    columns.extend(rollouts.iter().filter(|name| !annotator.contains(name)));
+    columns
 }
 
 const COLUMNS: &[&str] = &reel_world::words! {
@@ -32,8 +34,10 @@ const COLUMNS: &[&str] = &reel_world::words! {
     "steps.list.element.history" "steps.list.element.plan" "steps.list.element.held"
 };
 
-/// What only rollouts have.
-const LOGPROB_COLUMNS: &[&str] = &["steps.list.element.tokens", "steps.list.element.logprobs"];
+/// What rollouts are besides: the answers as they came, and what the policies gave their tokens.
+const ROLLOUT_COLUMNS: &[&str] = &reel_world::words! {
+    "steps.list.element.raw" "steps.list.element.tokens" "steps.list.element.logprobs"
+};
 
 /// What only the annotator looks at.
 const ANNOTATOR_COLUMNS: &[&str] = &reel_world::words! {
@@ -75,6 +79,8 @@ pub(crate) struct StepRow<'a> {
     history: Option<&'a str>,
     plan: Option<&'a str>,
     held: Option<&'a str>,
+    // of rollouts and of the annotator
+    raw: Option<&'a str>,
     // of rollouts
     tokens: Option<Vec<String>>,
     #[serde(default)]
@@ -82,7 +88,6 @@ pub(crate) struct StepRow<'a> {
     // of the annotator
     argument: Option<&'a str>,
     receptacle: Option<&'a str>,
-    raw: Option<&'a str>,
     reply: Option<&'a str>,
     #[serde(default)]
     listed: Vec<&'a str>,
@@ -151,6 +156,17 @@ impl EpisodeRow<'_> {
                 Ok((notes, format!("rules-{}", reel_annotate::version().short())))
             }
         }
+    }
+
+    /// Whether it was asked by prompts of single turns, whose answers are rows as they came.
+    pub fn answers_single_turns(&self) -> bool {
+        let (style, _) = self.policy.split_once(':').unwrap_or_default();
+        Style::parse(style) == Some(Style::SingleTurn)
+    }
+
+    /// The answer to the prompt of a call, as it came.
+    pub fn answer(&self, call: u32) -> Option<&str> {
+        self.steps.iter().find(|step| step.step == call)?.raw
     }
 
     /// What the gripper holds after a call, by its instance.

@@ -202,7 +202,6 @@ impl RowBuilder<'_> {
             history: HistoryRepairs::default(),
         };
         let words = options.words.of(|| row.has_policy_text());
-        // what a policy is rewarded for is what it said
         let mends = words == AnnotationSource::Recorded
             && options.rollouts.is_none()
             && candidate.contradicts;
@@ -228,6 +227,11 @@ impl RowBuilder<'_> {
         if let Some(trace) = trace.as_ref().filter(|_| mends) {
             made.history = repair_histories(&mut notes, trace);
         }
+        // What a policy is rewarded for is what it said, and its next prompt remembers that.
+        let as_they_came = words == AnnotationSource::Recorded
+            && options.rollouts.is_some()
+            && options.style == Style::SingleTurn
+            && row.answers_single_turns();
         let mut steps = row.decisions();
         for (step, note) in steps.iter_mut().zip(notes) {
             (step.reasoning, step.history) = (note.reasoning, note.history);
@@ -236,6 +240,9 @@ impl RowBuilder<'_> {
                 .held_after(step.call)
                 .and_then(|instance| known.object(instance))
                 .map(|object| object.category.clone());
+            step.answer = as_they_came
+                .then(|| row.answer(step.call).map(str::to_owned))
+                .flatten();
             step.learn = candidate
                 .decisions
                 .iter()

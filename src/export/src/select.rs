@@ -37,6 +37,8 @@ pub struct Selection {
     /// Decisions whose own History contradicts the record are examples too; said of words that
     /// are exported as recorded.
     pub contradictions: bool,
+    /// Answers that no call could be read from are examples too: a policy is rewarded for whatever it said.
+    pub unread_answers: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
     /// No tool has more decisions than the median tool.
@@ -56,6 +58,7 @@ impl Default for Selection {
             recoveries: true,
             after_decisive: false,
             contradictions: false,
+            unread_answers: false,
             balance_families: false,
             balance_tools: false,
             seed: 0,
@@ -131,7 +134,7 @@ impl Candidate {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Decision {
     pub call: u32,
-    /// Index of the decision's tool in [`ToolSpec::POLICY`].
+    /// Index of the decision's tool in [`ToolSpec::POLICY`]; its length where none was called.
     pub(crate) tool: u8,
 }
 
@@ -260,16 +263,17 @@ fn candidate(
             _ if recorded && !wanted.contradictions && refutes(step.step) => {
                 "decisions whose History contradicts the record"
             }
-            None => "decisions that call no tool",
-            Some(_) => "",
+            None if !(wanted.unread_answers && step.raw.is_some()) => "decisions that call no tool",
+            _ => "",
         };
         after_mistake = mistake;
-        match tool {
-            Some(tool) if reason.is_empty() => decisions.push(Decision {
+        if reason.is_empty() {
+            decisions.push(Decision {
                 call: step.step,
-                tool: tool as u8,
-            }),
-            _ => *left_out.entry(reason).or_default() += 1,
+                tool: tool.unwrap_or(ToolSpec::POLICY.len()) as u8,
+            });
+        } else {
+            *left_out.entry(reason).or_default() += 1;
         }
     }
     let family = Family::parse(row.family).filter(|_| !decisions.is_empty())?;

@@ -177,7 +177,20 @@ mod tests {
                 keep_view,
                 ..MemoryOptions::default()
             };
-            asked_as_taught(&prompt(memory));
+            asked_as_taught(&prompt(memory), None);
+        }
+    }
+
+    /// What a policy said is remembered as it came, whether or not a call could be read from it.
+    #[test]
+    fn a_model_is_asked_as_its_rollouts_say() {
+        let unread = "<think>Hm.</think>{\"Action\": <tool_call>none";
+        let last = asked_as_taught(&prompt(MemoryOptions::default()), Some(unread));
+        for part in [
+            "2) Gave an answer that could not be read.",
+            r#"{"raw": "<think>Hm.</think>"#,
+        ] {
+            assert!(last.contains(part), "{part}\n{last}");
         }
     }
 
@@ -185,7 +198,8 @@ mod tests {
         Arc::new(Prompt::clone(&Prompt::builtin()).with_memory(memory))
     }
 
-    fn asked_as_taught(prompt: &Arc<Prompt>) {
+    /// Compares all prompts; the last one. The third answer may be one that came so.
+    fn asked_as_taught(prompt: &Arc<Prompt>, came: Option<&str>) -> String {
         #[rustfmt::skip]
         let calls = [
             ("nav_to", json!({"receptacle_name": "table_1"}), "Arrived at table_1."),
@@ -213,6 +227,7 @@ mod tests {
             arguments: arguments.clone(),
             outcome: (*outcome).to_owned(),
             history: format!("I made {index} calls."),
+            answer: came.filter(|_| index == 2).map(str::to_owned),
             held: (index == 2).then(|| "mug".to_owned()),
             // The second call gives no image.
             images: (index != 2 || prompt.memory().keep_view)
@@ -295,6 +310,9 @@ mod tests {
             }
         }
         let last = taught.last().unwrap().messages()[0].1.to_string();
+        if came.is_some() {
+            return last;
+        }
         for part in [
             "Hand: holding: mug",
             "{'History': '0) I made 0 calls.\n1) I made 1 calls.",
@@ -302,6 +320,7 @@ mod tests {
         ] {
             assert!(last.contains(part), "{part}\n{last}");
         }
+        last
     }
 
     /// The prompt after a call that somebody else made.

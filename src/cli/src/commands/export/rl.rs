@@ -173,6 +173,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         mistakes: true,
         after_decisive: true,
         contradictions: true,
+        unread_answers: options.style == Style::SingleTurn,
         ..options.selection
     };
     arguments.shared.export(&arguments.out, &options)
