@@ -14,7 +14,9 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::agent::style::{AgentStyle, image, image_part, info, no_call, output, receptacles};
+use crate::agent::style::{
+    AgentStyle, decision_seed, image, image_part, info, no_call, output, receptacles,
+};
 
 /// What a call is answered that came with others.
 const ONE_AT_A_TIME: &str =
@@ -107,6 +109,7 @@ impl Policy for FunctionCalling {
         let request = Request {
             messages: self.messages.clone(),
             tools: functions(self.names),
+            seed: Some(decision_seed(self.seed, context.step)),
         };
         let reply = self
             .client

@@ -14,7 +14,7 @@ use reel_world::{
 };
 use serde_json::json;
 
-use crate::agent::style::{AgentStyle, image, image_part, info, no_call, output};
+use crate::agent::style::{AgentStyle, decision_seed, image, image_part, info, no_call, output};
 
 /// A model that is asked anew for every decision.
 pub struct SingleTurn {
@@ -90,6 +90,7 @@ impl SingleTurn {
             .collect();
         Request {
             messages: vec![Message::new(Role::User, parts)],
+            seed: Some(decision_seed(self.seed, context.step)),
             ..Request::default()
         }
     }

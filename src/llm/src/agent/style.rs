@@ -92,6 +92,11 @@ pub(crate) fn info(style: AgentStyle, client: &Client, seed: u64, prompt: Digest
     }
 }
 
+/// The seed of a decision's draws: another one for each seed of an episode and each decision of it. Servers take 31 bits.
+pub(crate) fn decision_seed(episode: u64, step: u32) -> u64 {
+    episode.wrapping_mul(4_099).wrapping_add(step.into()) & 0x7fff_ffff
+}
+
 /// A call that says nothing: the tools answer that no call could be read.
 pub(crate) fn no_call() -> ToolCall {
     ToolCall::new("", serde_json::Value::Null)

@@ -13,6 +13,8 @@ pub struct Request {
     /// The functions that it may call, as a list of `{type: function, function: {...}}`; null
     /// where there are none.
     pub tools: Value,
+    /// Seed of the draws; sent where the temperature is above 0, for else nothing is drawn.
+    pub seed: Option<u64>,
 }
 
 /// A message of a conversation.
@@ -96,6 +98,9 @@ pub(crate) fn body(endpoint: &Endpoint, request: &Request) -> Value {
     if endpoint.logprobs {
         body.insert("logprobs".into(), json!(true));
     }
+    if let Some(seed) = request.seed.filter(|_| endpoint.temperature > 0.0) {
+        body.insert("seed".into(), json!(seed));
+    }
     if !request.tools.is_null() {
         body.insert("tools".into(), request.tools.clone());
     }
@@ -137,5 +142,24 @@ fn part(part: &Part) -> Value {
         Part::Image { media_type, bytes } => {
             json!({"type": "image_url", "image_url": {"url": format!("data:{media_type};base64,{}", STANDARD.encode(bytes))}})
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seed_is_sent_where_something_is_drawn() {
+        let mut endpoint = Endpoint::new("http://localhost:9/v1", "m");
+        let request = Request {
+            seed: Some(7),
+            ..Request::default()
+        };
+        assert_eq!(body(&endpoint, &request).get("seed"), None);
+        endpoint.temperature = 0.5;
+        assert_eq!(body(&endpoint, &request)["seed"], json!(7));
+        endpoint.extra.insert("seed".to_owned(), Value::Null);
+        assert_eq!(body(&endpoint, &request).get("seed"), None);
     }
 }
