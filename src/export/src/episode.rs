@@ -6,10 +6,10 @@ use std::{borrow::Cow, path::Path};
 use reel_annotate::{
     AnnotateError, Annotation, MarkedItem, ObservedObject, Step as Decision, notes_path, read_notes,
 };
-use reel_dataset::{Rollout, Step, Style};
+use reel_dataset::{Rollout, Step};
 use reel_history::{Checker, EpisodeFacts, StepFacts, repair_history};
 use reel_trace::Trace;
-use reel_world::{Digest, ErrorCode, TokenLogprobs};
+use reel_world::{Digest, ErrorCode, TokenLogprobs, answer::AssistantTurn};
 use serde::Deserialize;
 
 use crate::{AnnotationSource, HistoryRepairs, rollouts::GroupReturn, task_index::TaskEntry};
@@ -158,10 +158,14 @@ impl EpisodeRow<'_> {
         }
     }
 
-    /// Whether it was asked by prompts of single turns, whose answers are rows as they came.
-    pub fn answers_single_turns(&self) -> bool {
-        let (style, _) = self.policy.split_once(':').unwrap_or_default();
-        Style::parse(style) == Some(Style::SingleTurn)
+    /// Whether its answers are texts that hold their calls, as those to single turns are: no call came beside the text, as
+    /// a function's does.
+    pub fn answers_hold_calls(&self) -> bool {
+        let beside = |step: &StepRow<'_>| {
+            let raw = step.raw.filter(|_| !step.call_name.is_empty());
+            raw.is_some_and(|raw| AssistantTurn::parse(raw).action.is_none())
+        };
+        !self.steps.iter().any(beside)
     }
 
     /// The answer to the prompt of a call, as it came.

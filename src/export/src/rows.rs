@@ -231,7 +231,7 @@ impl RowBuilder<'_> {
         let as_they_came = words == AnnotationSource::Recorded
             && options.rollouts.is_some()
             && options.style == Style::SingleTurn
-            && row.answers_single_turns();
+            && row.answers_hold_calls();
         let mut steps = row.decisions();
         for (step, note) in steps.iter_mut().zip(notes) {
             (step.reasoning, step.history) = (note.reasoning, note.history);
