@@ -26,7 +26,8 @@ if ! current; then
     done
     [[ -n $python ]] || { echo "no Python $least or newer; install one" >&2 && exit 1; }
     "$python" -m venv --clear "$home" >&2
-    pip=(timeout 600 "$home/bin/python" -m pip install -q --disable-pip-version-check --retries 2)
+    # A registry that does not answer ends here, and a slow machine with a compiler beside it does not.
+    pip=(timeout --verbose 1500 "$home/bin/python" -m pip install -q --disable-pip-version-check --retries 2)
     "${pip[@]}" -r "$requirements" >&2
     alone=$(sed -n 's/^# without dependencies: //p' "$requirements")
     # shellcheck disable=SC2086
