@@ -47,6 +47,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
         history: format!("I did {at} things."),
         schedule: "Bring it.".into(),
         subtask: "Find \"it\".".into(),
+        answer: None,
         held: None,
         images: if at == 0 {
             Vec::new()
