@@ -31,7 +31,7 @@ const fn token(
     }
 }
 
-/// All of them.
+/// The kinds of secrets that are known by their shapes.
 pub const SECRET_SHAPES: &[SecretShape] = &[
     token(
         "an API key of OpenAI, Anthropic or OpenRouter",

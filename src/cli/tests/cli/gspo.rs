@@ -1,7 +1,12 @@
 //! GSPO from traces: a stand-in for a model under three names (checkpoints), its log-probabilities
 //! in traces, tables, SQL, training rows and the objective.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    sync::{Arc, Mutex},
+};
 
 use reel_reward::{
     Estimator,
@@ -12,7 +17,9 @@ use serde_json::Value;
 
 use crate::{
     agents::{Mock, files, plans},
-    complaint, expect,
+    complaint,
+    endpoint::{answering, completion},
+    expect,
 };
 
 /// Plays two tasks at two seeds with the stand-in as each of these checkpoints.
@@ -328,4 +335,57 @@ fn log_probabilities_of_other_tokens_are_refused() {
     // without log-probabilities a run says so
     let plain = complaint(here, 1, "trace logprobs list plans");
     assert!(plain.contains("reel bench --logprobs"), "{plain}");
+}
+
+/// A policy is rewarded for what it said: rows of rollouts hold its answers as they came, also one that no call could be
+/// read from, and the prompts that it had.
+#[test]
+fn rows_of_rollouts_are_what_was_asked_and_said() {
+    const UNREAD: &str = "<think>Is it <tool_call>here?</think>\n{\"next action\": ";
+    const FINISH: &str = "<think>Enough.</think>\n{\"next action\":{\"args\":{},\"tool_name\":\"finish\"}, \"mood\": 1}";
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "1");
+    let asked = Arc::new(Mutex::new(Vec::<(String, &str)>::new()));
+    let log = Arc::clone(&asked);
+    let url = answering(move |request| {
+        let prompt = request["messages"][0]["content"].as_str().unwrap();
+        let answer = match prompt.contains("could not be read") {
+            true => FINISH,
+            false => UNREAD,
+        };
+        log.lock().unwrap().push((prompt.to_owned(), answer));
+        completion(answer)
+    });
+    let bench = "bench --tasks tasks --agent real-agent --model m --no-images --repeat 2 --temperature 1 --out played";
+    let mut arguments: Vec<&str> = bench.split(' ').collect();
+    arguments.extend(["--endpoint", &url]);
+    expect(here, 0, &arguments);
+    reel!(here, "ingest played --store store");
+    reel!(
+        here,
+        "export rl --store store --format ms-swift --image-format none --out rl"
+    );
+    let text = files(&here.join("rl/train"), "jsonl")
+        .iter()
+        .map(|path| fs::read_to_string(path).unwrap())
+        .collect::<String>();
+    let mut rows: Vec<(String, String)> = text
+        .lines()
+        .map(|line| {
+            let row: Value = serde_json::from_str(line).unwrap();
+            let content = |at: usize| row["messages"][at]["content"].as_str().unwrap().to_owned();
+            (content(0), content(1))
+        })
+        .collect();
+    let asked = asked.lock().unwrap();
+    let mut said: Vec<(String, String)> = asked
+        .iter()
+        .map(|(prompt, answer)| (prompt.clone(), (*answer).to_owned()))
+        .collect();
+    rows.sort();
+    said.sort();
+    assert_eq!(rows.len(), 4, "{text}");
+    assert_eq!(rows, said);
+    reel!(here, "dataset lint rl");
 }

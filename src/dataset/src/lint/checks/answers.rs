@@ -13,6 +13,9 @@ use super::{
 };
 use crate::lint::{Call, Severity, report::Findings};
 
+/// The key of rows of rollouts that says what the answer was worth.
+const ADVANTAGE: &str = "advantage";
+
 #[derive(Default)]
 pub(super) struct Answers {
     calls: u64,
@@ -43,18 +46,23 @@ impl Check for Answers {
         } else {
             None
         };
+        // A rollout is rewarded for whatever was said, and learns from its mistakes.
+        let severity = match seen.example.meta.contains_key(ADVANTAGE) {
+            true => Severity::Warning,
+            false => Severity::Error,
+        };
         for said in &seen.answers {
             self.answers += 1;
             self.calls += said.calls.len() as u64;
             let text = || seen.example.turns[said.turn].text();
             if said.calls.is_empty() && !by_function {
-                found.add(kind_without_call(said), Severity::Error, &places, || {
+                found.add(kind_without_call(said), severity, &places, || {
                     (told_without_call(said).to_owned(), text())
                 });
             }
             for call in &said.calls {
                 for (kind, told) in faults(call, tools.as_deref()) {
-                    found.add(kind, Severity::Error, &places, || (told, call.canonical()));
+                    found.add(kind, severity, &places, || (told, call.canonical()));
                 }
             }
         }
