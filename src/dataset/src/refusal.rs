@@ -155,11 +155,13 @@ impl Checks {
                 refusal(text, secrets, || format!("{what} of call {}", step.call))
             };
             if let Some(answer) = &step.answer {
-                // All of it is in the row, and later prompts remember of it what they want.
+                // All of it is in the row, and later prompts remember of it what they want: without JSON's escapes.
                 let field = || format!("the answer of call {}", step.call);
+                let read = [answer, &step.history, &step.call_name, arguments];
+                let refused = |text: &String| refusal_but_for(&THOUGHT_TAGS, text, secrets, field);
                 return StepChecks {
                     reasoning: None,
-                    history: refusal_but_for(&THOUGHT_TAGS, answer, secrets, field),
+                    history: read.into_iter().find_map(refused),
                     plan: None,
                     action: None,
                     outcome: check("the outcome", outcome),

@@ -135,20 +135,12 @@ pub fn refusal(request: &CustomRequest, version: &ProtocolVersion) -> ErrorData 
 }
 
 /// Answers with an error of JSON-RPC what rmcp answers with a text: a body that is no message, and
-/// an `initialize` whose params do not read; and with 204 the end of a session.
+/// an `initialize` whose params do not read.
 pub(crate) async fn explain(
     State(max_body): State<usize>,
     request: Request,
     next: Next,
 ) -> Response {
-    if request.method() == Method::DELETE {
-        let mut response = next.run(request).await;
-        // The session is over. Of rmcp's 202 the official client says that it could not end it.
-        if response.status() == StatusCode::ACCEPTED {
-            *response.status_mut() = StatusCode::NO_CONTENT;
-        }
-        return response;
-    }
     if request.method() != Method::POST {
         return next.run(request).await;
     }

@@ -178,7 +178,7 @@ pub(crate) fn serve<S: ServerHandler>(
         sessions,
         http,
     ))
-    .layer(middleware::from_fn(Sessions::answer_refusals))
+    .layer(middleware::from_fn(Sessions::set_status))
     .layer(middleware::from_fn_with_state(max_body, explain))
 }
 

@@ -13,7 +13,7 @@ use std::{
 
 use axum::{
     extract::Request,
-    http::StatusCode,
+    http::{Method, StatusCode},
     middleware::Next,
     response::{IntoResponse, Response},
 };
@@ -132,11 +132,15 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 or 429 to who wanted one session too many, where rmcp answers 500, and 404 to
-    /// who ends one that is not there, where rmcp answers 202.
-    pub async fn answer_refusals(request: Request, next: Next) -> Response {
+    /// Answers 503 or 429 to who wanted one session too many, where rmcp answers 500. Where rmcp answers 202 to who ends
+    /// one, this is 204, for of 202 the official client says that it could not end it, and 404 if it was not there.
+    pub async fn set_status(request: Request, next: Next) -> Response {
+        let ends = request.method() == Method::DELETE;
         let answered = async {
-            let response = next.run(request).await;
+            let mut response = next.run(request).await;
+            if ends && response.status() == StatusCode::ACCEPTED {
+                *response.status_mut() = StatusCode::NO_CONTENT;
+            }
             REFUSED
                 .with(Cell::get)
                 .map_or(response, IntoResponse::into_response)

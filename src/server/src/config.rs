@@ -435,6 +435,14 @@ impl Config {
         if let Some((key, _)) = times.iter().find(|(_, time)| *time == 0) {
             return wrong(key, "must be at least 1");
         }
+        for (key, is_given) in [
+            ("otlp_task", self.otlp_task.is_some()),
+            ("otlp_success", self.otlp_success.is_some()),
+        ] {
+            if is_given && !self.otlp_in {
+                return wrong(key, "is of spans, and none are taken; set otlp_in = true");
+            }
+        }
         if Durability::parse(&self.play.durability).is_none() {
             return wrong("play.durability", "there are 'write' and 'fsync'");
         }
@@ -646,4 +654,22 @@ fn made(scene: &Scene, seed: u64) -> Vec<Arc<Task>> {
         seed,
     };
     draw(&options).tasks.into_iter().map(Arc::new).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rules_for_spans_want_spans() {
+        let read = |text: &str| toml::from_str::<Config>(text).unwrap();
+        let rules = "otlp_task = \"test.case.name\"\notlp_success = \"builds>=0.5\"\n";
+        let told = read(rules).check().unwrap_err().to_string();
+        assert!(told.contains("otlp_task"), "{told}");
+        let config = read(&format!("otlp_in = true\n{rules}"));
+        config.check().unwrap();
+        assert_eq!(read(&config.to_toml()), config);
+        let wrong = toml::from_str::<Config>("otlp_success = \"builds>=\"").unwrap_err();
+        assert!(wrong.to_string().contains("NAME>=VALUE"), "{wrong}");
+    }
 }

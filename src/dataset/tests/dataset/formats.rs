@@ -427,6 +427,19 @@ fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
         "a History is in no conversation"
     );
 
+    // An answer as it came: later prompts hold its History without the escapes, and thoughts are no harm.
+    let mut rollout = episode.clone();
+    rollout.steps[3].history = "I see <image>.".into();
+    rollout.steps[3].answer =
+        Some(r#"<think>So.</think>{"summary": {"History": "I see \u003cimage\u003e."}}"#.into());
+    let made = examples(&rollout, &options(Style::SingleTurn));
+    assert_eq!(calls(&made), [0, 1]);
+    rollout.steps[3].history = "I see it.".into();
+    rollout.steps[3].answer =
+        Some(r#"<think>So.</think></think>{"summary": {"History": "I see it."}}"#.into());
+    let made = examples(&rollout, &options(Style::SingleTurn));
+    assert_eq!(calls(&made), [0, 1, 3, 4, 5]);
+
     episode.steps[1].outcome = "See <image>.".into();
     assert_eq!(
         calls(&examples(&episode, &options(Style::MultiTurnPrefix))),

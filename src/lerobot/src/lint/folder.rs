@@ -19,7 +19,7 @@ pub(super) struct Feature {
     pub(super) dtype: String,
     pub(super) shape: Vec<u64>,
     /// Names of the sides of an image, or of the numbers of a vector, in lower case.
-    pub(super) sides: Vec<String>,
+    pub(super) names: Vec<String>,
 }
 
 /// Where the frames of an episode are in a video.
@@ -79,7 +79,7 @@ impl Folder {
                 shape: shape
                     .map(|side| side.as_u64().unwrap_or_default())
                     .collect(),
-                sides: names
+                names: names
                     .filter_map(|name| name.as_str().map(str::to_lowercase))
                     .collect(),
             };

@@ -440,6 +440,9 @@ fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], 
         }
     }
     for (at, running) in running.iter().enumerate() {
+        if running.count == 0.0 {
+            continue;
+        }
         let slack = 1e-3 * (running.max - running.min).max(1e-3);
         let mut least = ("min", running.min);
         let greatest = std::iter::once(("max", running.max));
@@ -447,7 +450,7 @@ fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], 
             .iter()
             .map(|(quantile, values)| (*quantile, values[at]));
         for (quantile, value) in told.chain(greatest) {
-            if value < least.1 - slack || value.is_nan() {
+            if value < least.1 - slack {
                 let message = format!(
                     "{quantile} of number {at} of {name} is {value}, below {}, {}",
                     least.0, least.1

@@ -103,7 +103,7 @@ fn check_pixels(folder: &Folder, camera: &str, name: &str, pixels: (u16, u16), c
     };
     let [width, height] = [u64::from(pixels.0), u64::from(pixels.1)];
     let named = |side: &str| {
-        let at = feature.sides.iter().position(|name| name == side)?;
+        let at = feature.names.iter().position(|name| name == side)?;
         feature.shape.get(at).copied()
     };
     let told = match (named("width"), named("height")) {
@@ -117,7 +117,7 @@ fn check_pixels(folder: &Folder, camera: &str, name: &str, pixels: (u16, u16), c
     if !told {
         let message = format!(
             "images of {name} are {width} wide and {height} high, and info.json says {:?} {:?}",
-            feature.shape, feature.sides
+            feature.shape, feature.names
         );
         check.add("size", Severity::Error, None, message);
     }
