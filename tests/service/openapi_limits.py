@@ -83,7 +83,7 @@ def narrow_server(folder, seen, made, episodes):
                  waiting)
         asking.join()
 
-        crowded(clients, seen, episodes[0]["task_id"])
+        crowded(server, clients, seen, episodes[0]["task_id"])
         lease = {"worker": "one", "task_id": episodes[0]["task_id"], "rollouts": 1}
         clients["actor"].expect(201, "POST", "/api/leases", lease)
         clients["actor"].expect(503, "POST", "/api/leases", {**lease, "worker": "two"})
@@ -126,8 +126,9 @@ def narrow_server(folder, seen, made, episodes):
         not_ready(server, seen)
 
 
-def crowded(clients, seen, task):
-    """An episode at which more want to look, and in which more want to act, than can be served within its patience."""
+def crowded(server, clients, seen, task):
+    """An episode at which more want to look, and in which more want to act, than can be served within its patience: the
+    server stands still for longer than that while they wait, for how many a machine serves is its own."""
     actor, path = clients["actor"], "/api/sessions/{session}"
     actor.expect(200, "POST", "/reset", {"task": task, "episode_id": "crowded"})
     actor.expect(503, "POST", "/reset", {"task": task})
@@ -139,10 +140,22 @@ def crowded(clients, seen, task):
     def look(one):
         client, (method, what) = one
         body, query = (walk, "") if method == "POST" else (None, {"episode_id": "crowded"} if what == "/state" else "")
-        return what, client.send(method, what, body, query, session="openenv-crowded")[0]
+        answered = what, client.send(method, what, body, query, session="openenv-crowded")[0]
+        served.append(answered)
+        return answered
+
+    def stand_still():
+        until(lambda: len(served) >= 30, every=0.005)
+        server.process.send_signal(signal.SIGSTOP)
+        time.sleep(1.5)
+        server.process.send_signal(signal.SIGCONT)
 
     random.Random(1).shuffle(looks)
+    served = []
+    still = threading.Thread(target=stand_still)
+    still.start()
     got = together(look, looks)
+    still.join()
     for what in sorted({what for what, _ in got}):
         statuses = collections.Counter(status for path, status in got if path == what)
         if not {200, 503} <= set(statuses):
