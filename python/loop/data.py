@@ -1,5 +1,6 @@
 """Examples of `reel export sft --format ms-swift --style single-turn`: the prompt of a decision, its image, and the answer."""
 
+import concurrent.futures
 import dataclasses
 import json
 import pathlib
@@ -18,6 +19,10 @@ from tokenizer import ANSWER, END, IMAGE, PAD, Tokenizer
 MARK = "<image>"  # stands for the image in the text of a prompt
 ROOM = re.compile(r"^\d+\) In ([^:\n]+): ([^\n]*)\.$", re.MULTILINE)
 RECEPTACLE = re.compile(r"\b([a-z]+(?:_[a-z]+)*)_(\d+)\b")
+DESTINATION = re.compile(r'"receptacle_name": ?"([^"]+)"')
+NAMED_ROOM = re.compile(r"\b(?:at|want|bring it to) [^;<]*? in the ([a-z ]+?)(?:;|</think>)")
+HISTORY = re.compile(r'"History": ?"\d+\) ([^"]*)"')
+CAPTION = re.compile(r"(?:at \S+ in [^:]+: |saw [^0-9]+|gazed at )(.+)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +70,22 @@ def example(row: dict, folder: pathlib.Path) -> Example:
     return Example(about["episode"], about["call"], about["scene"], user["content"], image, assistant["content"])
 
 
+def contradicts_named_room(one: Example) -> bool:
+    """Whether the expert goes to another room than the task names: the oracle's plan visits look-alikes wherever they stand."""
+    goes, wanted = DESTINATION.search(one.answer), NAMED_ROOM.search(one.answer)
+    if not goes or not wanted or "; yes" in one.answer:
+        return False
+    rooms = {room.split("/")[0] for room, listed in ROOM.findall(one.prompt) if goes[1] in listed.split(", ")}
+    return wanted[1] not in rooms
+
+
+def caption(one: Example) -> Example | None:
+    """The decision's image with its observation as prompt, and what the image shows as answer; `None` if the answer does not say it."""
+    line = HISTORY.search(one.answer)
+    seen = CAPTION.fullmatch(line[1]) if line and one.image else None
+    return dataclasses.replace(one, prompt=one.prompt[one.prompt.index("Last observation: ") :], answer=seen[1]) if seen else None
+
+
 def prompt_tokens(tokenizer: Tokenizer, config: Config, prompt: str) -> list[int]:
     """The tokens of a prompt, as training and serving read it. Ends with the answer token."""
     tokens: list[int] = []
@@ -77,7 +98,7 @@ def row(tokenizer: Tokenizer, config: Config, one: Example) -> Row:
     return Row(prompt_tokens(tokenizer, config, one.prompt), [*tokenizer.ids(one.answer), END], one.image)
 
 
-def renamed(one: Example, luck: random.Random) -> Example:
+def renamed(one: Example, rng: random.Random) -> Example:
     """The decision in a home whose receptacles have other numbers and stand in another order of the list.
 
     What is learned then is to copy names and not to know them.
@@ -88,11 +109,11 @@ def renamed(one: Example, luck: random.Random) -> Example:
     for kind, number in names:
         numbers.setdefault(kind, {})[number] = ""
     for known in numbers.values():
-        drawn = luck.sample(range(1, max(9, len(known)) + 1), len(known))
+        drawn = rng.sample(range(1, max(9, len(known)) + 1), len(known))
         known.update(zip(known, map(str, drawn)))
     other = lambda found: f"{found[1]}_{numbers.get(found[1], {}).get(found[2], found[2])}"
-    luck.shuffle(rooms)
-    lines = [f"{index}) In {room}: {', '.join(luck.sample(listed.split(', '), listed.count(', ') + 1))}." for index, (room, listed) in enumerate(rooms, 1)]
+    rng.shuffle(rooms)
+    lines = [f"{index}) In {room}: {', '.join(rng.sample(listed.split(', '), listed.count(', ') + 1))}." for index, (room, listed) in enumerate(rooms, 1)]
     told = iter(lines)
     prompt = ROOM.sub(lambda _: next(told), one.prompt)
     return dataclasses.replace(one, prompt=RECEPTACLE.sub(other, prompt), answer=RECEPTACLE.sub(other, one.answer))
@@ -104,6 +125,11 @@ class Pictures:
     def __init__(self, config: Config) -> None:
         self.config = config
         self.kept: dict[pathlib.Path, numpy.ndarray] = {}
+
+    def load(self, paths: Iterable[pathlib.Path], jobs: int = 2) -> None:
+        """Reads many at once."""
+        with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(self.get, sorted(set(paths))))
 
     def get(self, path: pathlib.Path) -> numpy.ndarray:
         if path not in self.kept:
@@ -135,13 +161,13 @@ def batch(rows: Sequence[Row], pictures: Pictures) -> Batch:
     )
 
 
-def batches(rows: Iterable[Row], most: int, luck: random.Random) -> Iterator[list[Row]]:
+def batches(rows: Iterable[Row], most: int, rng: random.Random) -> Iterator[list[Row]]:
     """Batches of like lengths with at most `most` tokens, padding included, in random order."""
-    ordered = sorted(rows, key=lambda one: (len(one), luck.random()))
+    ordered = sorted(rows, key=lambda one: (len(one), rng.random()))
     groups: list[list[Row]] = [[]]
     for one in ordered:
         if groups[-1] and (len(groups[-1]) + 1) * len(one) > most:
             groups.append([])
         groups[-1].append(one)
-    luck.shuffle(groups)
+    rng.shuffle(groups)
     return iter(groups)

@@ -9,48 +9,43 @@ interval over tasks.
 """
 
 import argparse
+import dataclasses
 import json
 import math
 import pathlib
 import random
 import subprocess
-import threading
-import time
 import typing
 
 import torch
 
+import checkpoint
+import play
 import server
 
 DRAWS = 10_000
 
 
-def play(chosen: argparse.Namespace) -> None:
-    """Serves the checkpoint while `reel bench` plays it, then ingests the traces."""
+def played(chosen: argparse.Namespace) -> play.Spent:
+    """Serves the checkpoint while `reel bench` plays it."""
     torch.set_num_threads(chosen.threads)
     log = chosen.out.with_suffix(".requests.jsonl")
     log.parent.mkdir(parents=True, exist_ok=True)
-    with server.serve(chosen.checkpoint, "small", 0, chosen.batch, log) as served:
-        threading.Thread(target=served.serve_forever, daemon=True).start()
-        command = [
-            chosen.reel, "bench", "--tasks", str(chosen.tasks), "--agent", "real-agent", "--model", "small",
-            "--endpoint", f"http://127.0.0.1:{served.server_port}/v1", "--max-tokens", str(chosen.max_tokens), "--temperature", str(chosen.temperature),
-            "--seed", str(chosen.seed), "--repeat", str(chosen.repeat), "--jobs", str(chosen.jobs), "--out", str(chosen.out), *chosen.bench,
-        ]
-        if chosen.logprobs:
-            command += ["--logprobs", "--extra-body", json.dumps({"return_tokens_as_token_ids": True})]
-        began = time.monotonic()
-        status = subprocess.run(command).returncode
-        print(f"played in {(time.monotonic() - began) / 60:.1f} minutes", flush=True)
+    with server.Server(*checkpoint.load(chosen.checkpoint), play.NAME, 0, chosen.batch, log) as served:
+        served.begin()
+        what = play.Play(
+            chosen.reel, chosen.tasks, chosen.out, chosen.temperature, chosen.seed, chosen.repeat, chosen.max_tokens, chosen.jobs, chosen.logprobs,
+            tuple(chosen.bench),
+        )
+        spent = play.bench(served, what)
         served.shutdown()
-    if status not in (0, 1):
-        raise SystemExit(status)
+    return spent
 
 
-def episodes(reel: str, played: pathlib.Path) -> dict[tuple[str, int], dict[str, typing.Any]]:
+def episodes(reel: str, traces: pathlib.Path) -> dict[tuple[str, int], dict[str, typing.Any]]:
     """Success and completion by task and seed, from a store of the traces."""
-    store = played.with_suffix(".store")
-    subprocess.run([reel, "ingest", str(played), "--store", str(store)], check=True, capture_output=True)
+    store = traces.with_suffix(".store")
+    subprocess.run([reel, "ingest", str(traces), "--store", str(store)], check=True, capture_output=True)
     query = "SELECT task_id, seed, family, success, completion, total_reward, length FROM episodes ORDER BY task_id, seed"
     said = subprocess.run([reel, "query", "--store", str(store), "--json", query], check=True, capture_output=True, text=True).stdout
     return {(row["task_id"], row["seed"]): row for row in json.loads(said)}
@@ -58,8 +53,8 @@ def episodes(reel: str, played: pathlib.Path) -> dict[tuple[str, int], dict[str,
 
 def interval(differences: list[float], seed: int = 0) -> tuple[float, float]:
     """The 95% interval of the mean, by bootstrap."""
-    luck, count = random.Random(seed), len(differences)
-    means = sorted(sum(luck.choices(differences, k=count)) / count for _ in range(DRAWS))
+    rng, count = random.Random(seed), len(differences)
+    means = sorted(sum(rng.choices(differences, k=count)) / count for _ in range(DRAWS))
     return means[int(0.025 * DRAWS)], means[int(0.975 * DRAWS) - 1]
 
 
@@ -74,11 +69,11 @@ def mcnemar(better: int, worse: int) -> float:
 
 def sign_flip(differences: list[float], seed: int = 0) -> float:
     """Two-sided probability of a mean at least as large where the sign of each difference is a coin's."""
-    luck, real = random.Random(seed), [difference for difference in differences if difference]
+    rng, real = random.Random(seed), [difference for difference in differences if difference]
     if not real:
         return 1.0
     least = abs(sum(real)) - 1e-12
-    hits = sum(abs(sum(difference if luck.random() < 0.5 else -difference for difference in real)) >= least for _ in range(DRAWS))
+    hits = sum(abs(sum(difference if rng.random() < 0.5 else -difference for difference in real)) >= least for _ in range(DRAWS))
     return (hits + 1) / (DRAWS + 1)
 
 
@@ -92,8 +87,8 @@ def compare(one: dict[tuple[str, int], dict[str, typing.Any]], other: dict[tuple
     mean = lambda values: sum(values) / len(shared)
     return {
         "episodes": len(shared),
-        "success": [mean([int(played[key]["success"]) for key in shared]) for played in (one, other)],
-        "completion": [mean([played[key]["completion"] for key in shared]) for played in (one, other)],
+        "success": [mean([int(side[key]["success"]) for key in shared]) for side in (one, other)],
+        "completion": [mean([side[key]["completion"] for key in shared]) for side in (one, other)],
         "success_difference": mean(gains), "success_interval": interval([float(gain) for gain in gains]),
         "flips": [gains.count(1), gains.count(-1)], "mcnemar_p": mcnemar(gains.count(1), gains.count(-1)),
         "completion_difference": mean(completion), "completion_interval": interval(completion), "completion_p": sign_flip(completion),
@@ -111,8 +106,8 @@ def main() -> None:
     player.add_argument("--seed", type=int, default=0)
     player.add_argument("--repeat", type=int, default=1)
     player.add_argument("--max-tokens", type=int, default=200)
-    player.add_argument("--jobs", type=int, default=8)
-    player.add_argument("--batch", type=int, default=8)
+    player.add_argument("--jobs", type=int, default=16)
+    player.add_argument("--batch", type=int, default=16)
     player.add_argument("--threads", type=int, default=1)
     player.add_argument("--logprobs", action="store_true", help="record the tokens and their log-probabilities")
     comparer = commands.add_parser("compare", help="compare two that were played")
@@ -124,10 +119,11 @@ def main() -> None:
         parser.error(f"unrecognized arguments: {' '.join(further)}")
     chosen.bench = further
     if chosen.command == "play":
-        play(chosen)
+        spent = played(chosen)
         found = episodes(chosen.reel, chosen.out)
         mean = lambda field: sum(float(row[field]) for row in found.values()) / len(found)
-        print(json.dumps({"episodes": len(found), **{field: mean(field) for field in ("success", "completion", "total_reward", "length")}}))
+        means = {field: mean(field) for field in ("success", "completion", "total_reward", "length")}
+        print(json.dumps({"episodes": len(found), **means, "seconds": dataclasses.asdict(spent)}))
     else:
         print(json.dumps(compare(*(episodes(chosen.reel, played) for played in chosen.played)), indent=1))
 

@@ -11,7 +11,6 @@ import collections
 import json
 import pathlib
 import random
-import re
 import typing
 
 import torch
@@ -20,8 +19,6 @@ import checkpoint
 import data
 import decisions
 import generate
-
-LINE = re.compile(r'"History":"\d+\) ([^"]*)"')
 
 
 def call(answer: str) -> tuple[str, dict[str, typing.Any]] | None:
@@ -37,6 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=pathlib.Path)
     parser.add_argument("--set", required=True, type=pathlib.Path)
+    parser.add_argument("--out", type=pathlib.Path, help="write the shares into this file too")
     parser.add_argument("--limit", type=int, default=10**9, help="most decisions, drawn by seed 0")
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--threads", type=int, default=1)
@@ -61,10 +59,13 @@ def main() -> None:
                 rights[name]["tool"].append(said is not None and said[0] == wanted[0])
                 rights[name]["call"].append(said == wanted)
                 if one.image:
-                    lines = LINE.search(text), LINE.search(one.answer)
+                    lines = data.HISTORY.search(text), data.HISTORY.search(one.answer)
                     rights[name]["history"].append(lines[0] is not None and lines[0][1] == lines[1][1])
     share = lambda values: round(sum(values) / len(values), 3)
-    print(json.dumps({kind: {"decisions": len(found["tool"]), **{name: share(values) for name, values in found.items()}} for kind, found in sorted(rights.items())}, indent=1))
+    told = json.dumps({kind: {"decisions": len(found["tool"]), **{name: share(values) for name, values in found.items()}} for kind, found in sorted(rights.items())}, indent=1)
+    print(told)
+    if chosen.out:
+        chosen.out.write_text(told + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -42,13 +42,13 @@ def stream(question: Question) -> random.Random:
     return random.Random(hashlib.blake2b(key, digest_size=8).digest())
 
 
-def draw(chances: numpy.ndarray, temperature: float, luck: random.Random) -> int:
+def draw(chances: numpy.ndarray, temperature: float, rng: random.Random) -> int:
     """A token by its probability; the likeliest at temperature 0."""
     if temperature == 0:
         return int(chances.argmax())
     sharper = (chances / chances.max()) ** (1 / temperature)
     total = numpy.cumsum(sharper)
-    return int(min(numpy.searchsorted(total, luck.random() * total[-1], side="right"), len(chances) - 1))
+    return int(min(numpy.searchsorted(total, rng.random() * total[-1], side="right"), len(chances) - 1))
 
 
 @torch.inference_mode()

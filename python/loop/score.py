@@ -10,34 +10,39 @@ were drawn. Products of matrices are in 32 bits, as in the server: the checkpoin
 """
 
 import argparse
-import collections.abc
 import json
 import pathlib
 import sys
-import typing
 
 import torch
 
 import checkpoint
 import data
-
-PREFIX = "token_id:"
-
-
-def token_ids(tokens: list[str]) -> list[int]:
-    """The ids that a trace names. Fails if it names texts instead."""
-    if not all(token.startswith(PREFIX) for token in tokens):
-        raise SystemExit(f"the trace names tokens by their text; record with --extra-body '{{\"return_tokens_as_token_ids\": true}}'")
-    return [int(token.removeprefix(PREFIX)) for token in tokens]
+import model
+import rollouts
+from rollouts import Decision
 
 
-def rollout_rows(folder: pathlib.Path) -> collections.abc.Iterator[dict[str, typing.Any]]:
-    """The rows of an exported set of rollouts that hold tokens."""
-    for path in sorted((folder / "train").glob("*.jsonl")):
-        with path.open(encoding="utf-8") as lines:
-            for line in lines:
-                if (row := json.loads(line)).get("tokens"):
-                    yield row
+def score(policy: model.Policy, decisions: list[Decision], pictures: data.Pictures, tokens: int) -> list[list[float]]:
+    """Log-probabilities of the drawn tokens of each decision."""
+    found: dict[int, list[float]] = {}
+    for some in parts(decisions, tokens):
+        batch = data.batch([decisions[index].row for index in some], pictures)
+        with torch.inference_mode():
+            scored, _ = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
+        for index, values in zip(some, scored.tolist()):
+            found[index] = values[: len(decisions[index].row.answer)]
+    return [found[index] for index in range(len(decisions))]
+
+
+def parts(decisions: list[Decision], tokens: int) -> list[list[int]]:
+    """Numbers of decisions of like lengths, in batches of at most so many tokens, padding included."""
+    found: list[list[int]] = [[]]
+    for index in sorted(range(len(decisions)), key=lambda index: len(decisions[index].row)):
+        if found[-1] and (len(found[-1]) + 1) * len(decisions[index].row) > tokens:
+            found.append([])
+        found[-1].append(index)
+    return found
 
 
 def main() -> None:
@@ -45,26 +50,15 @@ def main() -> None:
     parser.add_argument("checkpoint", type=pathlib.Path)
     parser.add_argument("--rows", required=True, type=pathlib.Path, help="folder of `reel export rl`")
     parser.add_argument("--policy", required=True, help="name of the policy in the traces, e.g. new or ref")
+    parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
     parser.add_argument("--threads", type=int, default=1)
     chosen = parser.parse_args()
     torch.set_num_threads(chosen.threads)
     policy, tokenizer = checkpoint.load(chosen.checkpoint)
-    pictures, difference = data.Pictures(policy.config), 0.0
-    for row in rollout_rows(chosen.rows):
-        shown = row.get("images") or []
-        prompt = next(message["content"] for message in row["messages"] if message["role"] == "user")
-        drawn = token_ids(row["tokens"])
-        image = chosen.rows / shown[0] if shown else None
-        batch = data.batch([data.Row(data.prompt_tokens(tokenizer, policy.config, prompt), drawn, image)], pictures)
-        with torch.inference_mode():
-            found, _ = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
-        scored = found[0].tolist()
-        old = row["logprobs"].get("old") if isinstance(row["logprobs"], dict) else None
-        if old:
-            difference = max(difference, *(abs(one - other) for one, other in zip(old, scored)))
-        about = row["provenance"]
-        line = {"episode_id": about["episode"], "step": about["call"], "policy": chosen.policy, "tokens": row["tokens"], "logprobs": scored}
-        print(json.dumps(line))
+    decisions, difference = rollouts.read(chosen.rows, tokenizer, policy.config), 0.0
+    for one, scored in zip(decisions, score(policy, decisions, data.Pictures(policy.config), chosen.tokens)):
+        difference = max(difference, *(abs(new - old) for new, old in zip(scored, one.old)))
+        print(json.dumps({"episode_id": one.episode, "step": one.call, "policy": chosen.policy, "tokens": one.tokens, "logprobs": scored}))
     print(f"largest difference from the policy that sampled: {difference:.2e}", file=sys.stderr)
 
 

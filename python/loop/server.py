@@ -236,11 +236,22 @@ def handler(writer: Writer, name: str) -> type[http.server.BaseHTTPRequestHandle
     return Handler
 
 
-def serve(folder: pathlib.Path, name: str, port: int, most: int, log: pathlib.Path | None = None) -> http.server.ThreadingHTTPServer:
-    """A server that listens and does not serve yet."""
-    policy, tokenizer = checkpoint.load(folder)
-    http.server.ThreadingHTTPServer.request_queue_size = 64
-    return http.server.ThreadingHTTPServer(("127.0.0.1", port), handler(Writer(policy, tokenizer, most, log), name))
+class Server(http.server.ThreadingHTTPServer):
+    """Listens on localhost from the start, and answers once `serve_forever` runs."""
+
+    request_queue_size = 64
+    daemon_threads = True
+
+    def __init__(self, policy: Policy, tokenizer: Tokenizer, name: str, port: int, most: int, log: pathlib.Path | None = None) -> None:
+        super().__init__(("127.0.0.1", port), handler(Writer(policy, tokenizer, most, log), name))
+
+    @property
+    def endpoint(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}/v1"
+
+    def begin(self) -> None:
+        """Answers in a thread of its own until `shutdown`."""
+        threading.Thread(target=self.serve_forever, daemon=True).start()
 
 
 def main() -> None:
@@ -253,8 +264,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     chosen = parser.parse_args()
     torch.set_num_threads(chosen.threads)
-    with serve(chosen.checkpoint, chosen.model, chosen.port, chosen.batch, chosen.log) as server:
-        print(f"http://127.0.0.1:{server.server_port}/v1 serves {chosen.model}", flush=True)
+    with Server(*checkpoint.load(chosen.checkpoint), chosen.model, chosen.port, chosen.batch, chosen.log) as server:
+        print(f"{server.endpoint} serves {chosen.model}", flush=True)
         server.serve_forever()
 
 

@@ -8,7 +8,10 @@ report.
 """
 
 import argparse
+import collections.abc
 import dataclasses
+import hashlib
+import itertools
 import json
 import math
 import pathlib
@@ -31,21 +34,22 @@ class Options:
     """What a training is a function of, besides the examples."""
 
     updates: int
+    captions: int = 0  # updates before them, which learn to say what an image shows
     seed: int = 0
     rate: float = 1e-3
     warmup: float = 0.05  # share of the updates
     decay: float = 0.3  # share of the updates in which the rate falls to a twentieth
     tokens: int = 6144  # most tokens in a batch, padding included
     bf16: bool = True  # products of matrices in 16 bits, weights in 32
+    encoder: str = ""  # digest of the image encoder to begin with; a fresh one if empty
 
 
 def rate(options: Options, update: int) -> float:
     """The learning rate of an update: it rises, is held, and falls."""
-    rising = update / max(1, options.warmup * options.updates)
-    left = (options.updates - update) / max(1, options.decay * options.updates)
+    whole = options.captions + options.updates
+    rising = update / max(1, options.warmup * whole)
+    left = (whole - update) / max(1, options.decay * whole)
     return options.rate * min(1.0, rising, 0.05 + 0.95 * left)
-
-
 
 
 def optimizer(policy: model.Policy, options: Options) -> torch.optim.AdamW:
@@ -61,18 +65,39 @@ def loss(policy: model.Policy, batch: data.Batch) -> tuple[Tensor, Tensor]:
     return -(found * real).sum() / real.sum(), real.sum()
 
 
-def epoch(number: int, examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options) -> list[list[data.Row]]:
-    """The batches of an epoch, a function of the seed and its number. Every example has other names in every epoch."""
-    luck = random.Random(f"{options.seed}/{number}")
-    rows = [data.row(tokenizer, config, data.renamed(one, luck) if luck.random() < 0.7 else one) for one in examples]
-    return list(data.batches(rows, options.tokens, luck))
+def epoch(name: str, examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options) -> list[list[data.Row]]:
+    """The batches of an epoch, a function of the seed and its name. Every example has other names in every epoch."""
+    rng = random.Random(f"{options.seed}/{name}")
+    rows = [data.row(tokenizer, config, data.renamed(one, rng) if rng.random() < 0.7 else one) for one in examples]
+    return list(data.batches(rows, options.tokens, rng))
 
 
-def train(examples: list[data.Example], config: model.Config, tokenizer: Tokenizer, options: Options, out: pathlib.Path, minutes: float | None) -> model.Policy:
-    """Trains to the last update or until the time is spent; keeps a checkpoint."""
+def planned(
+    examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options
+) -> collections.abc.Iterator[tuple[str, list[data.Row]]]:
+    """The batches of a training, each with the name of its epoch: first what images show, then whole decisions."""
+    captions = [seen for one in examples if (seen := data.caption(one))]
+    for stage, some, count in (("captions", captions, options.captions), ("decisions", examples, options.updates)):
+        number = 0
+        while count > 0:
+            name = f"{stage} {number}"
+            batches = epoch(name, some, tokenizer, config, options)[:count]
+            yield from ((name, rows) for rows in batches)
+            count, number = count - len(batches), number + 1
+
+
+def train(
+    examples: list[data.Example], config: model.Config, tokenizer: Tokenizer, options: Options, out: pathlib.Path, minutes: float | None = None,
+    encoder: dict[str, Tensor] | None = None,
+) -> model.Policy:
+    """Trains to the last update or until the time is spent; keeps a checkpoint. `encoder` are weights of `pretrain.py`."""
     policy = model.build(config, options.seed).train()
+    if encoder:
+        policy.encoder.load_state_dict(encoder)
     steps, pictures = optimizer(policy, options), data.Pictures(config)
-    done, seen = 0, 0.0
+    if not config.blind:
+        pictures.load(one.image for one in examples if one.image)
+    done, whole = 0, options.captions + options.updates
     if kept := checkpoint.training(out):
         if kept["options"] != dataclasses.asdict(options):
             raise SystemExit(f"{out} holds a training with other options; name another folder or remove it")
@@ -81,45 +106,39 @@ def train(examples: list[data.Example], config: model.Config, tokenizer: Tokeniz
         done = kept["updates"]
     save = lambda: checkpoint.save(out, policy, tokenizer, {"optimizer": steps.state_dict(), "updates": done, "options": dataclasses.asdict(options)})
     out.mkdir(parents=True, exist_ok=True)
-    start, number, before = time.monotonic(), 0, 0
+    start = time.monotonic()
     recent: list[tuple[float, int, float]] = []
     with (out / "log.jsonl").open("a", encoding="utf-8") as log:
-        while done < options.updates:
-            planned = epoch(number, examples, tokenizer, config, options)
-            for rows in planned[max(0, done - before) :]:
-                began = time.monotonic()
-                for group in steps.param_groups:
-                    group["lr"] = rate(options, done)
-                batch = data.batch(rows, pictures)
-                with torch.autocast("cpu", torch.bfloat16, enabled=options.bf16):
-                    value, _ = loss(policy, batch)
-                steps.zero_grad(set_to_none=True)
-                value.backward()
-                torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
-                steps.step()
-                done += 1
-                recent.append((float(value.detach()), int(batch.ends.sum()), time.monotonic() - began))
-                spent = minutes is not None and time.monotonic() - start > 60 * minutes
-                if done % REPORT == 0 or done == options.updates or spent:
-                    losses, tokens, seconds = zip(*recent)
-                    line = {
-                        "update": done, "epoch": number, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1),
-                        "tokens": sum(tokens), "seconds_an_update": sum(seconds) / len(seconds), "cpu_seconds": time.process_time(),
-                        "minutes": (time.monotonic() - start) / 60,
-                    }
-                    if not math.isfinite(line["loss"]):
-                        raise SystemExit(f"the loss of update {done} is {line['loss']}; lower --rate")
-                    log.write(json.dumps(line) + "\n")
-                    log.flush()
-                    print(json.dumps(line), flush=True)
-                    recent.clear()
-                if done % (2 * REPORT) == 0:
-                    save()
-                if spent or done == options.updates:
-                    save()
-                    return policy
-            before += len(planned)
-            number += 1
+        for name, rows in itertools.islice(planned(examples, tokenizer, config, options), done, None):
+            began = time.monotonic()
+            for group in steps.param_groups:
+                group["lr"] = rate(options, done)
+            batch = data.batch(rows, pictures)
+            with torch.autocast("cpu", torch.bfloat16, enabled=options.bf16):
+                value, _ = loss(policy, batch)
+            steps.zero_grad(set_to_none=True)
+            value.backward()
+            torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
+            steps.step()
+            done += 1
+            recent.append((float(value.detach()), int(batch.ends.sum()), time.monotonic() - began))
+            spent = minutes is not None and time.monotonic() - start > 60 * minutes
+            if done % REPORT == 0 or done == whole or spent:
+                losses, tokens, seconds = zip(*recent)
+                line = {
+                    "update": done, "epoch": name, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1), "tokens": sum(tokens),
+                    "seconds_an_update": sum(seconds) / len(seconds), "cpu_seconds": time.process_time(), "minutes": (time.monotonic() - start) / 60,
+                }
+                if not math.isfinite(line["loss"]):
+                    raise SystemExit(f"the loss of update {done} is {line['loss']}; lower --rate")
+                log.write(json.dumps(line) + "\n")
+                log.flush()
+                print(json.dumps(line), flush=True)
+                recent.clear()
+            if done % (2 * REPORT) == 0:
+                save()
+            if spent:
+                break
     save()
     return policy
 
@@ -129,31 +148,36 @@ def main() -> None:
     parser.add_argument("--set", required=True, type=pathlib.Path, help="folder of `reel export sft --format ms-swift`")
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
     parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
+    parser.add_argument("--encoder", type=pathlib.Path, help="image encoder of pretrain.py to begin with")
+    parser.add_argument("--captions", type=int, default=0, help="updates before these, on images and what they show")
     parser.add_argument("--minutes", type=float, help="stop after this time; the same command goes on")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--layers", type=int, default=4)
     parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
-    parser.add_argument("--image", default="160x120", help="width and height that images are shrunk to")
+    parser.add_argument("--image", default="320x240", help="width and height that images are shrunk to")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits")
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
     chosen = parser.parse_args()
     torch.set_num_threads(chosen.threads)
 
-    examples = data.read(chosen.set)
+    everything = data.read(chosen.set)
+    examples = [one for one in everything if not data.contradicts_named_room(one)]
     tokenizer = Tokenizer.of([one.prompt for one in examples], [one.answer for one in examples])
     image_width, image_height = map(int, chosen.image.split("x"))
     config = model.Config(
         len(tokenizer), width=chosen.width, layers=chosen.layers, image_height=image_height, image_width=image_width, blind=chosen.blind
     )
-    options = Options(chosen.updates, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32)
+    encoder = torch.load(chosen.encoder, weights_only=True) if chosen.encoder else None
+    name = hashlib.blake2b(chosen.encoder.read_bytes(), digest_size=16).hexdigest() if chosen.encoder else ""
+    options = Options(chosen.updates, chosen.captions, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32, encoder=name)
     rows = [data.row(tokenizer, config, one) for one in examples]
     mean = lambda counts: round(sum(counts) / len(rows), 1)
     prompts, answers = mean([len(one.prompt) for one in rows]), mean([len(one.answer) for one in rows])
-    print(f"{len(rows)} examples; tokens: prompt {prompts}, answer {answers}, longest {max(map(len, rows))}; vocabulary {len(tokenizer)}", flush=True)
-    policy = train(examples, config, tokenizer, options, chosen.out, chosen.minutes)
+    print(f"{len(rows)} examples of {len(everything)}; tokens: prompt {prompts}, answer {answers}, longest {max(map(len, rows))}; vocabulary {len(tokenizer)}", flush=True)
+    policy = train(examples, config, tokenizer, options, chosen.out, chosen.minutes, encoder)
     print(f"{model.count(policy)} parameters, weights {checkpoint.digest(policy)} in {chosen.out}")
 
 

@@ -22,8 +22,11 @@ import checkpoint
 import data
 import evaluate
 import generate
+import gspo
 import images
 import model
+import rollouts
+import score
 import server
 import sft
 from tokenizer import ANSWER, END, IMAGE, Tokenizer, join, split
@@ -65,9 +68,9 @@ class Words(unittest.TestCase):
             self.assertEqual("".join(tokenizer.deltas(tokenizer.ids(text))), text)
 
     def test_random_text_comes_back(self) -> None:
-        tokenizer, luck = Tokenizer.of([PROMPT] * 5, [ANSWERED] * 5), random.Random(0)
+        tokenizer, rng = Tokenizer.of([PROMPT] * 5, [ANSWERED] * 5), random.Random(0)
         for _ in range(500):
-            text = "".join(luck.choice("ab1_/ \n{}\":,.<>") for _ in range(luck.randrange(12)))
+            text = "".join(rng.choice("ab1_/ \n{}\":,.<>") for _ in range(rng.randrange(12)))
             self.assertEqual(tokenizer.text(tokenizer.ids(text)), text, repr(text))
 
     def test_shared_lines_are_one_token(self) -> None:
@@ -143,14 +146,90 @@ class Learning(unittest.TestCase):
         self.assertLess(losses[-1], losses[0] / 2)
 
 
+class Reinforcing(unittest.TestCase):
+    """GSPO on made rollouts: three groups of two, two decisions each."""
+
+    def setUp(self) -> None:
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        some = examples(folder)
+        self.tokenizer = Tokenizer.of([one.prompt for one in some], [one.answer for one in some])
+        self.config = model.Config(len(self.tokenizer), **SMALL)
+        self.pictures = data.Pictures(self.config)
+        self.policy, rng = model.build(self.config, 0), random.Random(1)
+        rows = [data.row(self.tokenizer, self.config, one) for one in some]
+        self.decisions = []
+        for rollout in range(6):
+            for call in range(2):
+                row = rows[(rollout + call) % len(rows)]
+                row = dataclasses.replace(row, answer=row.answer[: rng.randrange(5, len(row.answer))])
+                names = [f"token_id:{token}" for token in row.answer]
+                self.decisions.append(rollouts.Decision(f"e{rollout}", call, f"g{rollout // 2}", row, names, [], (-1.0, 1.0)[rollout % 2], 0.0, False))
+        old = score.score(self.policy, self.decisions, self.pictures, 2000)
+        self.decisions = [dataclasses.replace(one, old=values) for one, values in zip(self.decisions, old)]
+
+    def test_weights_are_the_derivative_of_the_loss(self) -> None:
+        options = gspo.Options(epsilon=0.02, epsilon_high=0.03, beta=0.5, bf16=False)
+        draw = lambda values, by: [[min(0.0, value + by * random.Random(index).gauss(0, 1)) for index, value in enumerate(row)] for row in values]
+        old = [one.old for one in self.decisions]
+        new, ref = draw(old, 0.2), draw(old, 0.3)
+        weights, metrics = gspo.objective(self.decisions, new, ref, options)
+        # The same by autograd, from the formula of the paper.
+        leaves = [torch.tensor(row, dtype=torch.float64, requires_grad=True) for row in new]
+        terms = []
+        for episode in range(6):
+            members = [index for index, one in enumerate(self.decisions) if one.episode == f"e{episode}"]
+            stack = lambda rows: torch.cat([torch.as_tensor(rows[index], dtype=torch.float64) for index in members])
+            ratio, advantage = (stack(leaves) - stack(old)).mean().exp(), self.decisions[members[0]].advantage
+            gap = stack(ref) - stack(leaves)
+            terms.append(-torch.minimum(ratio * advantage, ratio.clamp(0.98, 1.03) * advantage) + 0.5 * (gap.exp() - 1 - gap).mean())
+        loss = torch.stack(terms).mean()
+        loss.backward()
+        self.assertAlmostEqual(loss.item(), metrics.loss, places=9)
+        for leaf, row in zip(leaves, weights):
+            numpy.testing.assert_allclose(leaf.grad, row, atol=1e-12)
+        self.assertGreater(metrics.low + metrics.high, 0, "something is clipped")
+        self.assertLess(metrics.low + metrics.high, 1, "and something is not")
+
+    def test_better_rollouts_become_likelier(self) -> None:
+        learner = gspo.Learner(self.policy, gspo.Options(rate=1e-3, updates=1, epsilon=0.5, epsilon_high=0.5, bf16=False))
+        ref = model.build(self.config, 0)
+        for _ in range(4):
+            learner.learn(self.decisions, ref, self.pictures)
+        after = score.score(self.policy, self.decisions, self.pictures, 2000)
+        gains = [(sum(row) - sum(one.old)) * one.advantage for one, row in zip(self.decisions, after)]
+        self.assertGreater(sum(gains), 0)
+
+    def test_each_update_has_groups_of_its_own(self) -> None:
+        lines, scores = gspo.Learner(self.policy, gspo.Options(rate=1e-3, bf16=False)).learn(self.decisions, model.build(self.config, 0), self.pictures)
+        self.assertEqual([line["episodes"] for line in lines], [2, 2, 2])
+        self.assertEqual(sorted(group for line in lines for group in line["groups"]), ["g0", "g1", "g2"])
+        self.assertAlmostEqual(lines[0]["ratio"], 1, places=6)
+        self.assertNotAlmostEqual(lines[2]["ratio"], 1, places=6)
+        self.assertTrue(all(len(one.row.answer) == len(row) for one, row in zip(self.decisions, scores["new"])))
+
+    def test_a_step_again_gives_the_same_weights(self) -> None:
+        def learned() -> str:
+            learner = gspo.Learner(model.build(self.config, 0), gspo.Options())
+            learner.learn(self.decisions, model.build(self.config, 0), self.pictures)
+            return checkpoint.digest(learner.policy)
+
+        self.assertEqual(learned(), learned())
+
+    def test_tasks_of_steps_come_around(self) -> None:
+        tasks = [pathlib.Path(f"t{index}") for index in range(10)]
+        drawn = [rollouts.tasks_of_step(tasks, step, 5, 0) for step in (1, 2, 3)]
+        self.assertEqual(sorted(drawn[0] + drawn[1]), sorted(tasks))
+        self.assertNotEqual(drawn[0], drawn[2])
+
+
 class Serving(unittest.TestCase):
     @classmethod
     def setUpClass(cls) -> None:
         folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
         tokenizer = Tokenizer.of([PROMPT] * 3, [ANSWERED] * 3)
         checkpoint.save(folder, model.build(model.Config(len(tokenizer), **SMALL), 0), tokenizer)
-        cls.server = cls.enterClassContext(server.serve(folder, "small", 0, 4))
-        threading.Thread(target=cls.server.serve_forever, daemon=True).start()
+        cls.server = cls.enterClassContext(server.Server(*checkpoint.load(folder), "small", 0, 4))
+        cls.server.begin()
         cls.addClassCleanup(cls.server.shutdown)
 
     def post(self, **fields: object) -> tuple[int, dict]:

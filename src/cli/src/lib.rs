@@ -144,6 +144,9 @@ enum Command {
     #[command(about = "Training sets: lint, show, profile, diff, join, annotate, gspo")]
     #[cfg(feature = "analytics")]
     Dataset(commands::dataset::Arguments),
+    #[command(about = "Look into a training: which rollouts made an update, and what it changed")]
+    #[cfg(feature = "analytics")]
+    Train(commands::train::Arguments),
     #[command(about = "Task files: check, generate, draw, annotate, report, real-bench")]
     Task(commands::task::Arguments),
     #[command(
@@ -264,6 +267,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Store(arguments) => commands::store::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Dataset(arguments) => commands::dataset::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Train(arguments) => commands::train::run(&arguments),
         Command::Task(arguments) => commands::task::run(&arguments),
         Command::Scene(arguments) => commands::scene::run(&arguments),
         Command::Agent(arguments) => commands::agent::run(&arguments),

@@ -14,7 +14,7 @@ const HEADINGS: [(&str, &[&str]); 6] = [
     (
         "Groups of commands (`reel GROUP --help` lists them)",
         &[
-            "trace", "store", "dataset", "task", "scene", "agent", "server", "cluster", "dev",
+            "trace", "store", "dataset", "train", "task", "scene", "agent", "server", "cluster", "dev",
         ],
     ),
     ("Set up", &["config", "completions", "man"]),

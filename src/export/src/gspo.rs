@@ -152,7 +152,13 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
     })?;
     // in the order of groups and rollouts
     let mut scored = BTreeMap::new();
-    for (episode_id, Rollout { worth, decisions }) in rollouts {
+    for (episode_id, rollout) in rollouts {
+        let Rollout {
+            worth,
+            last,
+            mut decisions,
+        } = rollout;
+        decisions.retain(|decision| last.is_none_or(|last| decision.step <= last));
         match tokens(&episode_id, decisions, options, &mut left_out)? {
             Some(tokens) => {
                 scored.insert(
@@ -225,6 +231,9 @@ struct StepRow {
 /// An episode that is in a group.
 struct Rollout {
     worth: GroupReturn,
+    /// The decision with which the preset is done with the episode; `None` if the recorded rewards
+    /// count.
+    last: Option<u32>,
     decisions: Vec<StepRow>,
 }
 
@@ -260,12 +269,18 @@ fn grouped(
         AnnotationSource::Recorded,
         &mut SkipCounts::default(),
     )?;
+    let preset = options.rollouts.preset.as_ref();
+    if let Some(preset) = preset {
+        rollouts::rescore(&mut chosen, store, preset, left_out)?;
+    }
     rollouts::group(&mut chosen, &options.rollouts, options.seed, left_out)?;
     let rollout = |candidate: select::Candidate| {
+        let calls = candidate.decisions.iter().map(|decision| decision.call);
         Some((
             candidate.episode_id,
             Rollout {
                 worth: candidate.worth?,
+                last: preset.and_then(|_| calls.max()),
                 decisions: Vec::new(),
             },
         ))

@@ -14,6 +14,7 @@ mod rollouts;
 mod rows;
 mod select;
 mod task_index;
+mod training;
 mod verify;
 
 use std::{
@@ -34,6 +35,7 @@ pub use contradictions::{check_failed_histories, check_histories};
 pub use gspo::{GroupObjective, GspoOptions, GspoReport, Sequence, SequenceUnit, gspo};
 pub use rollouts::RolloutOptions;
 pub use select::Selection;
+pub use training::{Figures, LoggedObjective, LoggedStep, LoggedUpdate, TrainingLog};
 
 /// Called with the number of episodes that are done, from several threads.
 pub type Progress<'a> = &'a (dyn Fn(usize) + Sync);
@@ -195,6 +197,16 @@ pub enum ExportError {
         "no episode in a group has log-probabilities of {policies}; record them with `reel bench --logprobs`, add those of other policies with `reel trace logprobs add`, and ingest the traces again"
     )]
     NoSequences { policies: String },
+    /// The log of a training cannot be read.
+    #[error("{}{}: {reason}", path.display(), line.map_or_else(String::new, |line| format!(", line {line}")))]
+    TrainingLog {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1, where there is one.
+        line: Option<usize>,
+        /// What is wrong.
+        reason: String,
+    },
     /// The columns of the Parquet file cannot be built.
     #[error("columns of the dataset: {0}")]
     Columns(#[from] ::arrow::error::ArrowError),

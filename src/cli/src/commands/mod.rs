@@ -51,5 +51,7 @@ pub mod taxonomy;
 #[cfg(feature = "service")]
 pub mod test;
 pub mod trace;
+#[cfg(feature = "analytics")]
+pub mod train;
 #[cfg(feature = "rerun")]
 pub mod view;

@@ -389,3 +389,155 @@ fn rows_of_rollouts_are_what_was_asked_and_said() {
     assert_eq!(rows, said);
     reel!(here, "dataset lint rl");
 }
+
+/// What a trainer logged is what the traces of its rollouts give, and a log that says otherwise is named.
+#[test]
+fn a_log_of_a_training_is_held_against_its_traces() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    play(here, &["old", "new", "ref"]);
+    for checkpoint in ["new", "ref"] {
+        reel!(
+            here,
+            "trace logprobs add old --from {checkpoint} --policy {checkpoint}"
+        );
+    }
+    reel!(here, "ingest old --store old.store");
+    let gspo = "dataset gspo --store old.store --ref ref --beta 0.04 --epsilon 0.9 --advantage ngrpo --json";
+    let told: Value = serde_json::from_str(&reel!(here, "{gspo}")).unwrap();
+    let report = &told["report"];
+    let objective = serde_json::json!({
+        "old": "old", "new": "new", "reference": "ref", "epsilon": 0.9, "epsilon_high": 0.9, "beta": 0.04, "returns": "paper",
+        "advantage": "ngrpo", "group_size": null, "preset": null,
+    });
+    let about = serde_json::json!({ "objective": objective, "seed": 3 });
+    fs::write(here.join("training.json"), about.to_string()).unwrap();
+    let line = |loss: f64| {
+        let step = serde_json::json!({
+            "step": 7, "weights_before": "aa", "weights": "bb", "store": "old.store",
+            "updates": [{
+                "episodes": 4, "gradient_norm": 0.5, "loss": loss, "ratio": report["ratio"][1], "kl": report["kl"],
+                "low": report["clipped"]["low"], "high": report["clipped"]["high"],
+            }],
+        });
+        fs::write(here.join("steps.jsonl"), format!("{step}\n")).unwrap();
+    };
+    line(report["loss"].as_f64().unwrap());
+    let steps = reel!(here, "train log .");
+    assert!(
+        steps.contains("equal") && steps.contains("100.0%"),
+        "{steps}"
+    );
+    let step: Value = serde_json::from_str(&reel!(here, "train log . --step 7 --json")).unwrap();
+    let episodes = step["steps"][0]["episodes"].as_array().unwrap();
+    assert_eq!(episodes.len(), 4);
+    let shares: f64 = episodes
+        .iter()
+        .map(|one| one["share"].as_f64().unwrap())
+        .sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{shares}");
+    for one in episodes {
+        let trace = Trace::read(&here.join(one["trace"].as_str().unwrap())).unwrap();
+        let paid: f64 = trace.steps.iter().map(|step| step.reward_total()).sum();
+        let terms: f64 = one["terms"]
+            .as_object()
+            .unwrap()
+            .values()
+            .map(|value| value.as_f64().unwrap())
+            .sum();
+        assert!(
+            (paid - terms).abs() < 1e-9,
+            "{paid} is the sum of {}",
+            one["terms"]
+        );
+        let weight = (one["ratio"].as_f64().unwrap() * one["advantage"].as_f64().unwrap()).abs();
+        assert_eq!(
+            weight > 0.0 && one["clipped"].is_null(),
+            one["share"].as_f64().unwrap() > 0.0
+        );
+    }
+    let table = reel!(here, "train log . --step 7");
+    assert!(
+        table.contains("weights aa -> bb") && table.contains("succeeded: "),
+        "{table}"
+    );
+
+    line(report["loss"].as_f64().unwrap() + 0.001);
+    let off = expect(here, 1, &["train", "log", ".", "--step", "7"]);
+    assert!(
+        off.contains("off by 1.00e-3") && off.contains("the traces give loss"),
+        "{off}"
+    );
+
+    assert!(complaint(here, 2, "train log . --step 8").contains("no step 8; it has 7 to 7"));
+    fs::write(here.join("steps.jsonl"), "{\"step\": 1}\n").unwrap();
+    let broken = complaint(here, 2, "train log .");
+    assert!(
+        broken.contains("steps.jsonl, line 1") && broken.contains("store"),
+        "{broken}"
+    );
+    fs::write(here.join("steps.jsonl"), "").unwrap();
+    assert!(complaint(here, 2, "train log .").contains("no step yet"));
+    fs::remove_file(here.join("training.json")).unwrap();
+    assert!(complaint(here, 2, "train log .").contains("training.json"));
+}
+
+/// Two policies over the same tasks and seeds: what differs is named on both sides.
+#[test]
+fn changes_of_a_training_are_told_by_task_and_call() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "3");
+    for (policy, out) in [("oscillating", "before"), ("oracle", "after")] {
+        reel!(
+            here,
+            "run --tasks tasks --policy {policy} --no-images --out {out}"
+        );
+        reel!(here, "ingest {out} --store {out}.store");
+    }
+    let told: Value = serde_json::from_str(&reel!(
+        here,
+        "train changes before.store after.store --json"
+    ))
+    .unwrap();
+    let [before, after] = [0, 1].map(|side| &told["sides"][side]);
+    assert_eq!(
+        (&before["episodes"], &after["episodes"]),
+        (&3.into(), &3.into())
+    );
+    assert_eq!(after["success"], 1.0);
+    let wins = before["success"].as_f64().unwrap() * 3.0;
+    let flips = told["tasks"].as_array().unwrap();
+    assert_eq!(flips.len(), 3 - wins.round() as usize, "{told}");
+    assert!(!flips.is_empty(), "the two policies differ");
+    let failures: u64 = before["failures"]
+        .as_object()
+        .unwrap()
+        .values()
+        .map(|count| count.as_u64().unwrap())
+        .sum();
+    assert_eq!(failures as usize, flips.len());
+    assert_eq!(told["attribution"].as_array().unwrap().len(), 2);
+    assert_eq!(told["attribution"][1].as_array().unwrap().len(), 4);
+    let text = reel!(
+        here,
+        "train changes before.store after.store --no-attribution"
+    );
+    assert!(
+        text.contains("calls of finish") && text.contains("tasks flip"),
+        "{text}"
+    );
+    assert!(!text.contains("capability perfect"), "{text}");
+    reel!(here, "task generate --count 1 --seed 99 --out others");
+    reel!(
+        here,
+        "run --tasks others --policy oracle --no-images --out others.traces"
+    );
+    reel!(here, "ingest others.traces --store others.store");
+    let nothing = complaint(
+        here,
+        2,
+        "train changes before.store others.store --no-attribution",
+    );
+    assert!(nothing.contains("no task and seed is in both"), "{nothing}");
+}

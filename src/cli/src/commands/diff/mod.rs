@@ -8,6 +8,8 @@ use reel_replay::compare;
 
 use crate::{ExitStatus, inputs};
 
+pub use runs::Summary;
+
 /// Show two traces of one task side by side, from the first difference on: calls, results,
 /// changes of the world graph, reward. Between the columns stands | where the calls differ, ~ where
 /// the same call has another result, = where all is the same.

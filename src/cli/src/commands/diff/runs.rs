@@ -124,7 +124,7 @@ fn compare(
 
 /// Numbers of a pairing.
 #[derive(serde::Serialize)]
-struct Summary {
+pub struct Summary {
     pairs: usize,
     tasks: usize,
     /// Success rates of both runs over the pairs.
@@ -140,7 +140,8 @@ struct Summary {
 }
 
 impl Summary {
-    fn of(pairing: &Pairing) -> Self {
+    /// Counts the pairs.
+    pub fn of(pairing: &Pairing) -> Self {
         let pairs = &pairing.pairs;
         let is = |which: [bool; 2]| {
             pairs
@@ -178,6 +179,29 @@ impl Summary {
             p: mcnemar(regressed, recovered),
         }
     }
+
+    /// Prints them in two lines.
+    pub fn print(&self) {
+        let percent = |share: f64| 100.0 * share;
+        println!(
+            "{} pairs of {} tasks: success {:.1}% -> {:.1}%",
+            self.pairs,
+            self.tasks,
+            percent(self.success[0]),
+            percent(self.success[1])
+        );
+        let interval = self.interval.map_or_else(String::new, |[low, high]| {
+            format!(" [{:+.1}, {:+.1}]", percent(low), percent(high))
+        });
+        println!(
+            "difference {:+.1} points{interval}, McNemar's exact p = {:.3}: {} regressed, {} recovered, {} failed in both",
+            percent(self.difference),
+            self.p,
+            self.regressed,
+            self.recovered,
+            self.failed_in_both
+        );
+    }
 }
 
 /// The two-sided p-value of McNemar's exact test: twice the smaller tail of Binomial(n, 1/2).
@@ -193,25 +217,7 @@ fn mcnemar(regressed: usize, recovered: usize) -> f64 {
 }
 
 fn print(summary: &Summary, all: &[Flip], pairing: &Pairing, arguments: &Arguments) {
-    let percent = |share: f64| 100.0 * share;
-    println!(
-        "{} pairs of {} tasks: success {:.1}% -> {:.1}%",
-        summary.pairs,
-        summary.tasks,
-        percent(summary.success[0]),
-        percent(summary.success[1])
-    );
-    let interval = summary.interval.map_or_else(String::new, |[low, high]| {
-        format!(" [{:+.1}, {:+.1}]", percent(low), percent(high))
-    });
-    println!(
-        "difference {:+.1} points{interval}, McNemar's exact p = {:.3}: {} regressed, {} recovered, {} failed in both",
-        percent(summary.difference),
-        summary.p,
-        summary.regressed,
-        summary.recovered,
-        summary.failed_in_both
-    );
+    summary.print();
     let mut groups: BTreeMap<(&str, &str), Vec<&Flip>> = BTreeMap::new();
     for flip in all {
         let [a, b] = &flip.sides;

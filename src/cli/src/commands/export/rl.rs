@@ -35,11 +35,6 @@ pub struct Arguments {
     style: Style,
     #[command(flatten)]
     grouping: Grouping,
-    /// Score the episodes under this preset instead of taking the recorded rewards: paper,
-    /// real-repo, real-trainer or a TOML file. Decisions after the preset is done with an
-    /// episode are left out
-    #[arg(long, value_name = "PRESET")]
-    preset: Option<String>,
     /// What the dataset is called
     #[arg(long, value_name = "NAME", default_value = "reel-rl")]
     name: String,
@@ -74,6 +69,11 @@ pub struct Grouping {
     /// above the group's best
     #[arg(long, value_name = "REWARD", allow_negative_numbers = true)]
     virtual_max: Option<f64>,
+    /// Score the episodes under this preset instead of taking the recorded rewards: paper,
+    /// real-repo, real-trainer or a TOML file. Decisions after the preset is done with an
+    /// episode are left out
+    #[arg(long, value_name = "PRESET")]
+    preset: Option<String>,
 }
 
 impl Grouping {
@@ -115,12 +115,14 @@ impl Grouping {
             return Err(foreign("scale", "grpo, rloo and reinforce++"));
         }
         let group_size = self.group_size.map(|size| size as usize);
+        let preset = self.preset.as_deref().map(PresetSource::find).transpose()?;
+        let preset = preset.map(|named| named.preset);
         Ok(RolloutOptions {
             same_seed: self.same_seed,
             group_size,
             returns: self.returns,
             advantage,
-            preset: None,
+            preset,
         })
     }
 }
@@ -158,16 +160,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         arguments
             .shared
             .options(arguments.format, arguments.style, &arguments.name)?;
-    let preset = arguments
-        .preset
-        .as_deref()
-        .map(PresetSource::find)
-        .transpose()?
-        .map(|named| named.preset);
-    options.rollouts = Some(RolloutOptions {
-        preset,
-        ..arguments.grouping.options()?
-    });
+    options.rollouts = Some(arguments.grouping.options()?);
     options.selection = Selection {
         failed: true,
         mistakes: true,

@@ -1,0 +1,72 @@
+#!/usr/bin/env bash
+# prove.sh: the whole loop with a policy that learns, from nothing to a report. Homes and the oracle's episodes, a policy that sees and a twin
+# that does not, play in homes never seen, GSPO on rollouts, play again, paired comparisons, failures before and after. Each stage is done once:
+# the same command goes on where it was broken off. The report is LOOP_DIR/report.md, its numbers LOOP_DIR/report.json.
+#
+# REEL (the binary), PYTHON (with PyTorch; one is set up otherwise), LOOP_DIR. SHORT=1: some minutes, that show the plumbing whole and prove
+# nothing of learning. What is made and learned: see the defaults below.
+set -euo pipefail
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
+export REEL="${REEL:-reel}" LOOP_DIR="${LOOP_DIR:-loop-data}" JOBS="${JOBS:-2}" EXAMINE=1
+PYTHON="${PYTHON:-$("$here/../../tests/python.sh" lerobot)}"
+export PYTHON
+if [[ -n ${SHORT:-} ]]; then
+  export HOMES="${HOMES:-3}" TASKS="${TASKS:-6}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-1}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-4}"
+  ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" CAPTIONS="${CAPTIONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 80}"
+else
+  export HOMES="${HOMES:-60}" TASKS="${TASKS:-16}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-20}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-15}"
+  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" CAPTIONS="${CAPTIONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
+fi
+data="$LOOP_DIR"
+mkdir -p "$data/played"
+
+# stage NAME COMMAND...: runs it unless it was done, and notes how long it took.
+stage() {
+  local name="$1" start=$SECONDS
+  shift
+  [[ ! -e $data/done.$name ]] || return 0
+  echo "== $name ($(date +%H:%M:%S))"
+  "$@"
+  echo $((SECONDS - start)) >"$data/done.$name"
+}
+
+look() { # the image encoder, on frames with masks of the first homes
+  local homes=() number
+  for number in $(seq 1 "$ENCODER_HOMES"); do homes+=("$data/traces/home_$number"); done
+  rm -rf "$data/coco"
+  "$REEL" export coco "${homes[@]}" --marks --out "$data/coco"
+  "$PYTHON" "$here/pretrain.py" --coco "$data/coco" --traces "${homes[@]}" --reel "$REEL" --updates "$ENCODER_UPDATES" --threads 2 --out "$data/encoder.pt"
+  rm -rf "$data/coco"
+}
+
+learn() { # the policy that sees and its twin, at once
+  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/untrained" --updates 0 >/dev/null
+  local twin
+  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/blind" --captions "$CAPTIONS" --updates "$UPDATES" --blind >"$data/blind.txt" &
+  twin=$!
+  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/seeing" --encoder "$data/encoder.pt" --captions "$CAPTIONS" --updates "$UPDATES" | tee "$data/seeing.txt"
+  wait "$twin"
+}
+
+play() { # play CHECKPOINT NAME OPTIONS...
+  local checkpoint="$1" name="$2"
+  shift 2
+  "$PYTHON" "$here/evaluate.py" play "$checkpoint" --reel "$REEL" --tasks "$data/held-out" --out "$data/played/$name" --repeat "$REPEATS" --threads 2 "$@"
+}
+
+stage homes "$here/homes.sh"
+stage look look
+stage learn learn
+stage examine "$PYTHON" "$here/examine.py" "$data/seeing" --set "$data/held-out-set" --threads 2 --out "$data/examined.json"
+for name in untrained blind seeing; do
+  stage "play-$name" play "$data/$name" "$name"
+done
+# shellcheck disable=SC2086
+stage reinforce "$PYTHON" "$here/gspo.py" "$data/seeing" --tasks "$data/train" --out "$data/gspo" --steps "$STEPS" --reel "$REEL" $GSPO
+last="$data/gspo/step_$(printf %03d "$STEPS")"
+stage play-learned play "$last" learned
+# As it was trained: with draws. The same seeds give the same draws.
+stage play-seeing-sampled play "$data/seeing" seeing-sampled --temperature 1
+stage play-learned-sampled play "$last" learned-sampled --temperature 1
+stage report "$PYTHON" "$here/report.py" "$data" --reel "$REEL"
+cat "$data/report.md"

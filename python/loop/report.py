@@ -1,0 +1,158 @@
+"""Writes the report of a loop: `report.json` and `report.md`, with curves as SVG, from what `prove.sh` left in a folder.
+
+    python report.py loop-data --reel reel
+"""
+
+import argparse
+import collections.abc
+import json
+import math
+import pathlib
+import typing
+
+import evaluate
+import rollouts
+
+POLICIES = {
+    "untrained": "random weights", "blind": "SFT, images replaced by zeros", "seeing": "SFT", "learned": "SFT, then GSPO",
+    "seeing-sampled": "SFT, temperature 1", "learned-sampled": "SFT, then GSPO, temperature 1",
+}
+PAIRS = [("seeing", "untrained"), ("seeing", "blind"), ("learned", "seeing"), ("learned-sampled", "seeing-sampled")]
+Json = dict[str, typing.Any]
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """The 95% interval of a share."""
+    z, share = 1.959964, hits / count
+    middle, spread = share + z * z / (2 * count), z * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
+    return (middle - spread) / (1 + z * z / count), (middle + spread) / (1 + z * z / count)
+
+
+def table(head: collections.abc.Sequence[str], rows: collections.abc.Iterable[collections.abc.Sequence[object]]) -> str:
+    """A table in Markdown."""
+    line = lambda cells: "| " + " | ".join(map(str, cells)) + " |\n"
+    return line(head) + line(["---"] * len(head)) + "".join(map(line, rows)) + "\n"
+
+
+def curve(title: str, series: dict[str, list[float]], path: pathlib.Path) -> None:
+    """Lines over the steps of a training, as an SVG file."""
+    width, height, left, top = 640, 260, 56, 34
+    values = [value for line in series.values() for value in line]
+    low, high = min([0.0, *values]), max(values) or 1.0
+    longest = max(len(line) for line in series.values())
+    x = lambda step: left + (width - left - 16) * (step / max(1, longest - 1))
+    y = lambda value: height - 28 - (height - 28 - top) * (value - low) / (high - low)
+    colours = ["#1f6feb", "#d1642b", "#2b8a3e", "#862e9c"]
+    parts = [f'<text x="{left}" y="18" font-weight="bold">{title}</text>']
+    for value in (low, (low + high) / 2, high):
+        parts.append(f'<line x1="{left}" x2="{width - 16}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#ccc"/>')
+        parts.append(f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
+    for step in (1, longest):
+        parts.append(f'<text x="{x(step - 1):.1f}" y="{height - 8}" text-anchor="middle">{step}</text>')
+    for index, (name, line) in enumerate(series.items()):
+        points = " ".join(f"{x(step):.1f},{y(value):.1f}" for step, value in enumerate(line))
+        colour = colours[index % len(colours)]
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        parts.append(f'<text x="{width - 16 - 130 * (len(series) - 1 - index)}" y="18" text-anchor="end" fill="{colour}">{name}</text>')
+    path.write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">'
+        f'<rect width="{width}" height="{height}" fill="white"/>{"".join(parts)}</svg>\n',
+        encoding="utf-8",
+    )
+
+
+def smooth(values: list[float], span: int = 5) -> list[float]:
+    """The mean of the last values."""
+    return [sum(values[max(0, index - span + 1) : index + 1]) / len(values[max(0, index - span + 1) : index + 1]) for index in range(len(values))]
+
+
+def policies(played: dict[str, dict]) -> list[list[object]]:
+    """A row for each policy."""
+    rows = []
+    for name, episodes in played.items():
+        count, wins = len(episodes), sum(bool(row["success"]) for row in episodes.values())
+        low, high = wilson(wins, count)
+        mean = lambda field: sum(row[field] or 0 for row in episodes.values()) / count
+        rows.append([
+            name, POLICIES[name], count, f"{wins / count:.1%} [{low:.1%}, {high:.1%}]", f"{mean('completion'):.1%}", f"{mean('total_reward'):.2f}",
+            f"{mean('length'):.1f}",
+        ])
+    return rows
+
+
+def comparison(name: str, found: Json) -> list[object]:
+    """A row for a pair."""
+    percent = lambda value: f"{100 * value:+.1f}"
+    interval = lambda field: f"[{percent(found[field][0])}, {percent(found[field][1])}]"
+    return [
+        name, found["episodes"], f"{percent(found['success_difference'])} {interval('success_interval')}", f"{found['flips'][0]} : {found['flips'][1]}",
+        f"{found['mcnemar_p']:.2g}", f"{percent(found['completion_difference'])} {interval('completion_interval')}", f"{found['completion_p']:.2g}",
+    ]
+
+
+def throughput(steps: list[Json]) -> Json:
+    """Rollouts a minute, and how the time is shared."""
+    total = lambda get: sum(get(step) for step in steps)
+    wall = total(lambda step: step["seconds"]["play"]["wall"])
+    model, reel = (total(lambda step: step["seconds"]["play"][name]) for name in ("model", "reel"))
+    whole = wall + total(lambda step: step["seconds"]["export"] + step["seconds"]["learn"] + step["seconds"]["check"])
+    return {
+        "rollouts_a_minute": 60 * total(lambda step: step["episodes"]) / wall, "decisions_a_second": total(lambda step: step["decisions"]) / wall,
+        "cpu_share_model": model / (model + reel), "cpu_share_reel": reel / (model + reel),
+        "wall_share_play": wall / whole, "wall_share_learn": total(lambda step: step["seconds"]["learn"]) / whole,
+        "wall_share_export_and_replay": total(lambda step: step["seconds"]["export"]) / whole, "wall_share_check": total(lambda step: step["seconds"]["check"]) / whole,
+    }
+
+
+def rewards_checked(reel: str, stores: list[pathlib.Path]) -> int:
+    """How many stores hold rewards that are, recomputed, equal bit for bit. Fails on the first that differs."""
+    for store in stores:
+        rollouts.run([reel, "store", "reward", "--store", str(store), "--check"])
+    return len(stores)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=pathlib.Path)
+    parser.add_argument("--reel", default="reel", help="the binary")
+    chosen = parser.parse_args()
+    folder, reel = chosen.folder, chosen.reel
+    played = {name: evaluate.episodes(reel, folder / "played" / name) for name in POLICIES if (folder / "played" / name).exists()}
+    compared = {f"{one} - {other}": evaluate.compare(played[one], played[other]) for one, other in PAIRS if one in played and other in played}
+    steps = [json.loads(line) for line in (folder / "gspo" / "steps.jsonl").read_text().splitlines()]
+    stores = sorted((folder / "gspo" / "rollouts").glob("step_*/store"))
+    log = json.loads(rollouts.run([reel, "train", "log", str(folder / "gspo"), "--json"]))
+    changes = rollouts.run([reel, "train", "changes", str(folder / "played/seeing.store"), str(folder / "played/learned.store")])
+    report = {
+        "policies": {name: {"episodes": len(rows), "success": sum(bool(row["success"]) for row in rows.values())} for name, rows in played.items()},
+        "comparisons": compared,
+        "rollouts": {
+            "steps": len(steps), "episodes": sum(step["episodes"] for step in steps), "replayed_exactly": sum(step["episodes"] for step in steps),
+            "stores_with_rewards_equal_bit_for_bit": rewards_checked(reel, stores),
+            "largest_difference_of_log_and_traces": max(step["apart"] for step in log["steps"]),
+            "largest_difference_of_sampled_and_scored": max(step["sampled_to_scored"] for step in steps),
+        },
+        "throughput": throughput(steps),
+        "seconds": {path.name.removeprefix("done."): int(path.read_text()) for path in sorted(folder.glob("done.*"))},
+        "steps": [{"success": step["success"], "return": step["return"]} for step in steps],
+    }
+    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    curve("rollouts: success by step, mean of five", {"success": smooth([step["success"] for step in steps])}, folder / "success.svg")
+    curve("rollouts: return by step, mean of five", {"return": smooth([step["return"] for step in steps])}, folder / "return.svg")
+    mean = lambda step, name: sum(update[name] for update in step["updates"]) / len(step["updates"])
+    curve("KL from the SFT policy", {"KL": [mean(step, "kl") for step in steps]}, folder / "kl.svg")
+    text = "# Report of the loop\n\n## Homes never seen\n\n"
+    text += table(["policy", "", "episodes", "success (95 %, Wilson)", "completion", "reward", "decisions"], policies(played))
+    text += table(
+        ["paired", "episodes", "success, points", "won : lost", "p (McNemar)", "completion, points", "p (sign flip)"],
+        [comparison(name, found) for name, found in compared.items()],
+    )
+    text += "## Rollouts of GSPO\n\n![success](success.svg)\n![return](return.svg)\n![KL](kl.svg)\n\n"
+    text += table(["figure", "value"], [*report["rollouts"].items(), *((name, f"{value:.3g}") for name, value in report["throughput"].items())])
+    text += f"## What GSPO changed\n\n```text\n{changes}```\n\n"
+    text += "## Time\n\n" + table(["stage", "seconds"], report["seconds"].items())
+    (folder / "report.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
