@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test test-long pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
+.PHONY: help demo test test-long pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft prove-loop eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -107,6 +107,10 @@ prove-sft: ## train a small language model on an exported set and measure it in 
 
 eval-learned: ## play the small learned policy in homes it never saw and write its failures down for blind labels (needs Python)
 	tests/training/learned.sh
+
+prove-loop: ## teach a small policy that sees in generated homes, reinforce it, and measure in homes it never saw (needs Python; two to three hours)
+	cargo build --locked --workspace --bin reel
+	REEL="$(CARGO_TARGET_DIR)/debug/reel" LOOP_DIR="$${LOOP_DIR:-out/loop}" python/loop/prove.sh
 
 agreement: ## every policy and fault with every family, over 2 seeds: one set of numbers in traces, recordings, imports, tables and REST (twenty minutes)
 	REEL_SEEDS=2 cargo test --locked --workspace --test cli -- --nocapture one_episode_has_one_set_of_numbers

@@ -188,8 +188,8 @@ def examine(encoder: model.ImageEncoder, heads: Heads, batches: Batches) -> dict
     return {kind: round(right / max(1, count), 3) for kind, (right, count) in sorted(hits.items())}
 
 
-def train(config: model.Config, batches: Batches, updates: int, rate: float, size: int, seed: int, held: Batches | None) -> model.ImageEncoder:
-    """The trained encoder."""
+def train(config: model.Config, batches: Batches, updates: int, rate: float, size: int, seed: int, held: Batches | None = None) -> tuple[model.ImageEncoder, Heads]:
+    """The trained encoder, and what reads words off it."""
     encoder = model.build(config, seed).encoder
     heads = Heads(config, len(batches.number))
     parameters = [*encoder.parameters(), *heads.parameters()]
@@ -219,7 +219,7 @@ def train(config: model.Config, batches: Batches, updates: int, rate: float, siz
                 nn.Module.train(encoder, True)
             print(json.dumps(line), flush=True)
             recent.clear()
-    return encoder.train()
+    return encoder.train(), heads
 
 
 def main() -> None:
@@ -248,7 +248,7 @@ def main() -> None:
     held = None
     if chosen.held_out:
         held = Batches(read(chosen.held_out[0], traces([chosen.held_out[1]]), chosen.reel, 2), vocabulary, config, 2)
-    encoder = train(config, Batches(frames, vocabulary, config, 2), chosen.updates, chosen.rate, chosen.size, chosen.seed, held)
+    encoder, _ = train(config, Batches(frames, vocabulary, config, 2), chosen.updates, chosen.rate, chosen.size, chosen.seed, held)
     torch.save(encoder.state_dict(), chosen.out)
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # prove.sh: the whole loop with a policy that learns, from nothing to a report. Homes and the oracle's episodes, a policy that sees and a twin
 # that does not, play in homes never seen, GSPO on rollouts, play again, paired comparisons, failures before and after. Each stage is done once:
-# the same command goes on where it was broken off. The report is LOOP_DIR/report.md, its numbers LOOP_DIR/report.json.
+# the same command goes on where it was broken off. The report is LOOP_DIR/report.html, its numbers LOOP_DIR/report.json.
 #
 # REEL (the binary), PYTHON (with PyTorch; one is set up otherwise), LOOP_DIR. SHORT=1: some minutes, that show the plumbing whole and prove
 # nothing of learning. What is made and learned: see the defaults below.
@@ -69,4 +69,4 @@ stage play-learned play "$last" learned
 stage play-seeing-sampled play "$data/seeing" seeing-sampled --temperature 1
 stage play-learned-sampled play "$last" learned-sampled --temperature 1
 stage report "$PYTHON" "$here/report.py" "$data" --reel "$REEL"
-cat "$data/report.md"
+echo "the report: $data/report.html"

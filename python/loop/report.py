@@ -1,10 +1,11 @@
-"""Writes the report of a loop: `report.json` and `report.md`, with curves as SVG, from what `prove.sh` left in a folder.
+"""Writes the report of a loop, `report.html` and `report.json`, from what `prove.sh` left in a folder, and prints its tables.
 
     python report.py loop-data --reel reel
 """
 
 import argparse
 import collections.abc
+import html
 import json
 import math
 import pathlib
@@ -28,37 +29,44 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     return (middle - spread) / (1 + z * z / count), (middle + spread) / (1 + z * z / count)
 
 
-def table(head: collections.abc.Sequence[str], rows: collections.abc.Iterable[collections.abc.Sequence[object]]) -> str:
-    """A table in Markdown."""
-    line = lambda cells: "| " + " | ".join(map(str, cells)) + " |\n"
-    return line(head) + line(["---"] * len(head)) + "".join(map(line, rows)) + "\n"
+class Page:
+    """A report as HTML in one file, and its tables as text."""
 
+    def __init__(self, title: str) -> None:
+        style = "body{font:15px sans-serif;max-width:60em;margin:2em auto;padding:0 1em}td,th{padding:.2em .8em;text-align:left;border-bottom:1px solid #ddd}pre{overflow-x:auto}"
+        self.html = [f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{style}</style><h1>{title}</h1>']
+        self.text: list[str] = []
 
-def curve(title: str, series: dict[str, list[float]], path: pathlib.Path) -> None:
-    """Lines over the steps of a training, as an SVG file."""
-    width, height, left, top = 640, 260, 56, 34
-    values = [value for line in series.values() for value in line]
-    low, high = min([0.0, *values]), max(values) or 1.0
-    longest = max(len(line) for line in series.values())
-    x = lambda step: left + (width - left - 16) * (step / max(1, longest - 1))
-    y = lambda value: height - 28 - (height - 28 - top) * (value - low) / (high - low)
-    colours = ["#1f6feb", "#d1642b", "#2b8a3e", "#862e9c"]
-    parts = [f'<text x="{left}" y="18" font-weight="bold">{title}</text>']
-    for value in (low, (low + high) / 2, high):
-        parts.append(f'<line x1="{left}" x2="{width - 16}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#ccc"/>')
-        parts.append(f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
-    for step in (1, longest):
-        parts.append(f'<text x="{x(step - 1):.1f}" y="{height - 8}" text-anchor="middle">{step}</text>')
-    for index, (name, line) in enumerate(series.items()):
-        points = " ".join(f"{x(step):.1f},{y(value):.1f}" for step, value in enumerate(line))
-        colour = colours[index % len(colours)]
-        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts.append(f'<text x="{width - 16 - 130 * (len(series) - 1 - index)}" y="18" text-anchor="end" fill="{colour}">{name}</text>')
-    path.write_text(
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">'
-        f'<rect width="{width}" height="{height}" fill="white"/>{"".join(parts)}</svg>\n',
-        encoding="utf-8",
-    )
+    def heading(self, title: str) -> None:
+        self.html.append(f"<h2>{html.escape(title)}</h2>")
+        self.text.append(f"\n{title}\n")
+
+    def table(self, head: collections.abc.Sequence[str], rows: collections.abc.Iterable[collections.abc.Sequence[object]]) -> None:
+        cells = [list(head), *([str(cell) for cell in row] for row in rows)]
+        line = lambda kind, row: "<tr>" + "".join(f"<{kind}>{html.escape(cell)}</{kind}>" for cell in row) + "</tr>"
+        self.html.append("<table>" + line("th", cells[0]) + "".join(line("td", row) for row in cells[1:]) + "</table>")
+        widths = [max(len(row[column]) for row in cells) for column in range(len(head))]
+        self.text += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in cells]
+
+    def preformatted(self, text: str) -> None:
+        self.html.append(f"<pre>{html.escape(text)}</pre>")
+        self.text.append(text)
+
+    def curve(self, title: str, values: list[float]) -> None:
+        """A line over the steps of a training, as SVG."""
+        width, height, left, top, bottom = 640, 240, 56, 34, 28
+        low, high = min([0.0, *values]), max(values) or 1.0
+        x = lambda step: left + (width - left - 16) * (step / max(1, len(values) - 1))
+        y = lambda value: height - bottom - (height - bottom - top) * (value - low) / ((high - low) or 1.0)
+        parts = [f'<text x="{left}" y="18" font-weight="bold">{html.escape(title)}</text>']
+        for value in (low, (low + high) / 2, high):
+            parts.append(f'<line x1="{left}" x2="{width - 16}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#ccc"/>')
+            parts.append(f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
+        for step in (1, len(values)):
+            parts.append(f'<text x="{x(step - 1):.1f}" y="{height - 8}" text-anchor="middle">{step}</text>')
+        points = " ".join(f"{x(step):.1f},{y(value):.1f}" for step, value in enumerate(values))
+        parts.append(f'<polyline points="{points}" fill="none" stroke="#1f6feb" stroke-width="2"/>')
+        self.html.append(f'<svg viewBox="0 0 {width} {height}" width="{width}" font-family="sans-serif" font-size="12">{"".join(parts)}</svg>')
 
 
 def smooth(values: list[float], span: int = 5) -> list[float]:
@@ -137,21 +145,24 @@ def main() -> None:
         "steps": [{"success": step["success"], "return": step["return"]} for step in steps],
     }
     (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    curve("rollouts: success by step, mean of five", {"success": smooth([step["success"] for step in steps])}, folder / "success.svg")
-    curve("rollouts: return by step, mean of five", {"return": smooth([step["return"] for step in steps])}, folder / "return.svg")
-    mean = lambda step, name: sum(update[name] for update in step["updates"]) / len(step["updates"])
-    curve("KL from the SFT policy", {"KL": [mean(step, "kl") for step in steps]}, folder / "kl.svg")
-    text = "# Report of the loop\n\n## Homes never seen\n\n"
-    text += table(["policy", "", "episodes", "success (95 %, Wilson)", "completion", "reward", "decisions"], policies(played))
-    text += table(
+    page = Page("The learning loop")
+    page.heading("Homes never seen")
+    page.table(["policy", "", "episodes", "success (95 %, Wilson)", "completion", "reward", "decisions"], policies(played))
+    page.table(
         ["paired", "episodes", "success, points", "won : lost", "p (McNemar)", "completion, points", "p (sign flip)"],
         [comparison(name, found) for name, found in compared.items()],
     )
-    text += "## Rollouts of GSPO\n\n![success](success.svg)\n![return](return.svg)\n![KL](kl.svg)\n\n"
-    text += table(["figure", "value"], [*report["rollouts"].items(), *((name, f"{value:.3g}") for name, value in report["throughput"].items())])
-    text += f"## What GSPO changed\n\n```text\n{changes}```\n\n"
-    text += "## Time\n\n" + table(["stage", "seconds"], report["seconds"].items())
-    (folder / "report.md").write_text(text, encoding="utf-8")
+    page.heading("Rollouts of GSPO")
+    page.curve("success of the rollouts by step, mean of five", smooth([step["success"] for step in steps]))
+    page.curve("return of the rollouts by step, mean of five", smooth([step["return"] for step in steps]))
+    page.curve("KL from the SFT policy", [sum(update["kl"] for update in step["updates"]) / len(step["updates"]) for step in steps])
+    page.table(["", ""], [*((name.replace("_", " "), value) for name, value in report["rollouts"].items()), *((name.replace("_", " "), f"{value:.3g}") for name, value in report["throughput"].items())])
+    page.heading("What GSPO changed")
+    page.preformatted(changes)
+    page.heading("Seconds by stage")
+    page.table(["stage", "seconds"], report["seconds"].items())
+    (folder / "report.html").write_text("\n".join(page.html) + "\n", encoding="utf-8")
+    print("\n".join(page.text))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ import generate
 import gspo
 import images
 import model
+import pretrain
 import rollouts
 import score
 import server
@@ -92,6 +93,58 @@ class Seeing(unittest.TestCase):
         self.assertLessEqual(numpy.abs(images.shrink(pixels, 96, 128) - mean).max(), 1)
         with self.assertRaises(ValueError):
             images.shrink(pixels, 100, 128)
+
+
+    def test_masks_are_read(self) -> None:
+        # A column of 4, height 2: runs of 1, 2, 1 go down the columns of a 2 x 2 image.
+        covered = pretrain.mask({"size": [2, 2], "counts": "121"})
+        self.assertEqual(covered.tolist(), [[False, True], [True, False]])
+        # From the fourth on a run is the difference from the one before the last: 4 - 1.
+        self.assertEqual(pretrain.run_lengths("342O"), [3, 4, 2, 3])
+
+    def test_cells_have_the_words_of_what_fills_them(self) -> None:
+        runs = lambda first, inside: "".join(map(encoded, (first, inside, images.HEIGHT * images.WIDTH - first - inside)))
+        about = pretrain.Described({"mug_1": {"category: mug", "red"}}, {"table_1": {"category: table", "top: glass"}}, [{"mug_1": "marker: 3"}])
+        # The table fills the left half; the mug fills the first column of cells.
+        annotations = [
+            {"instance": "mug_1", "segmentation": {"size": [images.HEIGHT, images.WIDTH], "counts": runs(0, images.HEIGHT * pretrain.CELL)}},
+            {"instance": "table_1", "segmentation": {"size": [images.HEIGHT, images.WIDTH], "counts": runs(0, images.HEIGHT * images.WIDTH // 2)}},
+            {"instance": "wall", "segmentation": {"size": [images.HEIGHT, images.WIDTH], "counts": runs(0, images.HEIGHT * images.WIDTH)}},
+        ]
+        cells = pretrain.label(annotations, about, 0)
+        columns = images.WIDTH // pretrain.CELL
+        self.assertEqual(cells[0], {"category: mug", "red", "marker: 3"})
+        self.assertEqual(cells[columns + 1], {"category: table", "top: glass"})
+        self.assertNotIn(columns - 1, cells)
+        self.assertEqual(pretrain.label(annotations, about, None)[0], {"category: mug", "red"})
+
+    def test_an_encoder_learns_what_stands_where(self) -> None:
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        frames = []
+        columns = images.WIDTH // pretrain.CELL
+        for index, (left, right) in enumerate([("red", "blue"), ("blue", "red")] * 2):
+            path = folder / f"{index}.png"
+            image = Image.new("RGB", (images.WIDTH, images.HEIGHT), left)
+            image.paste(right, (images.WIDTH // 2, 0, images.WIDTH, images.HEIGHT))
+            image.save(path)
+            cells = {cell: frozenset({left if cell % columns < columns // 2 else right}) for cell in range(columns * (images.HEIGHT // pretrain.CELL))}
+            frames.append(pretrain.Frame(path, cells))
+        config = model.Config(1, **SMALL)
+        torch.manual_seed(0)
+        batches = pretrain.Batches(frames, ["blue", "red"], config, 1)
+        encoder, heads = pretrain.train(config, batches, 50, 1e-2, 4, 0)
+        self.assertGreater(pretrain.examine(encoder, heads, batches)["plain"], 0.9)
+
+
+def encoded(value: int) -> str:
+    """One of the first three runs of a mask in COCO's compressed form."""
+    text = ""
+    while True:
+        part, value = value & 31, value >> 5
+        more = value != 0 or bool(part & 16)
+        text += chr(48 + part + (32 if more else 0))
+        if not more:
+            return text
 
 
 class Learning(unittest.TestCase):

@@ -200,11 +200,11 @@ pub enum ExportError {
     /// The log of a training cannot be read.
     #[error("{}{}: {reason}", path.display(), line.map_or_else(String::new, |line| format!(", line {line}")))]
     TrainingLog {
-        /// The file.
+        /// The file of the log that cannot be read.
         path: PathBuf,
-        /// The line, from 1, where there is one.
+        /// The line, from 1; `None` if it is about the whole file.
         line: Option<usize>,
-        /// What is wrong.
+        /// What is wrong with it.
         reason: String,
     },
     /// The columns of the Parquet file cannot be built.

@@ -39,15 +39,15 @@ pub struct LoggedObjective {
     pub reference: Option<String>,
     /// Radius of the clip range below 1.
     pub epsilon: f64,
-    /// Radius above 1.
+    /// Radius of the clip range above 1.
     pub epsilon_high: f64,
     /// Weight of the KL.
     pub beta: f64,
-    /// `paper` or `published`.
+    /// How rewards become returns: `paper` or `published`.
     pub returns: String,
     /// Name of the estimator of advantages.
     pub advantage: String,
-    /// Rollouts a group.
+    /// How many rollouts a group has.
     pub group_size: Option<usize>,
     /// The reward preset, if it is not the recorded one.
     pub preset: Option<String>,
@@ -56,7 +56,7 @@ pub struct LoggedObjective {
 /// One step: rollouts and the updates that were made from them.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct LoggedStep {
-    /// Its number.
+    /// The number of the step.
     pub step: u32,
     /// Digest of the weights that played.
     #[serde(default)]
@@ -86,7 +86,7 @@ pub struct LoggedUpdate {
 /// Figures of the objective over some rollouts.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Figures {
-    /// What was minimised.
+    /// The loss that was minimised.
     pub loss: f64,
     /// Mean ratio of the sequences.
     pub ratio: f64,

@@ -541,3 +541,13 @@ fn changes_of_a_training_are_told_by_task_and_call() {
     );
     assert!(nothing.contains("no task and seed is in both"), "{nothing}");
 }
+
+/// The learning loop of `python/loop`: unit tests, and in the long form the loop itself, some minutes of it.
+#[test]
+fn the_learning_loop_is_whole() {
+    let mut loop_tests = reel_vectors::script("bash", "../python/loop/tests/run.sh");
+    loop_tests
+        .args(reel_vectors::form())
+        .env("REEL", env!("CARGO_BIN_EXE_reel"));
+    reel_vectors::run(&mut loop_tests);
+}

@@ -140,7 +140,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Counts the pairs.
+    /// Counts which episodes of the pairs succeeded.
     pub fn of(pairing: &Pairing) -> Self {
         let pairs = &pairing.pairs;
         let is = |which: [bool; 2]| {

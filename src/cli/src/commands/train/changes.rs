@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Print JSON
+    /// Print the comparison as one JSON object
     #[arg(long)]
     json: bool,
 }
@@ -51,7 +51,7 @@ struct Side {
     episodes: usize,
     success: f64,
     completion: f64,
-    /// Decisions an episode.
+    /// Mean number of decisions of an episode.
     length: f64,
     /// Calls an episode, by tool; answers that name no tool count as `(unreadable)`.
     calls: BTreeMap<String, f64>,

@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Show the episodes of this step
     #[arg(long, value_name = "N")]
     step: Option<u32>,
-    /// Print JSON
+    /// Print the steps and their episodes as one JSON object
     #[arg(long)]
     json: bool,
 }
