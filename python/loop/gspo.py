@@ -102,6 +102,14 @@ def objective(decisions: list[Decision], new: list[list[float]], ref: list[list[
     return weights, Metrics(-mean(surrogates) + options.beta * mean(kls), mean(ratios), low / len(sequences), high / len(sequences), mean(kls))
 
 
+def sampling_difference(decisions: list[Decision], scores: list[list[float]]) -> float:
+    """The largest difference of a rollout's mean log-probability between the server that drew it and these scores of the same weights."""
+    gaps: dict[str, list[float]] = collections.defaultdict(list)
+    for one, values in zip(decisions, scores):
+        gaps[one.episode] += [new - old for new, old in zip(values, one.old)]
+    return max(abs(math.fsum(values) / len(values)) for values in gaps.values())
+
+
 class Learner:
     """The weights and their optimizer."""
 
@@ -191,7 +199,9 @@ def step(number: int, learner: Learner, tokenizer: Tokenizer, ref: model.Policy,
     pictures = data.Pictures(learner.policy.config)
     lines, scores = learner.learn(decisions, ref, pictures)
     learned = time.monotonic()
-    difference = max(abs(one - other) for place, one in enumerate(decisions) if one.group in lines[0]["groups"] for one, other in zip(scores["new"][place], one.old))
+    difference = sampling_difference([one for one in decisions if one.group in lines[0]["groups"]], [
+        scores["new"][place] for place, one in enumerate(decisions) if one.group in lines[0]["groups"]
+    ])
     rollouts.add_logprobs(chosen.reel, here, decisions, scores)
     apart = compare(chosen.reel, here / "store", lines, options)
     shutil.rmtree(here / "rows" / "images", ignore_errors=True)
