@@ -127,7 +127,7 @@ class Pictures:
         self.kept: dict[pathlib.Path, numpy.ndarray] = {}
 
     def load(self, paths: Iterable[pathlib.Path], jobs: int = 2) -> None:
-        """Reads many at once."""
+        """Reads and shrinks the images of many files, some at a time."""
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
             list(pool.map(self.get, sorted(set(paths))))
 

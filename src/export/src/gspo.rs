@@ -231,8 +231,8 @@ struct StepRow {
 /// An episode that is in a group.
 struct Rollout {
     worth: GroupReturn,
-    /// The decision with which the preset is done with the episode; `None` if the recorded rewards
-    /// count.
+    /// The decision with which the preset is done with the episode; `None` if the rewards are those
+    /// that were recorded.
     last: Option<u32>,
     decisions: Vec<StepRow>,
 }

@@ -13,16 +13,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::{ExportError, GspoOptions, GspoReport, RolloutOptions, gspo};
 
-/// What is the same for all steps of a training.
+/// File with what is the same for all steps of a training.
 const ABOUT: &str = "training.json";
-/// A line a step.
+/// File with one JSON object a line, one line a step.
 const STEPS: &str = "steps.jsonl";
 
 /// The log of a training.
 #[derive(Debug)]
 pub struct TrainingLog {
     folder: PathBuf,
-    /// Which objective was minimised.
+    /// The objective that every update of this training minimised.
     pub objective: LoggedObjective,
     /// In the order of their numbers.
     pub steps: Vec<LoggedStep>,
@@ -41,7 +41,7 @@ pub struct LoggedObjective {
     pub epsilon: f64,
     /// Radius of the clip range above 1.
     pub epsilon_high: f64,
-    /// Weight of the KL.
+    /// Weight of the KL in the loss.
     pub beta: f64,
     /// How rewards become returns: `paper` or `published`.
     pub returns: String,

@@ -388,6 +388,8 @@ fn rows_of_rollouts_are_what_was_asked_and_said() {
     assert_eq!(rows.len(), 4, "{text}");
     assert_eq!(rows, said);
     reel!(here, "dataset lint rl");
+    let changes = reel!(here, "train changes store store --no-attribution");
+    assert!(changes.contains("calls of (unreadable)"), "{changes}");
 }
 
 /// What a trainer logged is what the traces of its rollouts give, and a log that says otherwise is named.

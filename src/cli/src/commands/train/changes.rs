@@ -16,9 +16,9 @@ use super::ask;
 use crate::{ExitStatus, commands::diff::Summary, inputs, progress};
 
 /// Show what a training changed in behaviour: two stores with the same tasks and seeds, played
-/// before and after it. Success with the paired test, which tasks flip, how often each tool is
-/// called, what explains the failures, and what each capability costs (`reel attribute`) on both
-/// sides.
+/// before and after it. Success with the paired test, which tasks flip, and for both sides how
+/// often each tool is called, what explains the failures, and what each capability costs (`reel
+/// attribute`).
 ///
 /// Examples:
 ///   reel train changes before.store after.store
@@ -45,7 +45,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// What one side did.
+/// What the episodes of one store did, as counts and means.
 #[derive(Serialize)]
 struct Side {
     episodes: usize,
@@ -64,7 +64,7 @@ struct Side {
 struct TaskFlip {
     task_id: String,
     episodes: usize,
-    /// Successes before and after.
+    /// How many of the paired episodes succeeded before the training, and after it.
     successes: [usize; 2],
 }
 
@@ -85,7 +85,7 @@ struct CountRow {
     count: usize,
 }
 
-/// Compares the two sides.
+/// Pairs the episodes of the two stores and prints what differs.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let mut sides = Vec::new();
     let mut costs = Vec::new();
@@ -159,7 +159,8 @@ fn side(session: &QuerySession, rows: &[EpisodeRow]) -> anyhow::Result<Side> {
         calls: calls
             .into_iter()
             .map(|row| {
-                let name = row.name.unwrap_or_else(|| "(unreadable)".to_owned());
+                let named = row.name.filter(|name| !name.is_empty());
+                let name = named.unwrap_or_else(|| "(unreadable)".to_owned());
                 (name, row.count as f64 / count)
             })
             .collect(),

@@ -12,8 +12,8 @@ use serde_json::json;
 use super::ask;
 use crate::{ExitStatus, commands::store::reward::PresetSource};
 
-/// How far a figure of the log may be from the same figure of the traces: what 32-bit
-/// log-probabilities leave open.
+/// How far a figure of the log may be from the same figure of the traces, which trainers compute
+/// from log-probabilities in 32 bits.
 const CLOSE: f64 = 1e-5;
 
 /// Show a training step by step, and hold its log against the traces of its rollouts: ratio, clip
@@ -26,8 +26,8 @@ const CLOSE: f64 = 1e-5;
 ///   reel train log loop-data/gspo --step 41
 ///   reel train log loop-data/gspo --json | jq '.steps[] | {step, apart}'
 ///
-/// Exit code 0: every figure is that of the traces within 0.00001; 1: one is not; 2: the log or a
-/// store cannot be read.
+/// Exit code 0: every figure is that of the traces within 0.00001; 1: one is not; 2: the log, or a
+/// store that it names, cannot be read.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -60,7 +60,7 @@ struct Episode {
     sequence: Sequence,
     #[serde(flatten)]
     row: EpisodeRow,
-    /// Of the sum of `|ratio * advantage|` over the episodes that are not clipped.
+    /// Its part of the sum of `|ratio * advantage|` over the episodes that are not clipped.
     share: f64,
     /// Sums of the reward terms, by component.
     terms: BTreeMap<String, f64>,
@@ -83,7 +83,7 @@ struct TermRow {
     value: f64,
 }
 
-/// Shows a training or a step of it.
+/// Prints the steps of a training, or the episodes of one step.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let log = TrainingLog::open(&arguments.run)?;
     let preset = log.objective.preset.as_deref();
