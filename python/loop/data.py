@@ -1,6 +1,5 @@
 """Examples of `reel export sft --format ms-swift --style single-turn`: the prompt of a decision, its image, and the answer."""
 
-import concurrent.futures
 import dataclasses
 import json
 import pathlib
@@ -8,12 +7,12 @@ import random
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-import numpy
 import torch
 from torch import Tensor
 
 import images
-from model import Config
+from model import Config, Policy
+from notes import lacking
 from tokenizer import ANSWER, END, IMAGE, PAD, Tokenizer
 
 MARK = "<image>"  # stands for the image in the text of a prompt
@@ -22,7 +21,9 @@ RECEPTACLE = re.compile(r"\b([a-z]+(?:_[a-z]+)*)_(\d+)\b")
 DESTINATION = re.compile(r'"receptacle_name": ?"([^"]+)"')
 NAMED_ROOM = re.compile(r"\b(?:at|want|bring it to) [^;<]*? in the ([a-z ]+?)(?:;|</think>)")
 HISTORY = re.compile(r'"History": ?"\d+\) ([^"]*)"')
-CAPTION = re.compile(r"(?:at \S+ in [^:]+: |saw [^0-9]+|gazed at )(.+)")
+JUDGED = re.compile(r"want ([^;<]+); (([a-z_]+_\d+) in [^;<]+); (yes|no[^;<]*)</think>")
+SAW = re.compile(r"saw ([^0-9]+) (\d+: .+)")
+OBSERVED = "Last observation: "  # where the part of a prompt begins that the image is in
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,11 +80,72 @@ def contradicts_named_room(one: Example) -> bool:
     return wanted[1] not in rooms
 
 
-def caption(one: Example) -> Example | None:
-    """The decision's image with its observation as prompt, and what the image shows as answer; `None` if the answer does not say it."""
-    line = HISTORY.search(one.answer)
-    seen = CAPTION.fullmatch(line[1]) if line and one.image else None
-    return dataclasses.replace(one, prompt=one.prompt[one.prompt.index("Last observation: ") :], answer=seen[1]) if seen else None
+class Comparisons:
+    """What is seen in an image, compared with what some instruction wants: short examples from which a policy learns to see and to compare.
+
+    Receptacles are compared with what the instructions of the same home want, a half of them the one that is seen; objects with the look of
+    one of them, or with one that is not among them.
+    """
+
+    def __init__(self, examples: Sequence[Example]) -> None:
+        self.wanted: dict[tuple[str, str], dict[str, str]] = {}  # by home and category: phrases, and which receptacle each means
+        self.looks: dict[str, set[str]] = {}  # of objects, by category
+        self.examples: list[Example] = []
+        for one in examples:
+            judged, saw = JUDGED.search(one.answer), self.saw(one)
+            if judged and judged[4] == "yes":
+                self.wanted.setdefault((one.scene, category(judged[3])), {})[judged[1]] = judged[3]
+            if saw:
+                self.looks.setdefault(saw[0], set()).update(saw[1].values())
+            if one.image and (judged or saw):
+                self.examples.append(one)
+
+    @staticmethod
+    def saw(one: Example) -> tuple[str, dict[str, str]] | None:
+        """The category that was looked for, and the look of each numbered object."""
+        line = HISTORY.search(one.answer)
+        found = SAW.fullmatch(line[1]) if line else None
+        return (found[1], dict(part.split(": ", 1) for part in found[2].split("; "))) if found else None
+
+    def draw(self, one: Example, rng: random.Random) -> Example:
+        """A comparison for the image of a decision."""
+        judged = JUDGED.search(one.answer)
+        if judged:
+            wanted, verdict = self.receptacle(one.scene, judged, rng)
+            seen = judged[2]
+        else:
+            sought, objects = self.saw(one) or ("", {})
+            wanted, verdict = self.thing(sought, objects, rng)
+            seen = "; ".join(f"{number}: {look}" for number, look in objects.items())
+        prompt = f"want {wanted}\n{one.prompt[one.prompt.index(OBSERVED) :]}"
+        return dataclasses.replace(one, prompt=prompt, answer=f"want {wanted}; {seen}; {verdict}")
+
+    def receptacle(self, home: str, judged: re.Match[str], rng: random.Random) -> tuple[str, str]:
+        known = self.wanted.get((home, category(judged[3])), {})
+        fitting = sorted(phrase for phrase, name in known.items() if name == judged[3])
+        others = sorted(phrase for phrase, name in known.items() if name != judged[3])
+        if fitting and (not others or rng.random() < 0.5):
+            return rng.choice(fitting), "yes"
+        if others:
+            wanted = rng.choice(others)
+            return wanted, "no" + lacking(wanted, judged[2])
+        return judged[1], judged[4]
+
+    def thing(self, sought: str, objects: dict[str, str], rng: random.Random) -> tuple[str, str]:
+        looks = list(objects.values())
+        alone = [number for number, look in objects.items() if looks.count(look) == 1]
+        absent = sorted(self.looks.get(sought, set()) - set(looks))
+        if absent and (not alone or rng.random() < 0.2):
+            return f"{rng.choice(absent)} {sought}", "no"
+        if not alone:
+            return sought, f"{next(iter(objects))} fits"
+        number = rng.choice(alone)
+        return f"{objects[number]} {sought}", f"{number} fits"
+
+
+def category(name: str) -> str:
+    """`kitchen_table` of `kitchen_table_2`."""
+    return name.rsplit("_", 1)[0]
 
 
 def prompt_tokens(tokenizer: Tokenizer, config: Config, prompt: str) -> list[int]:
@@ -120,20 +182,18 @@ def renamed(one: Example, rng: random.Random) -> Example:
 
 
 class Pictures:
-    """The images of a set, shrunk once and kept."""
+    """What a policy sees of the images of a set: their features, computed once and kept. A blind policy sees nothing."""
 
-    def __init__(self, config: Config) -> None:
-        self.config = config
-        self.kept: dict[pathlib.Path, numpy.ndarray] = {}
+    def __init__(self, policy: Policy) -> None:
+        self.encoder, self.blind = policy.encoder, policy.config.blind
+        self.kept: dict[pathlib.Path, Tensor] = {}
 
-    def load(self, paths: Iterable[pathlib.Path], jobs: int = 2) -> None:
-        """Reads and shrinks the images of many files, some at a time."""
-        with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(self.get, sorted(set(paths))))
-
-    def get(self, path: pathlib.Path) -> numpy.ndarray:
+    def get(self, path: pathlib.Path | None) -> Tensor | None:
+        """The features [tokens, width] of the image of a file."""
+        if path is None or self.blind:
+            return None
         if path not in self.kept:
-            self.kept[path] = images.load(path, self.config.image_height, self.config.image_width)
+            self.kept[path] = self.encoder.features(images.load(path))
         return self.kept[path]
 
 
@@ -142,20 +202,20 @@ class Batch:
     """Rows padded at the end. Row `b` has its answer at `prompts[b]` to `ends[b] - 1`."""
 
     tokens: Tensor
-    images: Tensor | None
+    features: Tensor | None
     prompts: Tensor
     ends: Tensor
 
 
 def batch(rows: Sequence[Row], pictures: Pictures) -> Batch:
-    """The rows as tensors; a blind model gets no images."""
+    """The rows as tensors."""
     tokens = torch.full((len(rows), max(map(len, rows))), PAD)
     for index, one in enumerate(rows):
         tokens[index, : len(one)] = torch.tensor(one.prompt + one.answer)
-    shown = [pictures.get(one.image) for one in rows if one.image and not pictures.config.blind]
+    shown = [features for one in rows if (features := pictures.get(one.image)) is not None]
     return Batch(
         tokens,
-        torch.from_numpy(numpy.stack(shown)) if shown else None,
+        torch.stack(shown) if shown else None,
         torch.tensor([len(one.prompt) for one in rows]),
         torch.tensor([len(one) for one in rows]),
     )

@@ -17,8 +17,6 @@ import random
 import subprocess
 import typing
 
-import torch
-
 import checkpoint
 import play
 import server
@@ -28,10 +26,9 @@ DRAWS = 10_000
 
 def played(chosen: argparse.Namespace) -> play.Spent:
     """Serves the checkpoint while `reel bench` plays it."""
-    torch.set_num_threads(chosen.threads)
     log = chosen.out.with_suffix(".requests.jsonl")
     log.parent.mkdir(parents=True, exist_ok=True)
-    with server.Server(*checkpoint.load(chosen.checkpoint), play.NAME, 0, chosen.batch, log) as served:
+    with server.Server(*checkpoint.load(chosen.checkpoint), play.NAME, 0, chosen.batch, chosen.threads, log) as served:
         served.begin()
         what = play.Play(
             chosen.reel, chosen.tasks, chosen.out, chosen.temperature, chosen.seed, chosen.repeat, chosen.max_tokens, chosen.jobs, chosen.logprobs,
@@ -107,8 +104,8 @@ def main() -> None:
     player.add_argument("--repeat", type=int, default=1)
     player.add_argument("--max-tokens", type=int, default=200)
     player.add_argument("--jobs", type=int, default=16)
-    player.add_argument("--batch", type=int, default=16)
-    player.add_argument("--threads", type=int, default=1)
+    player.add_argument("--batch", type=int, default=8, help="most requests in a batch")
+    player.add_argument("--threads", type=int, default=1, help="batches at a time")
     player.add_argument("--logprobs", action="store_true", help="record the tokens and their log-probabilities")
     comparer = commands.add_parser("compare", help="compare two that were played")
     comparer.add_argument("played", nargs=2, type=pathlib.Path)

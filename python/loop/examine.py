@@ -8,12 +8,12 @@ is judged: which of the others is next is free.
 
 import argparse
 import collections
+import concurrent.futures
+import itertools
 import json
 import pathlib
 import random
 import typing
-
-import torch
 
 import checkpoint
 import data
@@ -37,30 +37,34 @@ def main() -> None:
     parser.add_argument("--out", type=pathlib.Path, help="write the shares into this file too")
     parser.add_argument("--limit", type=int, default=10**9, help="most decisions, drawn by seed 0")
     parser.add_argument("--batch", type=int, default=16)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1, help="batches at a time")
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
     policy, tokenizer = checkpoint.load(chosen.checkpoint)
-    examples, pictures = data.read(chosen.set), data.Pictures(policy.config)
+    examples, pictures = data.read(chosen.set), data.Pictures(policy)
     examples = random.Random(0).sample(examples, min(chosen.limit, len(examples)))
     examples.sort(key=lambda one: len(one.prompt))
     rights: dict[str, dict[str, list[bool]]] = collections.defaultdict(lambda: collections.defaultdict(list))
-    for start in range(0, len(examples), chosen.batch):
-        some = examples[start : start + chosen.batch]
-        questions = [
-            generate.Question(data.prompt_tokens(tokenizer, policy.config, one.prompt), pictures.get(one.image) if one.image else None, 0.0, 120, 0)
-            for one in some
-        ]
-        for one, answer in zip(some, generate.answers(policy, questions)):
-            text = tokenizer.text(answer.tokens)
-            said, wanted, kind = call(text), call(one.answer), decisions.kind(one)
-            for name in (kind, kind.split(":")[0], "all"):
-                rights[name]["readable"].append(said is not None)
-                rights[name]["tool"].append(said is not None and said[0] == wanted[0])
-                rights[name]["call"].append(said == wanted)
-                if one.image:
-                    lines = data.HISTORY.search(text), data.HISTORY.search(one.answer)
-                    rights[name]["history"].append(lines[0] is not None and lines[0][1] == lines[1][1])
+
+    def answered(some: list[data.Example]) -> list[generate.Answer]:
+        prompts = [data.prompt_tokens(tokenizer, policy.config, one.prompt) for one in some]
+        return generate.answers(policy, [generate.Question(prompt, pictures.get(one.image), 0.0, 120, 0) for prompt, one in zip(prompts, some)])
+
+    batches = [examples[start : start + chosen.batch] for start in range(0, len(examples), chosen.batch)]
+    with concurrent.futures.ThreadPoolExecutor(chosen.threads) as pool:
+        answers = list(itertools.chain.from_iterable(pool.map(answered, batches)))
+    for one, answer in zip(examples, answers):
+        text = tokenizer.text(answer.tokens)
+        said, wanted, kind = call(text), call(one.answer), decisions.kind(one)
+        judged = data.JUDGED.search(text), data.JUDGED.search(one.answer)
+        for name in (kind, kind.split(":")[0], "all"):
+            rights[name]["readable"].append(said is not None)
+            rights[name]["tool"].append(said is not None and said[0] == wanted[0])
+            rights[name]["call"].append(said == wanted)
+            if judged[1]:
+                rights[name]["verdict"].append(judged[0] is not None and judged[0][4][:2] == judged[1][4][:2])
+            if one.image:
+                lines = data.HISTORY.search(text), data.HISTORY.search(one.answer)
+                rights[name]["history"].append(lines[0] is not None and lines[0][1] == lines[1][1])
     share = lambda values: round(sum(values) / len(values), 3)
     told = json.dumps({kind: {"decisions": len(found["tool"]), **{name: share(values) for name, values in found.items()}} for kind, found in sorted(rights.items())}, indent=1)
     print(told)

@@ -15,10 +15,10 @@ from tokenizer import ANSWER, END, IMAGE, PAD
 
 @dataclasses.dataclass
 class Question:
-    """A prompt to answer. `tokens` ends with the answer token; `image` is shrunk, or `None` if the prompt has none."""
+    """A prompt to answer. `tokens` ends with the answer token; `features` are those of its image."""
 
     tokens: list[int]
-    image: numpy.ndarray | None
+    features: Tensor | None
     temperature: float
     longest: int
     seed: int
@@ -60,14 +60,13 @@ def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
     for row, question in enumerate(questions):
         tokens[row, width - len(question.tokens) :] = torch.tensor(question.tokens)
     start = torch.tensor([width - len(question.tokens) for question in questions])
-    shown = [question.image for question in questions if question.image is not None]
-    images = torch.from_numpy(numpy.stack(shown)) if shown else None
+    shown = [question.features for question in questions if question.features is not None]
 
     columns = torch.arange(width)
     real = columns[None] >= start[:, None]
     # Padding sees itself, so that no row of scores is empty.
     visible = real[:, None] | torch.eye(width, dtype=torch.bool)[None]
-    x = policy.embed(tokens, images)
+    x = policy.embed(tokens, torch.stack(shown) if shown else None)
     turn = model.angles((columns[None] - start[:, None]).clamp(min=0), size)
     room = width + max(question.longest for question in questions)
     memories = [Memory(policy.config, batch, room) for _ in policy.blocks]

@@ -14,6 +14,7 @@ the objective at the scored values. `steps.jsonl` has a line for each step, `ste
 
 import argparse
 import collections
+import concurrent.futures
 import dataclasses
 import json
 import math
@@ -113,21 +114,29 @@ def sampling_difference(decisions: list[Decision], scores: list[list[float]]) ->
 class Learner:
     """The weights and their optimizer."""
 
-    def __init__(self, policy: model.Policy, options: Options) -> None:
-        self.policy, self.options = policy, options
+    def __init__(self, policy: model.Policy, options: Options, threads: int = 1) -> None:
+        self.policy, self.options, self.threads = policy, options, threads
         self.steps = torch.optim.AdamW(policy.parameters(), lr=options.rate, betas=(0.9, 0.98), weight_decay=0.0)
 
     def update(self, decisions: list[Decision], weights: list[list[float]], pictures: data.Pictures) -> float:
-        """One step of the optimizer; gives the norm of the gradient."""
-        self.steps.zero_grad(set_to_none=True)
-        for some in parts(decisions, self.options.tokens):
+        """One step of the optimizer; gives the norm of the gradient. Batches are added in their order, whatever the number of threads."""
+        parameters = list(self.policy.parameters())
+
+        def gradient(some: list[int]) -> tuple[torch.Tensor | None, ...]:
             batch = data.batch([decisions[index].row for index in some], pictures)
             with torch.autocast("cpu", torch.bfloat16, enabled=self.options.bf16):
-                found, real = self.policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
+                found, real = self.policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
             factors = torch.zeros_like(found)
             for place, index in enumerate(some):
                 factors[place, : len(weights[index])] = torch.tensor(weights[index])
-            (found * factors * real).sum().backward()
+            return torch.autograd.grad((found * factors * real).sum(), parameters, allow_unused=True)
+
+        self.steps.zero_grad(set_to_none=True)
+        with concurrent.futures.ThreadPoolExecutor(self.threads) as pool:
+            for found in pool.map(gradient, parts(decisions, self.options.tokens)):
+                for parameter, part in zip(parameters, found):
+                    if part is not None:
+                        parameter.grad = part if parameter.grad is None else parameter.grad + part
         norm = torch.nn.utils.clip_grad_norm_(self.policy.parameters(), 1.0)
         self.steps.step()
         return float(norm)
@@ -142,7 +151,7 @@ class Learner:
             chosen = set(groups[start : start + share])
             places = [place for place, one in enumerate(decisions) if one.group in chosen]
             some = [decisions[place] for place in places]
-            new, base = (score(policy, some, pictures, self.options.tokens) for policy in (self.policy, ref))
+            new, base = (score(policy, some, pictures, self.options.tokens, self.threads) for policy in (self.policy, ref))
             weights, metrics = objective(some, new, base, self.options)
             for place, one, other in zip(places, new, base):
                 scores["new"][place], scores["ref"][place] = one, other
@@ -155,10 +164,10 @@ def save(folder: pathlib.Path, learner: Learner, tokenizer: Tokenizer) -> None:
     checkpoint.save(folder, learner.policy, tokenizer, {"optimizer": learner.steps.state_dict()})
 
 
-def resume(folder: pathlib.Path, options: Options) -> tuple[Learner, Tokenizer]:
+def resume(folder: pathlib.Path, options: Options, threads: int) -> tuple[Learner, Tokenizer]:
     """The learner that `save` wrote."""
     policy, tokenizer = checkpoint.load(folder)
-    learner = Learner(policy, options)
+    learner = Learner(policy, options, threads)
     kept = checkpoint.training(folder)
     if kept and "optimizer" in kept and "updates" not in kept:
         learner.steps.load_state_dict(kept["optimizer"])
@@ -185,7 +194,7 @@ def step(number: int, learner: Learner, tokenizer: Tokenizer, ref: model.Policy,
     here = chosen.out / "rollouts" / f"step_{number:03}"
     drawn = rollouts.tasks_of_step(tasks, number, options.groups, options.seed)
     began = time.monotonic()
-    with server.Server(learner.policy, tokenizer, play.NAME, 0, chosen.batch) as served:
+    with server.Server(learner.policy, tokenizer, play.NAME, 0, chosen.batch, chosen.threads) as served:
         served.begin()
         what = play.Play(
             chosen.reel, rollouts.gather(drawn, here / "tasks"), here / "traces", options.temperature, options.seed + 1000 * number, options.size,
@@ -196,7 +205,7 @@ def step(number: int, learner: Learner, tokenizer: Tokenizer, ref: model.Policy,
     rows = rollouts.export(chosen.reel, here, options)
     exported = time.monotonic()
     decisions = rollouts.read(here / "rows", tokenizer, learner.policy.config)
-    pictures = data.Pictures(learner.policy.config)
+    pictures = data.Pictures(learner.policy)
     lines, scores = learner.learn(decisions, ref, pictures)
     learned = time.monotonic()
     difference = sampling_difference([one for one in decisions if one.group in lines[0]["groups"]], [
@@ -233,7 +242,7 @@ def train(chosen: argparse.Namespace, options: Options) -> None:
         save(chosen.out / "step_000", Learner(first, options), tokenizer)
     log = chosen.out / "steps.jsonl"
     done = len(log.read_text().splitlines()) if log.exists() else 0
-    learner, tokenizer = resume(chosen.out / f"step_{done:03}", options)
+    learner, tokenizer = resume(chosen.out / f"step_{done:03}", options, chosen.threads)
     ref, _ = checkpoint.load(chosen.out / "step_000")
     tasks = rollouts.all_tasks(chosen.tasks)
     start = time.monotonic()
@@ -258,11 +267,11 @@ def replay_step(chosen: argparse.Namespace) -> None:
     """A step again, from its weights and its traces."""
     options = Options(**json.loads((chosen.out / "training.json").read_text())["options"])
     line = json.loads((chosen.out / "steps.jsonl").read_text().splitlines()[chosen.replay_step - 1])
-    learner, tokenizer = resume(chosen.out / f"step_{chosen.replay_step - 1:03}", options)
+    learner, tokenizer = resume(chosen.out / f"step_{chosen.replay_step - 1:03}", options, chosen.threads)
     ref, _ = checkpoint.load(chosen.out / "step_000")
     here = chosen.out / "rollouts" / f"step_{chosen.replay_step:03}"
     rollouts.export(chosen.reel, here, options)
-    learner.learn(rollouts.read(here / "rows", tokenizer, learner.policy.config), ref, data.Pictures(learner.policy.config))
+    learner.learn(rollouts.read(here / "rows", tokenizer, learner.policy.config), ref, data.Pictures(learner.policy))
     shutil.rmtree(here / "rows" / "images", ignore_errors=True)
     found = checkpoint.digest(learner.policy)
     print(f"step {chosen.replay_step}: weights {found}, logged {line['weights']}: {'equal' if found == line['weights'] else 'DIFFERENT'}")
@@ -280,14 +289,13 @@ def main() -> None:
     parser.add_argument("--replay-step", type=int, metavar="STEP", help="do this step again and compare the weights")
     parser.add_argument("--reel", default="reel", help="the binary")
     parser.add_argument("--jobs", type=int, default=24, help="episodes at a time")
-    parser.add_argument("--batch", type=int, default=24, help="most requests that are answered at once")
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--batch", type=int, default=12, help="most requests in a batch")
+    parser.add_argument("--threads", type=int, default=2, help="batches at a time")
     for field in dataclasses.fields(Options):
         if field.type is not bool:
             parser.add_argument(f"--{field.name.replace('_', '-')}", type=field.type, default=field.default)
     parser.add_argument("--fp32", action="store_true", help="gradients in 32 bits")
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
     if chosen.replay_step:
         replay_step(chosen)
         return

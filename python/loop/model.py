@@ -7,6 +7,7 @@ the context (See et al. 2017, pointer-generator networks). The image becomes a g
 
 import dataclasses
 
+import numpy
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -24,15 +25,15 @@ class Config:
     width: int = 256
     layers: int = 5
     heads: int = 4
-    image_height: int = 240  # pixels, a divisor of 480
-    image_width: int = 320  # pixels, a divisor of 640
+    image_height: int = 480  # pixels
+    image_width: int = 640  # pixels
     channels: tuple[int, int, int] = (48, 64, 128)
     blind: bool = False
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Rows and columns of image tokens: a thirty-second of the pixels each."""
-        return -(-self.image_height // 32), -(-self.image_width // 32)
+        """Rows and columns of image tokens: a sixty-fourth of the pixels each."""
+        return -(-self.image_height // 64), -(-self.image_width // 64)
 
     @property
     def image_tokens(self) -> int:
@@ -65,10 +66,10 @@ class ResidualBlock(nn.Module):
 
 
 class ImageEncoder(nn.Module):
-    """The image [batch, 3, height, width] in 0..1 as tokens [batch, tokens, width].
+    """Features of an image, and features as tokens.
 
-    The stem reads patches of 4 x 4 pixels: thin handles and small objects keep their detail, and later layers are cheap. `pretrain.py` trains
-    the convolutions; a policy keeps them as they are (paper: the vision encoder is frozen) and learns to read them.
+    The stem reads patches of 4 x 4 pixels, then 2 x 2 of these: thin handles and small objects keep their detail, and later layers are cheap.
+    `pretrain.py` trains the convolutions; a policy keeps them as they are (paper: the vision encoder is frozen) and learns to read them.
     """
 
     def __init__(self, config: Config) -> None:
@@ -77,7 +78,8 @@ class ImageEncoder(nn.Module):
         stage = lambda inputs, outputs: nn.Sequential(
             nn.Conv2d(inputs, outputs, 3, stride=2, padding=1, bias=False), nn.BatchNorm2d(outputs), nn.ReLU()
         )
-        self.stem = nn.Sequential(nn.Conv2d(3, one, 4, stride=4, bias=False), nn.BatchNorm2d(one), nn.ReLU())
+        patches = lambda inputs, outputs, size: [nn.Conv2d(inputs, outputs, size, stride=size, bias=False), nn.BatchNorm2d(outputs), nn.ReLU()]
+        self.stem = nn.Sequential(*patches(3, one // 2, 4), *patches(one // 2, one, 2))
         self.cells = nn.Sequential(stage(one, two), ResidualBlock(two), stage(two, three), ResidualBlock(three))
         self.last = stage(three, config.width)
         self.out = nn.Linear(config.width, config.width)
@@ -89,14 +91,19 @@ class ImageEncoder(nn.Module):
         return super().train(False)
 
     def grids(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Features of cells of a sixteenth and of a thirty-second of the pixels: [batch, channels, rows, columns]."""
+        """Features of cells of 32 and of 64 pixels of images [batch, 3, height, width] in 0..1: [batch, channels, rows, columns]."""
         cells = self.cells(self.stem((image - 0.45) * 4))
         return cells, self.last(cells)
 
-    def forward(self, image: Tensor) -> Tensor:
-        with torch.no_grad():
-            grid = self.grids(image)[1]
-        return self.out(grid.flatten(2).transpose(1, 2)) + self.position
+    @torch.no_grad()
+    def features(self, pixels: numpy.ndarray) -> Tensor:
+        """What a policy keeps of an image [height, width, 3] of bytes: [tokens, width]. One at a time, so that no image depends on others."""
+        image = torch.from_numpy(pixels).permute(2, 0, 1)[None].float() / 255
+        return self.grids(image.contiguous(memory_format=torch.channels_last))[1][0].flatten(1).T.contiguous()
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Features [batch, tokens, width] as tokens of the policy."""
+        return self.out(features) + self.position
 
 
 def rotate(x: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
@@ -183,22 +190,21 @@ class Policy(nn.Module):
         nn.init.zeros_(self.gate.weight)
         nn.init.zeros_(self.gate.bias)
 
-    def embed(self, tokens: Tensor, images: Tensor | None) -> Tensor:
-        """Embeddings of [batch, time]. `images` [some, height, width, 3] of bytes stand in the order of the rows that have image tokens."""
+    def embed(self, tokens: Tensor, features: Tensor | None) -> Tensor:
+        """Embeddings of [batch, time]. `features` [some, tokens, width] stand in the order of the rows that have image tokens."""
         x = self.embedding[tokens] * self.config.width**0.5
         places = tokens == IMAGE
         x = x * ~places[..., None]
-        if images is not None and len(images) and not self.config.blind:
-            seen = self.encoder(images.permute(0, 3, 1, 2).float() / 255)
-            x = x.masked_scatter(places[..., None], seen.to(x.dtype))
+        if features is not None and not self.config.blind:
+            x = x.masked_scatter(places[..., None], self.encoder(features).to(x.dtype))
         return x
 
-    def read(self, tokens: Tensor, images: Tensor | None, prompts: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def read(self, tokens: Tensor, features: Tensor | None, prompts: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Hidden states, keys of the pointer, and what each position sees, of sequences padded at the end with prompts of these lengths."""
         time = tokens.shape[1]
         columns = torch.arange(time)
         visible = (columns[None, :] <= columns[:, None])[None] | (columns[None, None, :] < prompts[:, None, None])
-        x, turn = self.embed(tokens, images), angles(columns[None], self.config.width // self.config.heads)
+        x, turn = self.embed(tokens, features), angles(columns[None], self.config.width // self.config.heads)
         normed = x
         for block in self.blocks:
             x, normed = block(x, visible, turn)
@@ -211,12 +217,12 @@ class Policy(nn.Module):
         where = scores.float().masked_fill(~visible, -1e9).softmax(-1)
         return (hidden @ self.embedding.T).float().log_softmax(-1), where, torch.sigmoid(self.gate(hidden).float())
 
-    def logprobs(self, tokens: Tensor, images: Tensor | None, prompts: Tensor, ends: Tensor) -> tuple[Tensor, Tensor]:
+    def logprobs(self, tokens: Tensor, features: Tensor | None, prompts: Tensor, ends: Tensor) -> tuple[Tensor, Tensor]:
         """Log-probabilities [batch, longest answer] of the answer tokens, and which of these places are real.
 
         Row `b` has its answer at `prompts[b]` to `ends[b] - 1`, the last one being the end token.
         """
-        hidden, keys, visible = self.read(tokens, images, prompts)
+        hidden, keys, visible = self.read(tokens, features, prompts)
         longest = int((ends - prompts).max())
         at = prompts[:, None] - 1 + torch.arange(longest)[None]
         real = at < ends[:, None] - 1
@@ -231,7 +237,11 @@ class Policy(nn.Module):
 
 
 def build(config: Config, seed: int) -> Policy:
-    """A model; equal seeds give equal ones."""
+    """A model; equal seeds give equal ones.
+
+    An operation takes one thread: whole batches are shared between threads instead, which is faster on few cores, and no sum depends on them.
+    """
+    torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it
     torch.manual_seed(seed)

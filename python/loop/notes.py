@@ -20,6 +20,7 @@ import typing
 
 Record = dict[str, typing.Any]
 PLAIN = ["size", "colour", "material"]  # attributes whose words stand alone; of others the part is named
+LITTLE = {"a", "an", "and", "at", "in", "of", "on", "the", "with"}
 WORDS = ["size", "shape", "colour", "material"]  # attributes that an instruction may name
 
 
@@ -37,6 +38,13 @@ def phrase(instruction: str, captions: collections.abc.Iterable[str], fallback: 
     longest = max(found, key=len, default="")
     start = instruction.lower().find(longest)
     return instruction[start : start + len(longest)] or fallback
+
+
+def lacking(wanted: str, seen: str) -> str:
+    """The first word of what is wanted that what is seen does not have, with a space before it; empty if there is none."""
+    words = lambda text: [word.removesuffix("s") for word in re.findall(r"[a-z]+", text.lower())]
+    there = {*words(seen), *LITTLE}
+    return next((f" {word}" for word in words(wanted) if word not in there), "")
 
 
 def described(category: str, attributes: dict[str, list[str]], room: str = "") -> list[str]:
@@ -132,7 +140,7 @@ class Episode:
             here = last["input"]["call"]["arguments"]["receptacle_name"]
             wanted, place = (self.destination, self.task["dest"]) if held else (self.source, self.task["src"])
             fits = here == place or (not held and tool == "show_object_by_category")
-            return f"want {wanted}; {seen}; {'yes' if fits else 'no'}"
+            return f"want {wanted}; {seen}; {'yes' if fits else 'no' + lacking(wanted, seen)}"
         if held:
             return f"bring it to {self.destination}"
         if last.get("tool") in ("show_object_by_category", "gaze_at") and seen:

@@ -143,11 +143,11 @@ class Heads(nn.Module):
 class Batches:
     """Images and labels as tensors."""
 
-    def __init__(self, frames: list[Frame], vocabulary: list[str], config: model.Config, jobs: int) -> None:
-        self.frames, self.config = frames, config
+    def __init__(self, frames: list[Frame], vocabulary: list[str], jobs: int) -> None:
+        self.frames = frames
         self.number = {word: index for index, word in enumerate(vocabulary)}
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-            self.pixels = list(pool.map(lambda frame: images.load(frame.path, config.image_height, config.image_width), frames))
+            self.pixels = list(pool.map(lambda frame: images.load(frame.path), frames))
 
     def get(self, some: list[int]) -> tuple[Tensor, Tensor, Tensor]:
         """Images [batch, 3, height, width], words [batch, words, rows, columns] of the fine grid, and which cells hold anything."""
@@ -234,12 +234,8 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--width", type=int, default=192, help="of the policy")
-    parser.add_argument("--image", default="320x240", help="width and height that images are shrunk to")
-    parser.add_argument("--threads", type=int, default=1)
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
-    image_width, image_height = map(int, chosen.image.split("x"))
-    config = model.Config(1, width=chosen.width, image_height=image_height, image_width=image_width)
+    config = model.Config(1, width=chosen.width)
     traces = lambda folders: sorted(path for folder in folders for path in folder.rglob("*.mcap"))
     frames = read(chosen.coco, traces(chosen.traces), chosen.reel, 2)
     counts = collections.Counter(word for frame in frames for word in set().union(*frame.cells.values()))
@@ -247,8 +243,8 @@ def main() -> None:
     print(f"{len(frames)} images, {sum(len(frame.cells) for frame in frames)} cells that hold something, {len(vocabulary)} words", flush=True)
     held = None
     if chosen.held_out:
-        held = Batches(read(chosen.held_out[0], traces([chosen.held_out[1]]), chosen.reel, 2), vocabulary, config, 2)
-    encoder, _ = train(config, Batches(frames, vocabulary, config, 2), chosen.updates, chosen.rate, chosen.size, chosen.seed, held)
+        held = Batches(read(chosen.held_out[0], traces([chosen.held_out[1]]), chosen.reel, 2), vocabulary, 2)
+    encoder, _ = train(config, Batches(frames, vocabulary, 2), chosen.updates, chosen.rate, chosen.size, chosen.seed, held)
     torch.save(encoder.state_dict(), chosen.out)
 
 

@@ -12,10 +12,10 @@ PYTHON="${PYTHON:-$("$here/../../tests/python.sh" lerobot)}"
 export PYTHON
 if [[ -n ${SHORT:-} ]]; then
   export HOMES="${HOMES:-3}" TASKS="${TASKS:-6}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-1}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-4}"
-  ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" CAPTIONS="${CAPTIONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 100}"
+  ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" COMPARISONS="${COMPARISONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 100}"
 else
   export HOMES="${HOMES:-60}" TASKS="${TASKS:-16}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-20}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-15}"
-  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" CAPTIONS="${CAPTIONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
+  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" COMPARISONS="${COMPARISONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
 fi
 data="$LOOP_DIR"
 mkdir -p "$data/played"
@@ -31,20 +31,22 @@ stage() {
 }
 
 look() { # the image encoder, on frames with masks of the first homes
+  [[ ! -e $data/encoder.pt ]] || return 0
   local homes=() number
   for number in $(seq 1 "$ENCODER_HOMES"); do homes+=("$data/traces/home_$number"); done
   rm -rf "$data/coco"
   "$REEL" export coco "${homes[@]}" --marks --out "$data/coco"
-  "$PYTHON" "$here/pretrain.py" --coco "$data/coco" --traces "${homes[@]}" --reel "$REEL" --updates "$ENCODER_UPDATES" --threads 2 --out "$data/encoder.pt"
+  "$PYTHON" "$here/pretrain.py" --coco "$data/coco" --traces "${homes[@]}" --reel "$REEL" --updates "$ENCODER_UPDATES" --out "$data/encoder.pt"
   rm -rf "$data/coco"
 }
 
-learn() { # the policy that sees and its twin, at once
+learn() { # the policy that sees, with its image encoder, and its twin, at once
   "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/untrained" --updates 0 >/dev/null
   local twin
-  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/blind" --captions "$CAPTIONS" --updates "$UPDATES" --blind >"$data/blind.txt" &
+  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/blind" --comparisons "$COMPARISONS" --updates "$UPDATES" --blind >"$data/blind.txt" &
   twin=$!
-  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/seeing" --encoder "$data/encoder.pt" --captions "$CAPTIONS" --updates "$UPDATES" | tee "$data/seeing.txt"
+  look
+  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/seeing" --encoder "$data/encoder.pt" --comparisons "$COMPARISONS" --updates "$UPDATES" | tee "$data/seeing.txt"
   wait "$twin"
 }
 
@@ -55,7 +57,6 @@ play() { # play CHECKPOINT NAME OPTIONS...
 }
 
 stage homes "$here/homes.sh"
-stage look look
 stage learn learn
 stage examine "$PYTHON" "$here/examine.py" "$data/seeing" --set "$data/held-out-set" --threads 2 --out "$data/examined.json"
 for name in untrained blind seeing; do

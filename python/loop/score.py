@@ -10,6 +10,8 @@ were drawn. Products of matrices are in 32 bits, as in the server: the checkpoin
 """
 
 import argparse
+import concurrent.futures
+import itertools
 import json
 import pathlib
 import sys
@@ -23,15 +25,17 @@ import rollouts
 from rollouts import Decision
 
 
-def score(policy: model.Policy, decisions: list[Decision], pictures: data.Pictures, tokens: int) -> list[list[float]]:
+def score(policy: model.Policy, decisions: list[Decision], pictures: data.Pictures, tokens: int, threads: int = 1) -> list[list[float]]:
     """Log-probabilities of the drawn tokens of each decision."""
-    found: dict[int, list[float]] = {}
-    for some in parts(decisions, tokens):
+
+    def scored(some: list[int]) -> list[tuple[int, list[float]]]:
         batch = data.batch([decisions[index].row for index in some], pictures)
         with torch.inference_mode():
-            scored, _ = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
-        for index, values in zip(some, scored.tolist()):
-            found[index] = values[: len(decisions[index].row.answer)]
+            values, _ = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
+        return [(index, row[: len(decisions[index].row.answer)]) for index, row in zip(some, values.tolist())]
+
+    with concurrent.futures.ThreadPoolExecutor(threads) as pool:
+        found = dict(itertools.chain.from_iterable(pool.map(scored, parts(decisions, tokens))))
     return [found[index] for index in range(len(decisions))]
 
 
@@ -51,12 +55,11 @@ def main() -> None:
     parser.add_argument("--rows", required=True, type=pathlib.Path, help="folder of `reel export rl`")
     parser.add_argument("--policy", required=True, help="name of the policy in the traces, e.g. new or ref")
     parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1, help="batches at a time")
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
     policy, tokenizer = checkpoint.load(chosen.checkpoint)
     decisions, difference = rollouts.read(chosen.rows, tokenizer, policy.config), 0.0
-    for one, scored in zip(decisions, score(policy, decisions, data.Pictures(policy.config), chosen.tokens)):
+    for one, scored in zip(decisions, score(policy, decisions, data.Pictures(policy), chosen.tokens, chosen.threads)):
         difference = max(difference, *(abs(new - old) for new, old in zip(scored, one.old)))
         print(json.dumps({"episode_id": one.episode, "step": one.call, "policy": chosen.policy, "tokens": one.tokens, "logprobs": scored}))
     print(f"largest difference from the policy that sampled: {difference:.2e}", file=sys.stderr)

@@ -22,7 +22,6 @@ import time
 import typing
 
 import numpy
-import torch
 
 import checkpoint
 import data
@@ -59,14 +58,15 @@ class Waiting:
 
 
 class Writer:
-    """Answers questions from a queue, as many at once as wait and fit."""
+    """Answers questions from a queue, in some threads, each as many at once as wait and fit."""
 
-    def __init__(self, policy: Policy, tokenizer: Tokenizer, most: int, log: pathlib.Path | None) -> None:
+    def __init__(self, policy: Policy, tokenizer: Tokenizer, most: int, threads: int, log: pathlib.Path | None) -> None:
         self.policy, self.tokenizer, self.most = policy, tokenizer, most
         self.waiting: queue.Queue[Waiting] = queue.Queue()
         self.drawn, self.lock = 0, threading.Lock()
         self.log = log.open("a", encoding="utf-8") if log else None
-        threading.Thread(target=self.work, daemon=True).start()
+        for _ in range(threads):
+            threading.Thread(target=self.work, daemon=True).start()
 
     def work(self) -> None:
         while True:
@@ -165,8 +165,8 @@ def complete(writer: Writer, name: str, request: typing.Any) -> dict[str, typing
         raise Refusal(400, f"the prompt has {len(tokens)} tokens; the context is {CONTEXT}")
     longest = number(request, "max_tokens", request.get("max_completion_tokens") or 512, 1, 1 << 20, int)
     seed = number(request, "seed", 0, 0, 2**63 - 1, int) if request.get("seed") is not None else writer.fresh_seed()
-    image = None if pixels is None else images.shrink(pixels, config.image_height, config.image_width)
-    question = generate.Question(tokens, image, number(request, "temperature", 1.0, 0, 10), min(longest, CONTEXT - len(tokens), 512), seed)
+    features = None if pixels is None or config.blind else writer.policy.encoder.features(pixels)
+    question = generate.Question(tokens, features, number(request, "temperature", 1.0, 0, 10), min(longest, CONTEXT - len(tokens), 512), seed)
     answer = writer.ask(question)
     written = tokenizer.text(answer.tokens)
     writer.note({"prompt": text, "pixels": None if pixels is None else hash_of(pixels), "answer": written, "read": len(tokens), "written": len(answer.tokens)})
@@ -242,8 +242,8 @@ class Server(http.server.ThreadingHTTPServer):
     request_queue_size = 64
     daemon_threads = True
 
-    def __init__(self, policy: Policy, tokenizer: Tokenizer, name: str, port: int, most: int, log: pathlib.Path | None = None) -> None:
-        super().__init__(("127.0.0.1", port), handler(Writer(policy, tokenizer, most, log), name))
+    def __init__(self, policy: Policy, tokenizer: Tokenizer, name: str, port: int, most: int, threads: int = 1, log: pathlib.Path | None = None) -> None:
+        super().__init__(("127.0.0.1", port), handler(Writer(policy, tokenizer, most, threads, log), name))
 
     @property
     def endpoint(self) -> str:
@@ -259,12 +259,11 @@ def main() -> None:
     parser.add_argument("checkpoint", type=pathlib.Path)
     parser.add_argument("--port", type=int, default=8100)
     parser.add_argument("--model", default="small", help="the name that requests give")
-    parser.add_argument("--batch", type=int, default=8, help="most requests that are answered at once; with 1 no answer depends on other requests")
+    parser.add_argument("--batch", type=int, default=8, help="most requests in a batch; with 1 no answer depends on other requests")
     parser.add_argument("--log", type=pathlib.Path, help="a line for each request and batch")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1, help="batches at a time")
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
-    with Server(*checkpoint.load(chosen.checkpoint), chosen.model, chosen.port, chosen.batch, chosen.log) as server:
+    with Server(*checkpoint.load(chosen.checkpoint), chosen.model, chosen.port, chosen.batch, chosen.threads, chosen.log) as server:
         print(f"{server.endpoint} serves {chosen.model}", flush=True)
         server.serve_forever()
 

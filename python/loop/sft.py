@@ -34,7 +34,7 @@ class Options:
     """What a training is a function of, besides the examples."""
 
     updates: int
-    captions: int = 0  # updates before them, which learn to say what an image shows
+    comparisons: int = 0  # updates before them, which learn to see and to compare
     seed: int = 0
     rate: float = 1e-3
     warmup: float = 0.05  # share of the updates
@@ -46,7 +46,7 @@ class Options:
 
 def rate(options: Options, update: int) -> float:
     """The learning rate of an update: it rises, is held, and falls."""
-    whole = options.captions + options.updates
+    whole = options.comparisons + options.updates
     rising = update / max(1, options.warmup * whole)
     left = (whole - update) / max(1, options.decay * whole)
     return options.rate * min(1.0, rising, 0.05 + 0.95 * left)
@@ -61,27 +61,28 @@ def optimizer(policy: model.Policy, options: Options) -> torch.optim.AdamW:
 
 def loss(policy: model.Policy, batch: data.Batch) -> tuple[Tensor, Tensor]:
     """The mean cross-entropy of the answers' tokens, and how many there are."""
-    found, real = policy.logprobs(batch.tokens, batch.images, batch.prompts, batch.ends)
+    found, real = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
     return -(found * real).sum() / real.sum(), real.sum()
 
 
-def epoch(name: str, examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options) -> list[list[data.Row]]:
-    """The batches of an epoch, a function of the seed and its name. Every example has other names in every epoch."""
-    rng = random.Random(f"{options.seed}/{name}")
-    rows = [data.row(tokenizer, config, data.renamed(one, rng) if rng.random() < 0.7 else one) for one in examples]
-    return list(data.batches(rows, options.tokens, rng))
+def renamed(one: data.Example, rng: random.Random) -> data.Example:
+    """Mostly with other names: every example has others in every epoch."""
+    return data.renamed(one, rng) if rng.random() < 0.7 else one
 
 
 def planned(
     examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options
 ) -> collections.abc.Iterator[tuple[str, list[data.Row]]]:
-    """The batches of a training, each with the name of its epoch: first what images show, then whole decisions."""
-    captions = [seen for one in examples if (seen := data.caption(one))]
-    for stage, some, count in (("captions", captions, options.captions), ("decisions", examples, options.updates)):
+    """The batches of a training, each with the name of its epoch: first comparisons, then whole decisions."""
+    short = data.Comparisons(examples)
+    stages = (("comparisons", short.examples, short.draw, options.comparisons), ("decisions", examples, renamed, options.updates))
+    for stage, some, draw, count in stages:
         number = 0
         while count > 0:
             name = f"{stage} {number}"
-            batches = epoch(name, some, tokenizer, config, options)[:count]
+            rng = random.Random(f"{options.seed}/{name}")
+            rows = [data.row(tokenizer, config, draw(one, rng)) for one in some]
+            batches = list(data.batches(rows, options.tokens, rng))[:count]
             yield from ((name, rows) for rows in batches)
             count, number = count - len(batches), number + 1
 
@@ -94,10 +95,8 @@ def train(
     policy = model.build(config, options.seed).train()
     if encoder:
         policy.encoder.load_state_dict(encoder)
-    steps, pictures = optimizer(policy, options), data.Pictures(config)
-    if not config.blind:
-        pictures.load(one.image for one in examples if one.image)
-    done, whole = 0, options.captions + options.updates
+    steps, pictures = optimizer(policy, options), data.Pictures(policy)
+    done, whole = 0, options.comparisons + options.updates
     if kept := checkpoint.training(out):
         if kept["options"] != dataclasses.asdict(options):
             raise SystemExit(f"{out} holds a training with other options; name another folder or remove it")
@@ -149,30 +148,24 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
     parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
     parser.add_argument("--encoder", type=pathlib.Path, help="image encoder of pretrain.py to begin with")
-    parser.add_argument("--captions", type=int, default=0, help="updates before these, on images and what they show")
+    parser.add_argument("--comparisons", type=int, default=0, help="updates before these, on images and whether they show what is wanted")
     parser.add_argument("--minutes", type=float, help="stop after this time; the same command goes on")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--layers", type=int, default=4)
     parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
-    parser.add_argument("--image", default="320x240", help="width and height that images are shrunk to")
-    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits")
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
     chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
 
     everything = data.read(chosen.set)
     examples = [one for one in everything if not data.contradicts_named_room(one)]
     tokenizer = Tokenizer.of([one.prompt for one in examples], [one.answer for one in examples])
-    image_width, image_height = map(int, chosen.image.split("x"))
-    config = model.Config(
-        len(tokenizer), width=chosen.width, layers=chosen.layers, image_height=image_height, image_width=image_width, blind=chosen.blind
-    )
+    config = model.Config(len(tokenizer), width=chosen.width, layers=chosen.layers, blind=chosen.blind)
     encoder = torch.load(chosen.encoder, weights_only=True) if chosen.encoder else None
     name = hashlib.blake2b(chosen.encoder.read_bytes(), digest_size=16).hexdigest() if chosen.encoder else ""
-    options = Options(chosen.updates, chosen.captions, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32, encoder=name)
+    options = Options(chosen.updates, chosen.comparisons, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32, encoder=name)
     rows = [data.row(tokenizer, config, one) for one in examples]
     mean = lambda counts: round(sum(counts) / len(rows), 1)
     prompts, answers = mean([len(one.prompt) for one in rows]), mean([len(one.answer) for one in rows])
