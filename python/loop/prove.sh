@@ -12,12 +12,12 @@ PYTHON="${PYTHON:-$("$here/../../tests/python.sh" lerobot)}"
 export PYTHON
 if [[ -n ${SHORT:-} ]]; then
   export HOMES="${HOMES:-3}" TASKS="${TASKS:-6}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-1}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-4}"
-  ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" COMPARISONS="${COMPARISONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 100}"
+  ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" COMPARISONS="${COMPARISONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" OTHER_STEPS="${OTHER_STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 100}"
 else
   export HOMES="${HOMES:-60}" TASKS="${TASKS:-16}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-20}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-15}"
-  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" COMPARISONS="${COMPARISONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
+  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" COMPARISONS="${COMPARISONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" OTHER_STEPS="${OTHER_STEPS:-12}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
 fi
-data="$LOOP_DIR"
+data="$LOOP_DIR" OTHER_PRESET="${OTHER_PRESET:-real-trainer}"
 mkdir -p "$data/played"
 
 # stage NAME COMMAND...: runs it unless it was done, and notes how long it took.
@@ -69,5 +69,9 @@ stage play-learned play "$last" learned
 # As it was trained: with draws. The same seeds give the same draws.
 stage play-seeing-sampled play "$data/seeing" seeing-sampled --temperature 1
 stage play-learned-sampled play "$last" learned-sampled --temperature 1
+# A training under another reward, as long as the other reward needs to show; then whether the first one's traces forecast it.
+# shellcheck disable=SC2086
+stage reinforce-other "$PYTHON" "$here/gspo.py" "$data/seeing" --tasks "$data/train" --out "$data/gspo-other" --steps "$OTHER_STEPS" --preset "$OTHER_PRESET" --reel "$REEL" $GSPO
+stage ablate "$PYTHON" "$here/ablate.py" "$data/gspo" --preset "$OTHER_PRESET" --trained "$data/gspo-other" --reel "$REEL" --out "$data/ablated.json"
 stage report "$PYTHON" "$here/report.py" "$data" --reel "$REEL"
 echo "the report: $data/report.html"

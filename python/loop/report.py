@@ -131,7 +131,9 @@ def main() -> None:
     stores = sorted((folder / "gspo" / "rollouts").glob("step_*/store"))
     log = json.loads(rollouts.run([reel, "train", "log", str(folder / "gspo"), "--json"]))
     changes = rollouts.run([reel, "train", "changes", str(folder / "played/seeing.store"), str(folder / "played/learned.store")])
+    ablated = json.loads((folder / "ablated.json").read_text())
     report = {
+        "ablation": ablated,
         "policies": {name: {"episodes": len(rows), "success": sum(bool(row["success"]) for row in rows.values())} for name, rows in played.items()},
         "comparisons": compared,
         "rollouts": {
@@ -157,6 +159,18 @@ def main() -> None:
     page.curve("return of the rollouts by step, mean of five", smooth([step["return"] for step in steps]))
     page.curve("KL from the SFT policy", [sum(update["kl"] for update in step["updates"]) / len(step["updates"]) for step in steps])
     page.table(["", ""], [*((name.replace("_", " "), value) for name, value in report["rollouts"].items()), *((name.replace("_", " "), f"{value:.3g}") for name, value in report["throughput"].items())])
+    page.heading(f"Under the reward {ablated['preset']}")
+    page.table(["", ""], [
+        ["rank correlation of the advantages, mean over groups", f"{ablated['rank']:.2f}"],
+        ["rollouts whose advantage changes its sign", f"{ablated['signs_flipped']:.1%}"], ["groups", ablated["groups"]],
+    ])
+    page.table(
+        ["behaviour", "covariance with the advantage", "under the other reward", "trained under it, difference at the same tasks", "95 %", "as forecast"],
+        [
+            [name, f"{one['recorded']:+.3f}", f"{one['other']:+.3f}", f"{one['difference']:+.3f}", "[{:+.3f}, {:+.3f}]".format(*one["interval"]), "yes" if one["held"] else "no"]
+            for name, one in ablated["behaviours"].items()
+        ],
+    )
     page.heading("What GSPO changed")
     page.preformatted(changes)
     page.heading("Seconds by stage")

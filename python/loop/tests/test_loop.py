@@ -19,6 +19,7 @@ import torch
 from PIL import Image
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1]))
+import ablate
 import checkpoint
 import data
 import evaluate
@@ -309,6 +310,31 @@ class Reinforcing(unittest.TestCase):
         drawn = [rollouts.tasks_of_step(tasks, step, 5, 0) for step in (1, 2, 3)]
         self.assertEqual(sorted(drawn[0] + drawn[1]), sorted(tasks))
         self.assertNotEqual(drawn[0], drawn[2])
+
+
+class Forecasting(unittest.TestCase):
+    """What another reward would have led to."""
+
+    def test_ranks_share_and_correlate(self) -> None:
+        self.assertEqual(ablate.ranks([3.0, 1.0, 3.0, 2.0]), [3.5, 1.0, 3.5, 2.0])
+        self.assertAlmostEqual(ablate.correlation([1.0, 2.0, 3.0], [2.0, 4.0, 6.0]), 1)
+        self.assertIsNone(ablate.correlation([1.0, 1.0], [1.0, 2.0]))
+
+    def test_the_reward_that_pays_for_a_behaviour_leads_to_more_of_it(self) -> None:
+        names = ["a", "b", "c", "d"]
+        did = {name: {**dict.fromkeys(ablate.BEHAVIOURS, 0.0), "questions": float(index), "success": float(index % 2)} for index, name in enumerate(names)}
+        pays_success = {"g": {name: did[name]["success"] - 0.5 for name in names}}
+        pays_questions = {"g": {name: did[name]["questions"] - 1.5 for name in names}}
+        told = ablate.forecast([(pays_success, pays_questions, did)])
+        self.assertEqual((told["groups"], told["rollouts"]), (1, 4))
+        self.assertGreater(told["behaviours"]["questions"]["other"], told["behaviours"]["questions"]["recorded"])
+        self.assertAlmostEqual(told["signs_flipped"], 0.5)
+        steps = lambda questions: [dict(dict.fromkeys(ablate.BEHAVIOURS, 0.0), questions=questions)] * 4
+        ablate.came_true(told, steps(1.0), steps(2.0))
+        self.assertTrue(told["behaviours"]["questions"]["held"])
+        self.assertEqual(told["behaviours"]["questions"]["interval"], (1.0, 1.0))
+        ablate.came_true(told, steps(2.0), steps(1.0))
+        self.assertFalse(told["behaviours"]["questions"]["held"])
 
 
 class Serving(unittest.TestCase):
