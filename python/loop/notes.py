@@ -42,9 +42,9 @@ def phrase(instruction: str, captions: collections.abc.Iterable[str], fallback: 
 
 def lacking(wanted: str, seen: str) -> str:
     """The first word of what is wanted that what is seen does not have, with a space before it; empty if there is none."""
-    words = lambda text: [word.removesuffix("s") for word in re.findall(r"[a-z]+", text.lower())]
-    there = {*words(seen), *LITTLE}
-    return next((f" {word}" for word in words(wanted) if word not in there), "")
+    words, bare = lambda text: re.findall(r"[a-z]+", text.lower()), lambda word: word.removesuffix("s")
+    there = {*map(bare, words(seen)), *LITTLE}
+    return next((f" {word}" for word in words(wanted) if bare(word) not in there and word not in LITTLE), "")
 
 
 def described(category: str, attributes: dict[str, list[str]], room: str = "") -> list[str]:

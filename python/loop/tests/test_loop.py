@@ -157,6 +157,7 @@ class Comparing(unittest.TestCase):
             ("gray cabinet", "cabinet_2 in toilet: oak, silver handles", " gray"),
             ("cabinet with brass handles in the study", "cabinet_2 in study: oak, brass handle", ""),
             ("cabinet in the study", "cabinet_2 in toilet: oak", " study"),
+            ("table with a glass top", "table_1 in hall: walnut top", " glass"),
         ]:
             self.assertEqual(notes.lacking(wanted, seen), word)
 
