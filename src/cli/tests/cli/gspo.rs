@@ -553,3 +553,88 @@ fn the_learning_loop_is_whole() {
         .env("REEL", env!("CARGO_BIN_EXE_reel"));
     reel_vectors::run(&mut loop_tests);
 }
+
+/// A preset may be done with an episode before the agent is: what comes later counts for nothing,
+/// in the objective and in the log of a training.
+#[test]
+fn decisions_after_the_preset_is_done_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    play(here, &["old"]);
+    reel!(here, "ingest old --store old.store");
+    let told = |more: &str| -> Value {
+        let command = "dataset gspo --store old.store --new old --ref old --advantage ngrpo --json --epsilon 0.9";
+        serde_json::from_str(&reel!(here, "{command} {more}")).unwrap()
+    };
+    let (recorded, other) = (told(""), told("--preset real-trainer"));
+
+    // The trainer is done when no target remains: the `finish` of an episode that succeeded is not its.
+    let printed = reel!(here, "trace logprobs list old");
+    let lines = ScoredTokens::read_lines(&printed, Path::new("stdout")).unwrap();
+    let mut kept = BTreeMap::new();
+    let mut left_out = 0;
+    for path in files(&here.join("old"), "mcap") {
+        let trace = Trace::read(&path).unwrap();
+        let last = trace.steps.len() as u32 - 1;
+        let succeeded = trace.end.as_ref().unwrap().metrics.success;
+        left_out += u64::from(succeeded);
+        let id = trace.header.episode_id;
+        let counted = lines
+            .iter()
+            .filter(|line| line.episode_id == id && !(succeeded && line.step == last));
+        let count: usize = counted.map(|line| line.logprobs.len()).sum();
+        kept.insert(id, count);
+    }
+    assert!(left_out > 0, "an episode succeeded");
+    let tokens = |told: &Value| -> BTreeMap<String, usize> {
+        let sequences = told["report"]["sequences"].as_array().unwrap().iter();
+        let of = |one: &Value| {
+            let id = one["episode_id"].as_str().unwrap().to_owned();
+            (id, one["tokens"].as_u64().unwrap() as usize)
+        };
+        sequences.map(of).collect()
+    };
+    assert_eq!(tokens(&other), kept);
+    assert_ne!(tokens(&recorded), kept);
+
+    let update = |told: &Value| {
+        let report = &told["report"];
+        serde_json::json!({
+            "episodes": 4, "loss": report["loss"], "ratio": report["ratio"][1], "kl": report["kl"],
+            "low": report["clipped"]["low"], "high": report["clipped"]["high"],
+        })
+    };
+    let objective = serde_json::json!({
+        "old": "old", "new": "old", "reference": "old", "epsilon": 0.9, "epsilon_high": 0.9, "beta": 0.04, "returns": "paper",
+        "advantage": "ngrpo", "group_size": null, "preset": "real-trainer",
+    });
+    let about = serde_json::json!({ "objective": objective });
+    fs::write(here.join("training.json"), about.to_string()).unwrap();
+    let log = |told: &Value| {
+        let step =
+            serde_json::json!({ "step": 1, "store": "old.store", "updates": [update(told)] });
+        fs::write(here.join("steps.jsonl"), format!("{step}\n")).unwrap();
+    };
+    log(&other);
+    assert!(reel!(here, "train log .").contains("equal"));
+    let unpaid = complaint(here, 2, "train log . --step 1");
+    assert!(
+        unpaid.contains("reel store reward --store") && unpaid.contains("--preset real-trainer"),
+        "{unpaid}"
+    );
+    reel!(here, "store reward --store old.store --preset real-trainer");
+    let step: Value = serde_json::from_str(&reel!(here, "train log . --step 1 --json")).unwrap();
+    for one in step["steps"][0]["episodes"].as_array().unwrap() {
+        let id = one["episode_id"].as_str().unwrap();
+        let sql = format!(
+            "SELECT total_reward FROM rescored WHERE preset = 'real-trainer' AND episode_id = '{id}'"
+        );
+        let paid = expect(here, 0, &["query", "--store", "old.store", "--json", &sql]);
+        let paid: Value = serde_json::from_str(&paid).unwrap();
+        let terms = one["terms"].as_object().unwrap().values();
+        near(
+            &paid[0]["total_reward"],
+            terms.map(|value| value.as_f64().unwrap()).sum(),
+        );
+    }
+}

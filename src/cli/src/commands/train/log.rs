@@ -111,6 +111,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         .into_iter()
         .map(|step| check(&log, step, preset.as_ref()))
         .collect::<anyhow::Result<Vec<_>>>()?;
+    if let Some(preset) = &preset
+        && arguments.step.is_some()
+        && checked[0].episodes.iter().all(|one| one.terms.is_empty())
+    {
+        bail!(
+            "the store has no rewards under {preset}; add them with `reel store reward --store {store} --preset {preset}`",
+            preset = preset.name(),
+            store = arguments.run.join(&checked[0].logged.store).display()
+        );
+    }
     if arguments.json {
         println!(
             "{}",
