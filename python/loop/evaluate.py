@@ -102,7 +102,7 @@ def main() -> None:
     player.add_argument("--temperature", type=float, default=0.0)
     player.add_argument("--seed", type=int, default=0)
     player.add_argument("--repeat", type=int, default=1)
-    player.add_argument("--max-tokens", type=int, default=200)
+    player.add_argument("--max-tokens", type=int, default=100)
     player.add_argument("--jobs", type=int, default=16)
     player.add_argument("--batch", type=int, default=8, help="most requests in a batch")
     player.add_argument("--threads", type=int, default=1, help="batches at a time")

@@ -53,7 +53,7 @@ def draw(chances: numpy.ndarray, temperature: float, rng: random.Random) -> int:
 
 @torch.inference_mode()
 def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
-    """An answer for each question. Sequences stand right-aligned in the batch."""
+    """An answer for each question. Sequences stand right-aligned in the batch; once half of them are done, they are taken out."""
     batch, width = len(questions), max(len(question.tokens) for question in questions)
     size = policy.config.width // policy.config.heads
     tokens = torch.full((batch, width), PAD)
@@ -83,23 +83,31 @@ def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
 
     streams = [stream(question) for question in questions]
     found = [Answer([], []) for _ in questions]
+    rows = list(range(batch))  # the question of each row
     open_rows = [True] * batch
     for now in range(width, room):
         written, where, share = policy.mixture(hidden, keys[:, :now], (seen & (context != IMAGE))[:, None, :now])
         chances = (1 - share[:, 0]) * written[:, 0].exp()
         chances = chances.scatter_add(1, context[:, :now], share[:, 0] * where[:, 0]).double().numpy()
         chances[:, [PAD, ANSWER, IMAGE]] = 0
-        nexts = torch.full((batch, 1), PAD)
-        for row, question in enumerate(questions):
+        nexts = torch.full((len(rows), 1), PAD)
+        for row, index in enumerate(rows):
             if not open_rows[row]:
                 continue
-            token = draw(chances[row], question.temperature, streams[row])
-            found[row].tokens.append(token)
-            found[row].logprobs.append(min(0.0, float(numpy.log(chances[row, token] + model.EPSILON))))
-            open_rows[row] = token != END and len(found[row].tokens) < question.longest
+            question, answer = questions[index], found[index]
+            token = draw(chances[row], question.temperature, streams[index])
+            answer.tokens.append(token)
+            answer.logprobs.append(min(0.0, float(numpy.log(chances[row, token] + model.EPSILON))))
+            open_rows[row] = token != END and len(answer.tokens) < question.longest
             nexts[row] = token
         if not any(open_rows):
             break
+        if 2 * sum(open_rows) <= len(rows):
+            kept = torch.tensor([row for row, is_open in enumerate(open_rows) if is_open])
+            for memory in memories:
+                memory.keep(kept)
+            nexts, context, seen, keys, start, last_normed = (one[kept] for one in (nexts, context, seen, keys, start, last_normed))
+            rows, open_rows = [rows[row] for row in kept.tolist()], [True] * len(kept)
         context[:, now], seen[:, now] = nexts[:, 0], True
         x = policy.embed(nexts, None)
         turn = model.angles((now - start)[:, None], size)

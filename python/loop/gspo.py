@@ -55,7 +55,7 @@ class Options:
     returns: str = "paper"
     preset: str = ""  # rewards; the recorded ones if empty
     temperature: float = 1.0
-    max_tokens: int = 150
+    max_tokens: int = 100  # the longest answer of the training set has 74
     tokens: int = 6144  # most tokens in a batch, padding included
     bf16: bool = True  # products of matrices in gradients in 16 bits
 

@@ -134,6 +134,10 @@ class Memory:
         self.length, self.last = end, last
         return self.key[:, :, :end], self.value[:, :, :end]
 
+    def keep(self, rows: Tensor) -> None:
+        """Forgets all other sequences."""
+        self.key, self.value, self.last = self.key[rows], self.value[rows], self.last[rows]
+
 
 class Block(nn.Module):
     """Attention and a feed-forward layer with squared ReLU."""
