@@ -55,6 +55,16 @@ def described(category: str, attributes: dict[str, list[str]], room: str = "") -
     return [f"{name} in the {room}" for name in names if room] + names
 
 
+def comparable(phrase: str, category: str, attributes: collections.abc.Iterable[dict[str, list[str]]]) -> str:
+    """The words of a phrase that a look can have, and the category: `pink leather diary` of `pink leather diary with a locked clasp`.
+
+    Rare words are spelled letter by letter and seldom copied rightly. A phrase that does not name the category stays as it is.
+    """
+    words, named = phrase.split(), category.split()
+    seen = {word for one in attributes for kind in PLAIN for value in one.get(kind, []) for word in value.split()}
+    return " ".join(word for word in words if word in seen or word in named) if set(named) <= set(words) else phrase
+
+
 class Episode:
     """What the notes of one episode are made from."""
 
@@ -65,7 +75,8 @@ class Episode:
         self.instruction = self.task["instruction"]
         target = self.objects[self.task["target"]]
         captions = [target.get("caption") or "", *described(target["category"], target.get("attributes", {}))]
-        self.wanted = phrase(self.instruction, captions, self.task.get("purpose") or target["category"])
+        told = phrase(self.instruction, captions, self.task.get("purpose") or target["category"])
+        self.wanted = comparable(told, target["category"], [thing.get("attributes", {}) for thing in self.task["objects"]])
         self.source, self.destination = self.place_phrase(self.task["src"]), self.place_phrase(self.task["dest"])
         self.told = ""
 

@@ -161,6 +161,13 @@ class Comparing(unittest.TestCase):
         ]:
             self.assertEqual(notes.lacking(wanted, seen), word)
 
+    def test_what_no_look_has_is_left_out(self) -> None:
+        looks = [{"colour": ["pink", "dark red"], "material": ["leather"], "shape": ["round"]}]
+        for phrase, words in [
+            ("pink leather round diary with a locked clasp", "pink leather diary"), ("dark red diary", "dark red diary"), ("something to write in", "something to write in"),
+        ]:
+            self.assertEqual(notes.comparable(phrase, "diary", looks), words)
+
     def test_receptacles_are_compared_with_what_others_want(self) -> None:
         gray, oak = "cabinet_1 in toilet: gray", "cabinet_2 in study: oak"
         known = [self.arrival("gray cabinet", gray, "yes"), self.arrival("oak cabinet", oak, "yes"), self.arrival("gray cabinet", oak, "no gray")]
