@@ -71,6 +71,11 @@ def example(row: dict, folder: pathlib.Path) -> Example:
     return Example(about["episode"], about["call"], about["scene"], user["content"], image, assistant["content"])
 
 
+def is_noted(one: Example) -> bool:
+    """Whether an expert wrote it: of a branch, the decisions of the parent have no words."""
+    return one.answer.startswith("<think>")
+
+
 def contradicts_named_room(one: Example) -> bool:
     """Whether the expert goes to another room than the task names: the oracle's plan visits look-alikes wherever they stand."""
     goes, wanted = DESTINATION.search(one.answer), NAMED_ROOM.search(one.answer)

@@ -70,6 +70,8 @@ class Episode:
 
     def __init__(self, trace: Record) -> None:
         self.task, self.steps = trace["task"], trace["steps"]
+        # Of a branch only what comes after the parent's calls is an expert's.
+        self.first = (trace["header"].get("parent") or {}).get("call", 0)
         self.places = {place["id"]: place for place in trace["scene"]["receptacles"]}
         self.objects = {thing["instance"]: thing for thing in self.task["objects"]}
         self.instruction = self.task["instruction"]
@@ -100,7 +102,7 @@ class Episode:
             last = self.steps[index - 1] if index else None
             line, seen = self.account(last, self.steps[index - 2] if index > 1 else None) if last else ("started", "")
             found.append({
-                "reasoning": self.reason(step, last, seen),
+                "reasoning": self.reason(step, last, seen) if index >= self.first else "",
                 "history": f"{index}) {line}",
                 "schedule": self.schedule(last),
                 "subtask": step.get("tool") or "call",
@@ -133,10 +135,12 @@ class Episode:
                 reply = (last.get("reply") or {}).get("text") or last["outcome"]["text"]
                 self.told = reply
                 return f"told: {reply}", ""
+            case None:
+                return (f"{call['name']} failed" if call["name"] else "gave no call"), ""
             case tool:
                 name = targets.get(int(marker), {}).get("id", "") if str(marker).isdigit() else ""
                 what = f" {name}" if name in self.places else f" {marker}" if marker is not None else ""
-                return f"{tool or 'call'}{what}{' failed' if error else ''}", ""
+                return f"{tool}{what}{' failed' if error else ''}", ""
 
     def reason(self, step: Record, last: Record | None, seen: str) -> str:
         """What is wanted, what is seen, and whether it fits."""

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# prove.sh: the whole loop with a policy that learns, from nothing to a report. Homes and the oracle's episodes, a policy that sees and a twin
-# that does not, play in homes never seen, GSPO on rollouts, play again, paired comparisons, failures before and after. Each stage is done once:
-# the same command goes on where it was broken off. The report is LOOP_DIR/report.html, its numbers LOOP_DIR/report.json.
+# prove.sh: the whole loop with a policy that learns, from nothing to a report. Homes and the oracle's episodes; a student whose mistakes the
+# oracle takes over; a policy that sees and a twin that does not; play in homes never seen, GSPO on rollouts, play again, paired comparisons,
+# failures before and after. Each stage is done once: the same command goes on where it was broken off. The report is LOOP_DIR/report.html, its
+# numbers LOOP_DIR/report.json.
 #
 # REEL (the binary), PYTHON (with PyTorch; one is set up otherwise), LOOP_DIR. SHORT=1: some minutes, that show the plumbing whole and prove
 # nothing of learning. What is made and learned: see the defaults below.
@@ -12,10 +13,12 @@ PYTHON="${PYTHON:-$("$here/../../tests/python.sh" lerobot)}"
 export PYTHON
 if [[ -n ${SHORT:-} ]]; then
   export HOMES="${HOMES:-3}" TASKS="${TASKS:-6}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-1}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-4}"
+  PRACTICE_HOMES="${PRACTICE_HOMES:-1}" STUDENT_UPDATES="${STUDENT_UPDATES:-40}"
   ENCODER_HOMES="${ENCODER_HOMES:-2}" ENCODER_UPDATES="${ENCODER_UPDATES:-20}" COMPARISONS="${COMPARISONS:-20}" UPDATES="${UPDATES:-60}" STEPS="${STEPS:-2}" OTHER_STEPS="${OTHER_STEPS:-2}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:---groups 2 --size 4 --updates 2 --max-tokens 100}"
 else
-  export HOMES="${HOMES:-60}" TASKS="${TASKS:-16}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-20}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-15}"
-  ENCODER_HOMES="${ENCODER_HOMES:-20}" ENCODER_UPDATES="${ENCODER_UPDATES:-800}" COMPARISONS="${COMPARISONS:-400}" UPDATES="${UPDATES:-1400}" STEPS="${STEPS:-30}" OTHER_STEPS="${OTHER_STEPS:-12}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
+  export HOMES="${HOMES:-110}" TASKS="${TASKS:-16}" HELD_OUT_HOMES="${HELD_OUT_HOMES:-20}" HELD_OUT_TASKS="${HELD_OUT_TASKS:-15}"
+  PRACTICE_HOMES="${PRACTICE_HOMES:-16}" STUDENT_UPDATES="${STUDENT_UPDATES:-400}"
+  ENCODER_HOMES="${ENCODER_HOMES:-24}" ENCODER_UPDATES="${ENCODER_UPDATES:-1600}" COMPARISONS="${COMPARISONS:-200}" UPDATES="${UPDATES:-1000}" STEPS="${STEPS:-30}" OTHER_STEPS="${OTHER_STEPS:-12}" REPEATS="${REPEATS:-1}" GSPO="${GSPO:-}"
 fi
 data="$LOOP_DIR" OTHER_PRESET="${OTHER_PRESET:-real-trainer}"
 mkdir -p "$data/played"
@@ -31,22 +34,37 @@ stage() {
 }
 
 look() { # the image encoder, on frames with masks of the first homes
-  [[ ! -e $data/encoder.pt ]] || return 0
   local homes=() number
-  for number in $(seq 1 "$ENCODER_HOMES"); do homes+=("$data/traces/home_$number"); done
+  for number in $(seq 1 "$ENCODER_HOMES"); do homes+=("$data/train-traces/home_$number"); done
   rm -rf "$data/coco"
   "$REEL" export coco "${homes[@]}" --marks --out "$data/coco"
   "$PYTHON" "$here/pretrain.py" --coco "$data/coco" --traces "${homes[@]}" --reel "$REEL" --updates "$ENCODER_UPDATES" --out "$data/encoder.pt"
   rm -rf "$data/coco"
 }
 
-learn() { # the policy that sees, with its image encoder, and its twin, at once
-  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/untrained" --updates 0 >/dev/null
-  local twin
-  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/blind" --comparisons "$COMPARISONS" --updates "$UPDATES" --blind >"$data/blind.txt" &
+practise() { # a student plays homes of training, and the oracle takes over where it goes wrong (DAgger); the student sees nothing and is done early
+  "$PYTHON" "$here/sft.py" --set "$data/train-set" --out "$data/student" --updates "$STUDENT_UPDATES" --blind >"$data/student.txt"
+  local number
+  mkdir -p "$data/practice"
+  for number in $(seq 1 "$PRACTICE_HOMES"); do cp -r "$data/train/home_$number" "$data/practice"; done
+  "$PYTHON" "$here/evaluate.py" play "$data/student" --reel "$REEL" --tasks "$data/practice" --out "$data/played/student"
+  "$PYTHON" "$here/takeover.py" "$data/played/student" --reel "$REEL" --out "$data/takeovers"
+  "$here/set.sh" "$data/takeovers" "$data/takeover-set"
+}
+
+prepare() { # the encoder and the student, at once
+  look &
+  local encoder=$!
+  practise
+  wait "$encoder"
+}
+
+learn() { # the policy that sees and its twin, at once; what is rare counts three times
+  local sets=("$data/train-set" "$data/takeover-set" "$data/takeover-set" "$data/takeover-set") twin
+  "$PYTHON" "$here/sft.py" --set "${sets[@]}" --out "$data/untrained" --updates 0 >/dev/null
+  "$PYTHON" "$here/sft.py" --set "${sets[@]}" --out "$data/blind" --comparisons "$COMPARISONS" --updates "$UPDATES" --blind >"$data/blind.txt" &
   twin=$!
-  look
-  "$PYTHON" "$here/sft.py" --set "$data/set" --out "$data/seeing" --encoder "$data/encoder.pt" --comparisons "$COMPARISONS" --updates "$UPDATES" | tee "$data/seeing.txt"
+  "$PYTHON" "$here/sft.py" --set "${sets[@]}" --out "$data/seeing" --encoder "$data/encoder.pt" --comparisons "$COMPARISONS" --updates "$UPDATES" | tee "$data/seeing.txt"
   wait "$twin"
 }
 
@@ -57,9 +75,12 @@ play() { # play CHECKPOINT NAME OPTIONS...
 }
 
 stage homes "$here/homes.sh"
+stage prepare prepare
 stage learn learn
 stage examine "$PYTHON" "$here/examine.py" "$data/seeing" --set "$data/held-out-set" --threads 2 --out "$data/examined.json"
-for name in untrained blind seeing; do
+# What an untrained policy says cannot be read, however long it is.
+stage play-untrained play "$data/untrained" untrained --max-tokens 10
+for name in blind seeing; do
   stage "play-$name" play "$data/$name" "$name"
 done
 # shellcheck disable=SC2086

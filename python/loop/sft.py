@@ -144,7 +144,7 @@ def train(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--set", required=True, type=pathlib.Path, help="folder of `reel export sft --format ms-swift`")
+    parser.add_argument("--set", required=True, type=pathlib.Path, nargs="+", help="folders of `reel export sft --format ms-swift`; one named twice counts twice")
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
     parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
     parser.add_argument("--encoder", type=pathlib.Path, help="image encoder of pretrain.py to begin with")
@@ -159,8 +159,8 @@ def main() -> None:
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
     chosen = parser.parse_args()
 
-    everything = data.read(chosen.set)
-    examples = [one for one in everything if not data.contradicts_named_room(one)]
+    everything = [one for folder in chosen.set for one in data.read(folder)]
+    examples = [one for one in everything if data.is_noted(one) and not data.contradicts_named_room(one)]
     tokenizer = Tokenizer.of([one.prompt for one in examples], [one.answer for one in examples])
     config = model.Config(len(tokenizer), width=chosen.width, layers=chosen.layers, blind=chosen.blind)
     encoder = torch.load(chosen.encoder, weights_only=True) if chosen.encoder else None

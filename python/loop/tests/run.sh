@@ -12,5 +12,5 @@ fi
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 SHORT=1 PYTHON="$python" LOOP_DIR="$folder/loop" "$here/../prove.sh"
-"$python" "$here/prompts.py" --reel "${REEL:-reel}" --tasks "$folder/loop/train/home_1/tasks" --set "$folder/loop/set" --traces "$folder/loop/traces/home_1"
+"$python" "$here/prompts.py" --reel "${REEL:-reel}" --tasks "$folder/loop/train/home_1/tasks" --set "$folder/loop/train-set" --traces "$folder/loop/train-traces/home_1"
 "$python" "$here/../gspo.py" --replay-step 2 --out "$folder/loop/gspo" --reel "${REEL:-reel}"

@@ -33,6 +33,7 @@ import rollouts
 import score
 import server
 import sft
+import takeover
 from tokenizer import ANSWER, END, IMAGE, Tokenizer, join, split
 
 PROMPT = """You are a robot.
@@ -188,6 +189,36 @@ class Comparing(unittest.TestCase):
             self.assertTrue(comparisons.draw(known[2], random.Random(seed)).answer.endswith("; no"))
         one = comparisons.draw(known[0], random.Random(0))
         self.assertTrue(one.prompt.startswith("want ") and one.prompt.endswith("Last observation: View: <image>\nResult: Arrived at table_1."))
+
+
+class TakingOver(unittest.TestCase):
+    """The oracle goes on where a policy went wrong."""
+
+    def test_after_and_instead_of_what_failed(self) -> None:
+        ok = lambda tool: {"tool": tool, "outcome": {}}
+        failed = lambda tool: {"tool": tool, "outcome": {"error": "nothing_found"}}
+        steps = [ok("nav_to"), failed("show_object_by_category"), ok("nav_to"), ok("gaze_at"), failed("pick"), {"tool": None, "outcome": {}}, ok("finish")]
+        # Not at 4: whoever takes over after a search that found something searches again.
+        self.assertEqual(takeover.moments(steps), [1, 2, 5, 6])
+        self.assertEqual(takeover.moments([failed("nav_to")]), [])
+
+    def test_only_the_decisions_of_the_expert_have_words(self) -> None:
+        thing = {"instance": "mug", "category": "mug", "attributes": {"colour": ["red"]}}
+        place = lambda name: {"id": name, "category": "table", "room": "kitchen/0", "captions": {}, "attributes": {}}
+        step = lambda index, tool, call: {
+            "step": index, "tool": tool, "input": {"call": call}, "outcome": {"text": ""} | ({} if tool else {"error": "unparsable_output"}), "markers": [], "held": None,
+        }
+        go = lambda name: {"name": "nav_to", "arguments": {"receptacle_name": name}}
+        trace = {
+            "header": {"parent": {"call": 2}}, "scene": {"receptacles": [place("table_1"), place("table_2")]},
+            "task": {"instruction": "Take the red mug.", "objects": [thing], "target": "mug", "src": "table_1", "dest": "table_2"},
+            "steps": [step(0, "nav_to", go("table_2")), step(1, None, {"name": "", "arguments": None}), step(2, "nav_to", go("table_1")), step(3, "finish", {"name": "finish", "arguments": {}})],
+        }
+        found = notes.Episode(trace).notes()
+        self.assertEqual([one["reasoning"] for one in found], ["", "", "want red mug", "want table; table_1 in kitchen: plain; yes"])
+        self.assertEqual(found[2]["history"], "2) gave no call")
+        self.assertFalse(data.is_noted(data.Example("e", 0, "home", PROMPT, None, '{"summary":{}}')))
+        self.assertTrue(data.is_noted(data.Example("e", 0, "home", PROMPT, None, ANSWERED)))
 
 
 class Learning(unittest.TestCase):

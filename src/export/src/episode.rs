@@ -21,9 +21,7 @@ pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static s
         AnnotationSource::Recorded | AnnotationSource::Notes => &[],
     };
     let rollouts: &[&str] = if rollouts { ROLLOUT_COLUMNS } else { &[] };
-    let mut columns = [COLUMNS, annotator].concat();
-    columns.extend(rollouts.iter().filter(|name| !annotator.contains(name)));
-    columns
+    [COLUMNS, annotator, rollouts].concat()
 }
 
 const COLUMNS: &[&str] = &reel_world::words! {
@@ -32,17 +30,16 @@ const COLUMNS: &[&str] = &reel_world::words! {
     "steps.list.element.call_name" "steps.list.element.arguments" "steps.list.element.text"
     "steps.list.element.error_code" "steps.list.element.error_class" "steps.list.element.reasoning"
     "steps.list.element.history" "steps.list.element.plan" "steps.list.element.held"
+    "steps.list.element.raw"
 };
 
-/// What rollouts are besides: the answers as they came, and what the policies gave their tokens.
-const ROLLOUT_COLUMNS: &[&str] = &reel_world::words! {
-    "steps.list.element.raw" "steps.list.element.tokens" "steps.list.element.logprobs"
-};
+/// What rollouts are besides: what the policies gave the tokens of their answers.
+const ROLLOUT_COLUMNS: &[&str] =
+    &reel_world::words! { "steps.list.element.tokens" "steps.list.element.logprobs" };
 
 /// What only the annotator looks at.
 const ANNOTATOR_COLUMNS: &[&str] = &reel_world::words! {
-    "steps.list.element.argument" "steps.list.element.receptacle" "steps.list.element.raw"
-    "steps.list.element.reply" "steps.list.element.listed" "steps.list.element.marker_map"
+    "steps.list.element.argument" "steps.list.element.receptacle" "steps.list.element.reply" "steps.list.element.listed" "steps.list.element.marker_map"
     "steps.list.element.visible_objects.list.element.object"
 };
 

@@ -227,10 +227,12 @@ impl RowBuilder<'_> {
         if let Some(trace) = trace.as_ref().filter(|_| mends) {
             made.history = repair_histories(&mut notes, trace);
         }
-        // What a policy is rewarded for is what it said, and its next prompt remembers that.
+        // What a policy is rewarded for is what it said, and its next prompt remembers that. An answer
+        // that holds no call stays in any words: the next prompt quotes it.
+        let single = options.style == Style::SingleTurn;
         let as_they_came = words == AnnotationSource::Recorded
             && options.rollouts.is_some()
-            && options.style == Style::SingleTurn
+            && single
             && row.answers_hold_calls();
         let mut steps = row.decisions();
         for (step, note) in steps.iter_mut().zip(notes) {
@@ -240,7 +242,7 @@ impl RowBuilder<'_> {
                 .held_after(step.call)
                 .and_then(|instance| known.object(instance))
                 .map(|object| object.category.clone());
-            step.answer = as_they_came
+            step.answer = (as_they_came || (single && step.call_name.is_empty()))
                 .then(|| row.answer(step.call).map(str::to_owned))
                 .flatten();
             step.learn = candidate

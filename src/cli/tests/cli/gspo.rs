@@ -4,7 +4,7 @@
 use std::{
     collections::BTreeMap,
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex},
 };
 
@@ -366,28 +366,35 @@ fn rows_of_rollouts_are_what_was_asked_and_said() {
         here,
         "export rl --store store --format ms-swift --image-format none --out rl"
     );
-    let text = files(&here.join("rl/train"), "jsonl")
-        .iter()
-        .map(|path| fs::read_to_string(path).unwrap())
-        .collect::<String>();
-    let mut rows: Vec<(String, String)> = text
-        .lines()
-        .map(|line| {
+    let rows = |set: &str| -> Vec<(String, String)> {
+        let read = |path: &PathBuf| fs::read_to_string(path).unwrap();
+        let text: String = files(&here.join(set).join("train"), "jsonl").iter().map(read).collect();
+        let turns = |line: &str| {
             let row: Value = serde_json::from_str(line).unwrap();
             let content = |at: usize| row["messages"][at]["content"].as_str().unwrap().to_owned();
             (content(0), content(1))
-        })
-        .collect();
+        };
+        let mut rows: Vec<_> = text.lines().map(turns).collect();
+        rows.sort();
+        rows
+    };
     let asked = asked.lock().unwrap();
     let mut said: Vec<(String, String)> = asked
         .iter()
         .map(|(prompt, answer)| (prompt.clone(), (*answer).to_owned()))
         .collect();
-    rows.sort();
     said.sort();
-    assert_eq!(rows.len(), 4, "{text}");
-    assert_eq!(rows, said);
+    assert_eq!(said.len(), 4);
+    assert_eq!(rows("rl"), said);
     reel!(here, "dataset lint rl");
+    // In other words, too, a decision after such an answer has the prompt that the policy had.
+    reel!(
+        here,
+        "export sft --store store --format ms-swift --annotations rules --failed --mistakes --after-decisive --image-format none --out sft"
+    );
+    let prompts: Vec<String> = rows("sft").into_iter().map(|(prompt, _)| prompt).collect();
+    let had = asked.iter().filter(|(_, answer)| *answer == FINISH).map(|(prompt, _)| prompt.clone());
+    assert_eq!(prompts, had.collect::<Vec<_>>());
     let changes = reel!(here, "train changes store store --no-attribution");
     assert!(changes.contains("calls of (unreadable)"), "{changes}");
 }
