@@ -368,7 +368,10 @@ fn rows_of_rollouts_are_what_was_asked_and_said() {
     );
     let rows = |set: &str| -> Vec<(String, String)> {
         let read = |path: &PathBuf| fs::read_to_string(path).unwrap();
-        let text: String = files(&here.join(set).join("train"), "jsonl").iter().map(read).collect();
+        let text: String = files(&here.join(set).join("train"), "jsonl")
+            .iter()
+            .map(read)
+            .collect();
         let turns = |line: &str| {
             let row: Value = serde_json::from_str(line).unwrap();
             let content = |at: usize| row["messages"][at]["content"].as_str().unwrap().to_owned();
@@ -393,7 +396,10 @@ fn rows_of_rollouts_are_what_was_asked_and_said() {
         "export sft --store store --format ms-swift --annotations rules --failed --mistakes --after-decisive --image-format none --out sft"
     );
     let prompts: Vec<String> = rows("sft").into_iter().map(|(prompt, _)| prompt).collect();
-    let had = asked.iter().filter(|(_, answer)| *answer == FINISH).map(|(prompt, _)| prompt.clone());
+    let had = asked
+        .iter()
+        .filter(|(_, answer)| *answer == FINISH)
+        .map(|(prompt, _)| prompt.clone());
     assert_eq!(prompts, had.collect::<Vec<_>>());
     let changes = reel!(here, "train changes store store --no-attribution");
     assert!(changes.contains("calls of (unreadable)"), "{changes}");
