@@ -22,7 +22,7 @@ import rollouts
 BEHAVIOURS = {
     "success": "CAST(e.success AS INT)", "completion": "e.completion", "calls": "e.length",
     "questions": "(SELECT count(*) FROM steps s WHERE s.episode_id = e.episode_id AND s.tool = 'ask')",
-    "failed calls": "(SELECT count(*) FROM steps s WHERE s.episode_id = e.episode_id AND s.error IS NOT NULL)",
+    "failed calls": "(SELECT count(*) FROM steps s WHERE s.episode_id = e.episode_id AND s.error_code IS NOT NULL)",
 }
 Json = dict[str, typing.Any]
 Groups = dict[str, dict[str, float]]  # advantages by group and episode
@@ -99,8 +99,8 @@ def came_true(told: Json, recorded: list[Json], trained: list[Json]) -> None:
     for name, one in told["behaviours"].items():
         differences = [trained[step][name] - recorded[step][name] for step in later]
         one["difference"], one["interval"] = mean(differences), evaluate.interval(differences)
-        expected = one["other"] - one["recorded"]
-        one["held"] = expected * one["difference"] > 0
+        sign = (one["other"] - one["recorded"]) * one["difference"]
+        one["held"] = sign > 0 if sign else None  # nothing was forecast, or nothing differs
 
 
 def main() -> None:

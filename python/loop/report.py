@@ -167,7 +167,7 @@ def main() -> None:
     page.table(
         ["behaviour", "covariance with the advantage", "under the other reward", "trained under it, difference at the same tasks", "95 %", "as forecast"],
         [
-            [name, f"{one['recorded']:+.3f}", f"{one['other']:+.3f}", f"{one['difference']:+.3f}", "[{:+.3f}, {:+.3f}]".format(*one["interval"]), "yes" if one["held"] else "no"]
+            [name, f"{one['recorded']:+.3f}", f"{one['other']:+.3f}", f"{one['difference']:+.3f}", "[{:+.3f}, {:+.3f}]".format(*one["interval"]), {True: "yes", False: "no", None: "-"}[one["held"]]]
             for name, one in ablated["behaviours"].items()
         ],
     )
