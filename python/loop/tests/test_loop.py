@@ -249,7 +249,7 @@ class Learning(unittest.TestCase):
         policy = model.build(self.config, 0)
         rows = [data.row(self.tokenizer, self.config, one) for one in self.examples[:3]]
         pictures = data.Pictures(policy)
-        questions = [generate.Question(one.prompt, pictures.get(one.image), 1.0, (9, 2, 3)[index], index) for index, one in enumerate(rows)]
+        questions = [generate.Question(one.prompt, pictures.get(one.image), 1.0, (2, 9, 3)[index], index) for index, one in enumerate(rows)]
         found = generate.answers(policy, questions)
         batch = data.batch([dataclasses.replace(one, answer=answer.tokens) for one, answer in zip(rows, found)], pictures)
         scored, _ = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
