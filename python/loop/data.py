@@ -5,15 +5,15 @@ import json
 import pathlib
 import random
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 import images
-from model import Config, Policy
+from model import Config, Policy, Sequences
 from notes import lacking
-from tokenizer import ANSWER, END, IMAGE, PAD, Tokenizer
+from tokenizer import ANSWER, END, IMAGE, Tokenizer
 
 MARK = "<image>"  # stands for the image in the text of a prompt
 ROOM = re.compile(r"^\d+\) In ([^:\n]+): ([^\n]*)\.$", re.MULTILINE)
@@ -204,35 +204,31 @@ class Pictures:
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """Rows padded at the end. Row `b` has its answer at `prompts[b]` to `ends[b] - 1`."""
+    """Rows one behind the other, as `Policy.logprobs` takes them."""
 
     tokens: Tensor
     features: Tensor | None
-    prompts: Tensor
-    ends: Tensor
+    sequences: Sequences
 
 
 def batch(rows: Sequence[Row], pictures: Pictures) -> Batch:
     """The rows as tensors."""
-    tokens = torch.full((len(rows), max(map(len, rows))), PAD)
-    for index, one in enumerate(rows):
-        tokens[index, : len(one)] = torch.tensor(one.prompt + one.answer)
     shown = [features for one in rows if (features := pictures.get(one.image)) is not None]
     return Batch(
-        tokens,
+        torch.tensor([token for one in rows for token in one.prompt + one.answer]),
         torch.stack(shown) if shown else None,
-        torch.tensor([len(one.prompt) for one in rows]),
-        torch.tensor([len(one) for one in rows]),
+        Sequences([len(one.prompt) for one in rows], [len(one) for one in rows]),
     )
 
 
-def batches(rows: Iterable[Row], most: int, rng: random.Random) -> Iterator[list[Row]]:
-    """Batches of like lengths with at most `most` tokens, padding included, in random order."""
-    ordered = sorted(rows, key=lambda one: (len(one), rng.random()))
-    groups: list[list[Row]] = [[]]
-    for one in ordered:
-        if groups[-1] and (len(groups[-1]) + 1) * len(one) > most:
-            groups.append([])
-        groups[-1].append(one)
-    rng.shuffle(groups)
-    return iter(groups)
+def batches(rows: Sequence[Row], most: int) -> list[list[int]]:
+    """The numbers of rows in batches of at most `most` tokens, in their order."""
+    found: list[list[int]] = [[]]
+    tokens = 0
+    for index, one in enumerate(rows):
+        if found[-1] and tokens + len(one) > most:
+            found.append([])
+            tokens = 0
+        found[-1].append(index)
+        tokens += len(one)
+    return found

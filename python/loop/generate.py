@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 import model
-from model import Memory, Policy
+from model import Memory, Policy, Sequences
 from tokenizer import ANSWER, END, IMAGE, PAD
 
 
@@ -51,42 +51,48 @@ def draw(chances: numpy.ndarray, temperature: float, rng: random.Random) -> int:
     return int(min(numpy.searchsorted(total, rng.random() * total[-1], side="right"), len(chances) - 1))
 
 
+class Prompt(Sequences):
+    """One prompt, of which what blocks need later is kept: keys, values and normed inputs, by block."""
+
+    def __init__(self, tokens: list[int]) -> None:
+        super().__init__([len(tokens)], [len(tokens)])
+        self.normed: list[Tensor] = []
+        self.kept: list[tuple[Tensor, Tensor, Tensor]] = []
+
+    def before(self, normed: Tensor) -> Tensor:
+        self.normed.append(normed)
+        return super().before(normed)
+
+    def attend(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
+        self.kept.append((key, value, self.normed[-1]))
+        return super().attend(query, key, value)
+
+
 @torch.inference_mode()
 def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
-    """An answer for each question. Sequences stand right-aligned in the batch; once half of them are done, they are taken out."""
-    batch, width = len(questions), max(len(question.tokens) for question in questions)
-    size = policy.config.width // policy.config.heads
-    tokens = torch.full((batch, width), PAD)
-    for row, question in enumerate(questions):
-        tokens[row, width - len(question.tokens) :] = torch.tensor(question.tokens)
-    start = torch.tensor([width - len(question.tokens) for question in questions])
-    shown = [question.features for question in questions if question.features is not None]
-
-    columns = torch.arange(width)
-    real = columns[None] >= start[:, None]
-    # Padding sees itself, so that no row of scores is empty.
-    visible = real[:, None] | torch.eye(width, dtype=torch.bool)[None]
-    x = policy.embed(tokens, torch.stack(shown) if shown else None)
-    turn = model.angles((columns[None] - start[:, None]).clamp(min=0), size)
-    room = width + max(question.longest for question in questions)
-    memories = [Memory(policy.config, batch, room) for _ in policy.blocks]
-    normed = x
-    for block, memory in zip(policy.blocks, memories):
-        # Zeros stand before the first token, which looks back at them.
-        x, normed = block(x * real[..., None], visible, turn, memory)
-    before = torch.nn.functional.pad(normed, (0, 0, 1, 0))[:, :-1]
-    keys = torch.zeros(batch, room, policy.config.width)
-    keys[:, :width] = policy.pointer_key(normed + (before - normed) * policy.pointer_back)
-    context, seen = torch.full((batch, room), PAD), torch.zeros(batch, room, dtype=torch.bool)
-    context[:, :width], seen[:, :width] = tokens, real
-    last_normed, hidden = normed[:, -1:], policy.norm(x[:, -1:])
+    """An answer for each question. Prompts are read one by one, answers written at once; when half of them are done, these are taken out."""
+    batch, width, further = len(questions), max(len(one.tokens) for one in questions), max(one.longest for one in questions)
+    room = width + further
+    prompts = [Prompt(one.tokens) for one in questions]
+    context, keys = torch.full((batch, room), PAD), torch.zeros(batch, room, policy.config.width)
+    last = []
+    for row, (question, prompt) in enumerate(zip(questions, prompts)):
+        tokens = torch.tensor(question.tokens)
+        start = width - len(tokens)
+        features = None if question.features is None else question.features[None]
+        read, pointed = policy.read(tokens, features, prompt.positions, [prompt] * len(policy.blocks))
+        context[row, start:width], keys[row, start:width] = tokens, pointed
+        last.append(read[-1:])
+    memories = [Memory(list(read), further) for read in zip(*(prompt.kept for prompt in prompts))]
+    start, hidden = memories[0].start, torch.stack(last)
 
     streams = [stream(question) for question in questions]
     found = [Answer([], []) for _ in questions]
     rows = list(range(batch))  # the question of each row
     open_rows = [True] * batch
     for now in range(width, room):
-        written, where, share = policy.mixture(hidden, keys[:, :now], (seen & (context != IMAGE))[:, None, :now])
+        readable = (torch.arange(now) >= start[:, None]) & (context[:, :now] != IMAGE)
+        written, where, share = policy.mixture(hidden, keys[:, :now], readable[:, None])
         chances = (1 - share[:, 0]) * written[:, 0].exp()
         chances = chances.scatter_add(1, context[:, :now], share[:, 0] * where[:, 0]).double().numpy()
         chances[:, [PAD, ANSWER, IMAGE]] = 0
@@ -106,13 +112,9 @@ def answers(policy: Policy, questions: list[Question]) -> list[Answer]:
             kept = torch.tensor([row for row, is_open in enumerate(open_rows) if is_open])
             for memory in memories:
                 memory.keep(kept)
-            nexts, context, seen, keys, start, last_normed = (one[kept] for one in (nexts, context, seen, keys, start, last_normed))
+            nexts, context, keys, start = (one[kept] for one in (nexts, context, keys, start))
             rows, open_rows = [rows[row] for row in kept.tolist()], [True] * len(kept)
-        context[:, now], seen[:, now] = nexts[:, 0], True
-        x = policy.embed(nexts, None)
-        turn = model.angles((now - start)[:, None], size)
-        for block, memory in zip(policy.blocks, memories):
-            x, normed = block(x, seen[:, None, : now + 1], turn, memory)
-        keys[:, now] = policy.pointer_key(normed + (last_normed - normed) * policy.pointer_back)[:, 0]
-        last_normed, hidden = normed, policy.norm(x)
+        context[:, now] = nexts[:, 0]
+        hidden, pointed = policy.read(nexts, None, (now - start)[:, None], memories)
+        keys[:, now] = pointed[:, 0]
     return found

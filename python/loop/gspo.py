@@ -33,7 +33,7 @@ import play
 import rollouts
 import server
 from rollouts import Decision
-from score import parts, score
+from score import score
 from tokenizer import Tokenizer
 
 CLOSE = 1e-5  # how near the metrics of the traces must be
@@ -56,7 +56,7 @@ class Options:
     preset: str = ""  # rewards; the recorded ones if empty
     temperature: float = 1.0
     max_tokens: int = 100  # the longest answer of the training set has 74
-    tokens: int = 6144  # most tokens in a batch, padding included
+    tokens: int = 6144  # most tokens in a batch
     bf16: bool = True  # products of matrices in gradients in 16 bits
 
 
@@ -120,20 +120,18 @@ class Learner:
 
     def update(self, decisions: list[Decision], weights: list[list[float]], pictures: data.Pictures) -> float:
         """One step of the optimizer; gives the norm of the gradient. Batches are added in their order, whatever the number of threads."""
-        parameters = list(self.policy.parameters())
+        parameters, rows = list(self.policy.parameters()), [one.row for one in decisions]
 
         def gradient(some: list[int]) -> tuple[torch.Tensor | None, ...]:
-            batch = data.batch([decisions[index].row for index in some], pictures)
-            with torch.autocast("cpu", torch.bfloat16, enabled=self.options.bf16):
-                found, real = self.policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
-            factors = torch.zeros_like(found)
-            for place, index in enumerate(some):
-                factors[place, : len(weights[index])] = torch.tensor(weights[index])
-            return torch.autograd.grad((found * factors * real).sum(), parameters, allow_unused=True)
+            batch = data.batch([rows[index] for index in some], pictures)
+            with model.products_in_16_bits(self.options.bf16):
+                found = self.policy.logprobs(batch.tokens, batch.features, batch.sequences)
+            factors = torch.tensor([weight for index in some for weight in weights[index]])
+            return torch.autograd.grad((found * factors).sum(), parameters, allow_unused=True)
 
         self.steps.zero_grad(set_to_none=True)
         with concurrent.futures.ThreadPoolExecutor(self.threads) as pool:
-            for found in pool.map(gradient, parts(decisions, self.options.tokens)):
+            for found in pool.map(gradient, data.batches(rows, self.options.tokens)):
                 for parameter, part in zip(parameters, found):
                     if part is not None:
                         parameter.grad = part if parameter.grad is None else parameter.grad + part

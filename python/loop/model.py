@@ -6,6 +6,8 @@ the context (See et al. 2017, pointer-generator networks). The image becomes a g
 """
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
 
 import numpy
 import torch
@@ -107,36 +109,89 @@ class ImageEncoder(nn.Module):
 
 
 def rotate(x: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
-    """Rotary positions of [batch, heads, time, size]."""
+    """Rotary positions of [..., time, size]."""
     left, right = x.chunk(2, -1)
     return torch.cat([left * cosine - right * sine, left * sine + right * cosine], -1)
 
 
 def angles(positions: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Cosine and sine [batch, 1, time, size / 2] of positions [batch, time]."""
+    """Cosine and sine [..., 1, time, size / 2] of positions [..., time]: the same for all heads."""
     rates = 10_000.0 ** (-torch.arange(size // 2, dtype=torch.float32) / (size // 2))
-    turned = positions[:, None, :, None].float() * rates
+    turned = positions[..., None, :, None].float() * rates
     return turned.cos(), turned.sin()
 
 
+def attention(query: Tensor, key: Tensor, value: Tensor, visible: Tensor | None = None) -> Tensor:
+    """What queries [..., some, size] find. Written out: PyTorch's fused kernel takes twice the time of a gradient on a CPU."""
+    scores = (query * query.shape[-1] ** -0.5) @ key.transpose(-1, -2)
+    if visible is not None:
+        scores = scores.masked_fill(~visible, -1e4)
+    return scores.softmax(-1).to(value.dtype) @ value
+
+
+class Sequences:
+    """Whole sequences, one behind the other. A prompt is read in both directions, the answer after it from left to right.
+
+    Each looks at itself alone: nothing is padded, and a sequence's scores fit into the cache of a CPU, so a gradient takes half the time of one
+    over a padded batch.
+    """
+
+    def __init__(self, prompts: list[int], lengths: list[int]) -> None:
+        self.prompts, self.lengths = prompts, lengths
+        self.starts = torch.tensor([0, *itertools.accumulate(lengths[:-1])])
+        self.positions = torch.cat([torch.arange(length) for length in lengths])
+
+    def before(self, normed: Tensor) -> Tensor:
+        """The token before each; zeros before the first of a sequence."""
+        return functional.pad(normed, (0, 0, 1, 0))[:-1].index_fill(0, self.starts, 0.0)
+
+    def attend(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
+        found = []
+        parts = (whole.split(self.lengths, 1) for whole in (query, key, value))
+        for prompt, length, query, key, value in zip(self.prompts, self.lengths, *parts):
+            found.append(attention(query[:, :prompt], key[:, :prompt], value[:, :prompt]))
+            if length > prompt:
+                found.append(attention(query[:, prompt:], key, value, rising(prompt + 1, length - prompt, length)))
+        return torch.cat(found, 1)
+
+
+def rising(first: int, rows: int, columns: int) -> Tensor:
+    """Row 0 sees the `first` columns, each further row one more: [rows, columns]."""
+    return torch.arange(columns) < first + torch.arange(rows)[:, None]
+
+
 class Memory:
-    """What a block keeps of the tokens so far: keys and values [batch, heads, room, size], and the last normed input."""
+    """What a block keeps of sequences that go on token by token: keys and values [batch, heads, room, size], and the last normed input.
 
-    def __init__(self, config: Config, batch: int, room: int) -> None:
-        shape = (batch, config.heads, room, config.width // config.heads)
-        self.key, self.value, self.length = torch.zeros(shape), torch.zeros(shape), 0
-        self.last = torch.zeros(batch, 1, config.width)
+    Sequences end at the same column; `start` is where each begins.
+    """
 
-    def extend(self, key: Tensor, value: Tensor, last: Tensor) -> tuple[Tensor, Tensor]:
-        """Takes in further tokens; gives the keys and values of all."""
-        end = self.length + key.shape[2]
+    def __init__(self, read: list[tuple[Tensor, Tensor, Tensor]], further: int) -> None:
+        """Of keys, values [heads, time, size] and normed inputs [time, width] of each sequence, with room for further tokens."""
+        self.length = max(key.shape[1] for key, _, _ in read)
+        self.start = torch.tensor([self.length - key.shape[1] for key, _, _ in read])
+        heads, _, size = read[0][0].shape
+        shape = (len(read), heads, self.length + further, size)
+        self.key, self.value = torch.zeros(shape), torch.zeros(shape)
+        for row, (key, value, _) in enumerate(read):
+            self.key[row, :, self.start[row] : self.length] = key
+            self.value[row, :, self.start[row] : self.length] = value
+        self.last = torch.stack([normed[-1:] for _, _, normed in read])
+
+    def before(self, normed: Tensor) -> Tensor:
+        before, self.last = self.last, normed
+        return before
+
+    def attend(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
+        end = self.length + 1
         self.key[:, :, self.length : end], self.value[:, :, self.length : end] = key, value
-        self.length, self.last = end, last
-        return self.key[:, :, :end], self.value[:, :, :end]
+        self.length = end
+        visible = torch.arange(end) >= self.start[:, None, None, None]
+        return attention(query, self.key[:, :, :end], self.value[:, :, :end], visible)
 
     def keep(self, rows: Tensor) -> None:
         """Forgets all other sequences."""
-        self.key, self.value, self.last = self.key[rows], self.value[rows], self.last[rows]
+        self.key, self.value, self.last, self.start = self.key[rows], self.value[rows], self.last[rows], self.start[rows]
 
 
 class Block(nn.Module):
@@ -155,24 +210,17 @@ class Block(nn.Module):
         nn.init.normal_(self.out.weight, std=(2 * config.layers * width) ** -0.5)
         nn.init.normal_(self.down.weight, std=(2 * config.layers * 4 * width) ** -0.5)
 
-    def forward(self, x: Tensor, visible: Tensor, turn: tuple[Tensor, Tensor], memory: Memory | None = None) -> tuple[Tensor, Tensor]:
-        """The output and the normed input. With a memory these are further tokens of its sequences."""
-        batch, time, width = x.shape
-        split = lambda y: y.view(batch, time, self.heads, width // self.heads).transpose(1, 2)
+    def forward(self, x: Tensor, turn: tuple[Tensor, Tensor], context: Sequences | Memory) -> tuple[Tensor, Tensor, Tensor]:
+        """The output, the normed input, and how the token before differs from it, of tokens [..., time, width]."""
+        split = lambda y: y.unflatten(-1, (self.heads, -1)).transpose(-3, -2)
         normed = self.norm_attention(x)
-        first = torch.zeros_like(normed[:, :1]) if memory is None else memory.last
-        before = torch.cat([first, normed[:, :-1]], 1)
-        step = before - normed
+        step = context.before(normed) - normed
         query = rotate(split(self.query(normed)), *turn)
         key = rotate(split(self.key(normed + step * self.back[0])), *turn)
         value = split(self.value(normed + step * self.back[1]))
-        if memory is not None:
-            key, value = memory.extend(key, value, normed[:, -1:])
-        # Written out: with the fused kernel of PyTorch 2.11 an update takes a fifth more CPU time.
-        scores = (query * query.shape[-1] ** -0.5) @ key.transpose(-1, -2)
-        seen = scores.masked_fill(~visible[:, None], -1e4).softmax(-1).to(value.dtype) @ value
-        x = x + self.out(seen.transpose(1, 2).reshape(batch, time, width))
-        return x + self.down(functional.relu(self.up(self.norm_mlp(x))).square()), normed
+        seen = context.attend(query, key, value)
+        x = x + self.out(seen.transpose(-3, -2).flatten(-2))
+        return x + self.down(functional.relu(self.up(self.norm_mlp(x))).square()), normed, step
 
 
 class Policy(nn.Module):
@@ -195,7 +243,7 @@ class Policy(nn.Module):
         nn.init.zeros_(self.gate.bias)
 
     def embed(self, tokens: Tensor, features: Tensor | None) -> Tensor:
-        """Embeddings of [batch, time]. `features` [some, tokens, width] stand in the order of the rows that have image tokens."""
+        """Embeddings of tokens. `features` [some, tokens, width] are those of the images, in the order of their tokens."""
         x = self.embedding[tokens] * self.config.width**0.5
         places = tokens == IMAGE
         x = x * ~places[..., None]
@@ -203,41 +251,38 @@ class Policy(nn.Module):
             x = x.masked_scatter(places[..., None], self.encoder(features).to(x.dtype))
         return x
 
-    def read(self, tokens: Tensor, features: Tensor | None, prompts: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Hidden states, keys of the pointer, and what each position sees, of sequences padded at the end with prompts of these lengths."""
-        time = tokens.shape[1]
-        columns = torch.arange(time)
-        visible = (columns[None, :] <= columns[:, None])[None] | (columns[None, None, :] < prompts[:, None, None])
-        x, turn = self.embed(tokens, features), angles(columns[None], self.config.width // self.config.heads)
-        normed = x
-        for block in self.blocks:
-            x, normed = block(x, visible, turn)
-        before = functional.pad(normed, (0, 0, 1, 0))[:, :-1]
-        return self.norm(x), self.pointer_key(normed + (before - normed) * self.pointer_back), visible
+    def read(self, tokens: Tensor, features: Tensor | None, positions: Tensor, contexts: Sequence[Sequences | Memory]) -> tuple[Tensor, Tensor]:
+        """Hidden states and keys of the pointer. Each block has its context."""
+        x, turn = self.embed(tokens, features), angles(positions, self.config.width // self.config.heads)
+        normed = step = x
+        for block, context in zip(self.blocks, contexts, strict=True):
+            x, normed, step = block(x, turn, context)
+        return self.norm(x), self.pointer_key(normed + step * self.pointer_back)
 
     def mixture(self, hidden: Tensor, keys: Tensor, visible: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Log-softmax over the vocabulary, where the pointer looks, and how much it counts, at some positions [batch, some]."""
-        scores = self.pointer_query(hidden) @ keys.transpose(1, 2) * self.config.width**-0.5
+        """Log-softmax over the vocabulary, where the pointer looks, and how much it counts, at some positions [..., some]."""
+        scores = self.pointer_query(hidden) @ keys.transpose(-1, -2) * self.config.width**-0.5
         where = scores.float().masked_fill(~visible, -1e9).softmax(-1)
         return (hidden @ self.embedding.T).float().log_softmax(-1), where, torch.sigmoid(self.gate(hidden).float())
 
-    def logprobs(self, tokens: Tensor, features: Tensor | None, prompts: Tensor, ends: Tensor) -> tuple[Tensor, Tensor]:
-        """Log-probabilities [batch, longest answer] of the answer tokens, and which of these places are real.
+    def logprobs(self, tokens: Tensor, features: Tensor | None, sequences: Sequences) -> Tensor:
+        """Log-probabilities of the answers' tokens, one answer behind the other. Each answer ends with the end token."""
+        hidden, keys = self.read(tokens, features, sequences.positions, [sequences] * len(self.blocks))
+        found = []
+        parts = (whole.split(sequences.lengths) for whole in (tokens, hidden, keys))
+        for prompt, length, own, states, pointed in zip(sequences.prompts, sequences.lengths, *parts):
+            targets = own[prompt:, None]
+            visible = rising(prompt, length - prompt, length) & (own != IMAGE)
+            written, where, share = self.mixture(states[prompt - 1 : -1], pointed, visible)
+            copied = (where * (own == targets)).sum(-1)
+            likely = written.gather(-1, targets)[:, 0].exp()
+            found.append(torch.log(share[:, 0] * copied + (1 - share[:, 0]) * likely + EPSILON))
+        return torch.cat(found).clamp(max=0)
 
-        Row `b` has its answer at `prompts[b]` to `ends[b] - 1`, the last one being the end token.
-        """
-        hidden, keys, visible = self.read(tokens, features, prompts)
-        longest = int((ends - prompts).max())
-        at = prompts[:, None] - 1 + torch.arange(longest)[None]
-        real = at < ends[:, None] - 1
-        at = at.clamp(max=tokens.shape[1] - 2)
-        chosen = hidden.gather(1, at[..., None].expand(-1, -1, hidden.shape[-1]))
-        targets = tokens.gather(1, at + 1)
-        pointed = visible.gather(1, at[..., None].expand(-1, -1, tokens.shape[1])) & (tokens != IMAGE)[:, None]
-        written, where, share = self.mixture(chosen, keys, pointed)
-        copied = (where * (tokens[:, None] == targets[..., None])).sum(-1)
-        likely = written.gather(-1, targets[..., None])[..., 0].exp()
-        return torch.log(share[..., 0] * copied + (1 - share[..., 0]) * likely + EPSILON).clamp(max=0), real
+
+def products_in_16_bits(enabled: bool) -> torch.autocast:
+    """Products of matrices in bfloat16, weights and all else in 32 bits. Without PyTorch's cache of casts: threads share it, and clear it for one another."""
+    return torch.autocast("cpu", torch.bfloat16, enabled=enabled, cache_enabled=False)
 
 
 def build(config: Config, seed: int) -> Policy:

@@ -27,26 +27,16 @@ from rollouts import Decision
 
 def score(policy: model.Policy, decisions: list[Decision], pictures: data.Pictures, tokens: int, threads: int = 1) -> list[list[float]]:
     """Log-probabilities of the drawn tokens of each decision."""
+    rows = [one.row for one in decisions]
 
-    def scored(some: list[int]) -> list[tuple[int, list[float]]]:
-        batch = data.batch([decisions[index].row for index in some], pictures)
+    def scored(some: list[int]) -> list[list[float]]:
+        batch = data.batch([rows[index] for index in some], pictures)
         with torch.inference_mode():
-            values, _ = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
-        return [(index, row[: len(decisions[index].row.answer)]) for index, row in zip(some, values.tolist())]
+            values = policy.logprobs(batch.tokens, batch.features, batch.sequences)
+        return [part.tolist() for part in values.split([len(rows[index].answer) for index in some])]
 
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
-        found = dict(itertools.chain.from_iterable(pool.map(scored, parts(decisions, tokens))))
-    return [found[index] for index in range(len(decisions))]
-
-
-def parts(decisions: list[Decision], tokens: int) -> list[list[int]]:
-    """Numbers of decisions of like lengths, in batches of at most so many tokens, padding included."""
-    found: list[list[int]] = [[]]
-    for index in sorted(range(len(decisions)), key=lambda index: len(decisions[index].row)):
-        if found[-1] and (len(found[-1]) + 1) * len(decisions[index].row) > tokens:
-            found.append([])
-        found[-1].append(index)
-    return found
+        return list(itertools.chain.from_iterable(pool.map(scored, data.batches(rows, tokens))))
 
 
 def main() -> None:

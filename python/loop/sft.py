@@ -39,7 +39,7 @@ class Options:
     rate: float = 1e-3
     warmup: float = 0.05  # share of the updates
     decay: float = 0.3  # share of the updates in which the rate falls to a twentieth
-    tokens: int = 6144  # most tokens in a batch, padding included
+    tokens: int = 6144  # most tokens in a batch
     bf16: bool = True  # products of matrices in 16 bits, weights in 32
     encoder: str = ""  # digest of the image encoder to begin with; a fresh one if empty
 
@@ -59,10 +59,9 @@ def optimizer(policy: model.Policy, options: Options) -> torch.optim.AdamW:
     return torch.optim.AdamW(groups, lr=options.rate, betas=(0.9, 0.98))
 
 
-def loss(policy: model.Policy, batch: data.Batch) -> tuple[Tensor, Tensor]:
-    """The mean cross-entropy of the answers' tokens, and how many there are."""
-    found, real = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
-    return -(found * real).sum() / real.sum(), real.sum()
+def loss(policy: model.Policy, batch: data.Batch) -> Tensor:
+    """The mean cross-entropy of the answers' tokens."""
+    return -policy.logprobs(batch.tokens, batch.features, batch.sequences).mean()
 
 
 def renamed(one: data.Example, rng: random.Random) -> data.Example:
@@ -82,8 +81,9 @@ def planned(
             name = f"{stage} {number}"
             rng = random.Random(f"{options.seed}/{name}")
             rows = [data.row(tokenizer, config, draw(one, rng)) for one in some]
-            batches = list(data.batches(rows, options.tokens, rng))[:count]
-            yield from ((name, rows) for rows in batches)
+            rng.shuffle(rows)
+            batches = data.batches(rows, options.tokens)[:count]
+            yield from ((name, [rows[index] for index in some]) for some in batches)
             count, number = count - len(batches), number + 1
 
 
@@ -113,14 +113,14 @@ def train(
             for group in steps.param_groups:
                 group["lr"] = rate(options, done)
             batch = data.batch(rows, pictures)
-            with torch.autocast("cpu", torch.bfloat16, enabled=options.bf16):
-                value, _ = loss(policy, batch)
+            with model.products_in_16_bits(options.bf16):
+                value = loss(policy, batch)
             steps.zero_grad(set_to_none=True)
             value.backward()
             torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
             steps.step()
             done += 1
-            recent.append((float(value.detach()), int(batch.ends.sum()), time.monotonic() - began))
+            recent.append((float(value.detach()), len(batch.tokens), time.monotonic() - began))
             spent = minutes is not None and time.monotonic() - start > 60 * minutes
             if done % REPORT == 0 or done == whole or spent:
                 losses, tokens, seconds = zip(*recent)

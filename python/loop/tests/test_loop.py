@@ -239,7 +239,7 @@ class Learning(unittest.TestCase):
     def test_the_blind_twin_sees_nothing_and_is_equal_otherwise(self) -> None:
         batch = self.batch(self.config)
         black = dataclasses.replace(batch, features=torch.zeros_like(batch.features))
-        score = lambda policy, what: policy.logprobs(what.tokens, what.features, what.prompts, what.ends)[0]
+        score = lambda policy, what: policy.logprobs(what.tokens, what.features, what.sequences)
         seeing, blind = model.build(self.config, 0), model.build(dataclasses.replace(self.config, blind=True), 0)
         self.assertEqual(checkpoint.digest(seeing), checkpoint.digest(blind))
         self.assertFalse(torch.equal(score(seeing, batch), score(seeing, black)))
@@ -252,9 +252,9 @@ class Learning(unittest.TestCase):
         questions = [generate.Question(one.prompt, pictures.get(one.image), 1.0, (2, 9, 3)[index], index) for index, one in enumerate(rows)]
         found = generate.answers(policy, questions)
         batch = data.batch([dataclasses.replace(one, answer=answer.tokens) for one, answer in zip(rows, found)], pictures)
-        scored, _ = policy.logprobs(batch.tokens, batch.features, batch.prompts, batch.ends)
-        for row, answer in zip(scored, found):
-            numpy.testing.assert_allclose(row[: len(answer.tokens)].detach(), answer.logprobs, atol=1e-5)
+        scored = policy.logprobs(batch.tokens, batch.features, batch.sequences)
+        for values, answer in zip(scored.split([len(answer.tokens) for answer in found]), found, strict=True):
+            numpy.testing.assert_allclose(values.detach(), answer.logprobs, atol=1e-5)
         alone = generate.answers(policy, questions[1:2])
         self.assertEqual(alone[0].tokens, found[1].tokens)
 
@@ -340,7 +340,7 @@ class Reinforcing(unittest.TestCase):
             learner.learn(self.decisions, model.build(self.config, 0), self.pictures)
             return checkpoint.digest(learner.policy)
 
-        self.assertGreater(len(score.parts(self.decisions, 600)), 2, "there is something to share")
+        self.assertGreater(len(data.batches([one.row for one in self.decisions], 600)), 2, "there is something to share")
         self.assertEqual(learned(1), learned(1))
         self.assertEqual(learned(1), learned(3))
 
