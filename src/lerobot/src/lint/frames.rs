@@ -1,6 +1,7 @@
 //! One pass over the frames: what their indices, times, tasks and values are, and what is compared afterwards.
 
 use std::{
+    borrow::Cow,
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
@@ -30,6 +31,14 @@ const GROUND_TRUTH: [&str; 8] = [
     "privileged",
     "target",
     "label",
+];
+/// These columns say where a frame is; LeRobot's tools keep their statistics from before a change.
+const BOOKKEEPING: [&str; 5] = [
+    "timestamp",
+    "frame_index",
+    "episode_index",
+    "index",
+    "task_index",
 ];
 
 /// Running statistics of a number of a column.
@@ -292,30 +301,43 @@ impl Scan {
             check.not_applicable("no readable meta/stats.json");
             return;
         };
-        for (name, running) in &self.columns {
+        for (name, frames) in &self.columns {
             let Some(stored) = stored.get(name) else {
                 let message = format!("there are none of {name}");
                 check.add("missing", Severity::Warning, None, message);
                 continue;
             };
+            let mut complain = |kind: &'static str, message: String| {
+                if BOOKKEEPING.contains(&name.as_str()) {
+                    let message = format!(
+                        "{message}; no trainer reads it, and delete_episodes, split_dataset and merge_datasets of \
+                         LeRobot do not compute it anew"
+                    );
+                    check.add("bookkeeping", Severity::Warning, None, message);
+                } else {
+                    check.add(kind, Severity::Error, None, message);
+                }
+            };
+            let shape = folder.features.get(name).map(|feature| &feature.shape[..]);
+            let shape = shape.unwrap_or_default();
+            let running = as_stored(frames, shape, flat(&stored["min"]).len());
             for (statistic, of) in STATISTICS {
                 let told = flat(&stored[statistic]);
-                let found: Vec<f64> = running.iter().map(of).collect();
-                let found = if statistic == "count" {
-                    &found[..found.len().min(1)]
+                let found: Vec<f64> = if statistic == "count" {
+                    frames.first().map(of).into_iter().collect()
                 } else {
-                    &found
+                    running.iter().map(of).collect()
                 };
                 let close = |(told, found): (&f64, &f64)| {
                     (told - found).abs() <= 1e-4 * found.abs().max(told.abs()).max(1.0)
                 };
-                if told.len() != found.len() || !told.iter().zip(found).all(close) {
+                if told.len() != found.len() || !told.iter().zip(&found).all(close) {
                     let message =
                         format!("{statistic} of {name} is {told:?}, and the frames give {found:?}");
-                    check.add("differs", Severity::Error, None, message);
+                    complain("differs", message);
                 }
             }
-            check_quantiles(name, stored, running, check);
+            check_quantiles(name, stored, &running, &mut complain);
         }
         check.note(format!("{} columns", self.columns.len()));
     }
@@ -418,11 +440,48 @@ impl Running {
         self.mean += difference / self.count;
         self.squares += difference * (value - self.mean);
     }
+
+    /// Takes all values that another has taken, by Chan's method.
+    fn merge(&mut self, other: &Self) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+        let count = self.count + other.count;
+        let share = other.count / count.max(1.0);
+        let difference = other.mean - self.mean;
+        self.mean += difference * share;
+        self.squares += other.squares + difference * (self.count * share) * difference;
+        self.count = count;
+    }
+}
+
+/// Gives the statistics of the frames in as many numbers as are stored: LeRobot keeps only the last axis of an array,
+/// and every number of it where each episode has one frame.
+fn as_stored<'a>(running: &'a [Running], shape: &[u64], stored: usize) -> Cow<'a, [Running]> {
+    let last_axis = shape.last().and_then(|side| usize::try_from(*side).ok());
+    let last_axis = last_axis
+        .filter(|side| (1..=running.len()).contains(side) && running.len().is_multiple_of(*side));
+    match last_axis {
+        Some(side) if stored != running.len() => {
+            let mut kept = vec![Running::new(); side];
+            for row in running.chunks_exact(side) {
+                for (kept, running) in kept.iter_mut().zip(row) {
+                    kept.merge(running);
+                }
+            }
+            Cow::Owned(kept)
+        }
+        _ => Cow::Borrowed(running),
+    }
 }
 
 /// Quantiles rise, from the least value to the greatest. What they are exactly is not computed: LeRobot takes them from
 /// histograms and averages those of the episodes.
-fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], check: &mut Check) {
+fn check_quantiles(
+    name: &str,
+    stored: &serde_json::Value,
+    running: &[Running],
+    complain: &mut impl FnMut(&'static str, String),
+) {
     let told = QUANTILES.map(|quantile| (quantile, flat(&stored[quantile])));
     let told: Vec<_> = told
         .iter()
@@ -431,11 +490,11 @@ fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], 
     for (quantile, values) in &told {
         if values.len() != running.len() {
             let message = format!(
-                "{quantile} of {name} has {} numbers, and a frame has {}",
+                "{quantile} of {name} has {} numbers, and the frames give {}",
                 values.len(),
                 running.len()
             );
-            check.add("differs", Severity::Error, None, message);
+            complain("differs", message);
             return;
         }
     }
@@ -455,7 +514,7 @@ fn check_quantiles(name: &str, stored: &serde_json::Value, running: &[Running], 
                     "{quantile} of number {at} of {name} is {value}, below {}, {}",
                     least.0, least.1
                 );
-                check.add("quantiles", Severity::Error, None, message);
+                complain("quantiles", message);
                 break;
             }
             least = (quantile, value);

@@ -7,11 +7,16 @@ use std::{
 };
 
 use arrow::{
-    array::{ArrayRef, AsArray, Float32Array, Int64Array, RecordBatch, UInt32Array},
-    compute::take,
-    datatypes::{DataType, Field, Float32Type, Int64Type, Schema},
+    array::{
+        ArrayRef, AsArray, Float32Array, Float64Array, Int64Array, ListArray, RecordBatch,
+        UInt32Array,
+    },
+    buffer::OffsetBuffer,
+    compute::{concat_batches, take},
+    datatypes::{Field, Float32Type, Int64Type, Schema},
 };
 use parquet::arrow::{ArrowWriter, arrow_reader::ParquetRecordBatchReaderBuilder};
+use reel_dataset::lint::Severity;
 use reel_lerobot::{
     CAMERA,
     lint::{LeRobotLintError, is_lerobot, lint},
@@ -135,6 +140,47 @@ fn floats(change: impl Fn(usize, f32) -> f32) -> impl Fn(&ArrayRef) -> ArrayRef 
     }
 }
 
+/// Adds a column to the frames, and its feature to `info.json`.
+fn add_column(
+    root: &Path,
+    name: &str,
+    feature: Value,
+    values: impl FnOnce(&RecordBatch) -> ArrayRef,
+) {
+    let path = root.join(DATA);
+    let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
+    let schema = reader.schema().clone();
+    let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
+    let frames = concat_batches(&schema, &batches).unwrap();
+    let added = values(&frames);
+    let mut fields: Vec<Arc<Field>> = schema.fields().iter().cloned().collect();
+    fields.push(Arc::new(Field::new(name, added.data_type().clone(), true)));
+    let schema = Arc::new(Schema::new(fields));
+    let mut columns = frames.columns().to_vec();
+    columns.push(added);
+    let mut writer =
+        ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
+    writer
+        .write(&RecordBatch::try_new(schema, columns).unwrap())
+        .unwrap();
+    writer.close().unwrap();
+    edit(root.join("meta/info.json"), |info| {
+        info["features"][name] = feature
+    });
+}
+
+/// Makes lists of so many values each.
+fn lists(length: usize, values: ArrayRef) -> ArrayRef {
+    let item = Arc::new(Field::new("element", values.data_type().clone(), true));
+    let lengths = std::iter::repeat_n(length, values.len() / length);
+    Arc::new(ListArray::new(
+        item,
+        OffsetBuffer::from_lengths(lengths),
+        values,
+        None,
+    ))
+}
+
 #[test]
 fn damage_of_the_metadata_is_found() {
     let datasets = Datasets::new();
@@ -214,6 +260,102 @@ fn damage_of_the_metadata_is_found() {
 }
 
 #[test]
+fn statistics_of_arrays_are_compared_over_the_axis_that_lerobot_keeps() {
+    let datasets = Datasets::new();
+    let found = |name: &str, statistics: &dyn Fn(f64) -> Value| {
+        datasets.found(name, |root| {
+            let feature = json!({"dtype": "float64", "shape": [2, 3], "names": null});
+            add_column(root, "observation.touch", feature, |frames| {
+                let values = (0..6 * frames.num_rows()).map(|at| (at / 6 * 10 + at % 6) as f64);
+                lists(2, lists(3, Arc::new(values.collect::<Float64Array>())))
+            });
+            edit(root.join("meta/stats.json"), |stats| {
+                let count = stats["action"]["count"][0].as_f64().unwrap();
+                stats["observation.touch"] = statistics(count);
+            });
+        })
+    };
+    let variance_of_frames = |count: f64| 100.0 * (count * count - 1.0) / 12.0;
+    let last_axis = |count: f64| {
+        let last = 10.0 * (count - 1.0);
+        let deviation = (variance_of_frames(count) + 2.25).sqrt();
+        json!({
+            "min": [0.0, 1.0, 2.0],
+            "max": [last + 3.0, last + 4.0, last + 5.0],
+            "mean": [last / 2.0 + 1.5, last / 2.0 + 2.5, last / 2.0 + 3.5],
+            "std": [deviation, deviation, deviation],
+            "count": [count],
+            "q50": [last / 2.0, last / 2.0 + 1.0, last / 2.0 + 2.0],
+        })
+    };
+    assert_eq!(found("last-axis", &last_axis), Vec::<String>::new());
+    let wrong = |count: f64| {
+        let mut statistics = last_axis(count);
+        statistics["mean"][1] = json!(-1.0);
+        statistics
+    };
+    assert_eq!(found("wrong", &wrong), ["statistics/differs"]);
+    // So LeRobot writes episodes of one frame.
+    let each_number = |count: f64| {
+        let last = 10.0 * (count - 1.0);
+        let deviation = variance_of_frames(count).sqrt();
+        let numbers = |first: f64| {
+            json!([
+                [first, first + 1.0, first + 2.0],
+                [first + 3.0, first + 4.0, first + 5.0]
+            ])
+        };
+        json!({
+            "min": numbers(0.0),
+            "max": numbers(last),
+            "mean": numbers(last / 2.0),
+            "std": [[deviation, deviation, deviation], [deviation, deviation, deviation]],
+            "count": [count],
+        })
+    };
+    assert_eq!(found("each-number", &each_number), Vec::<String>::new());
+}
+
+#[test]
+fn statistics_of_bookkeeping_columns_are_warnings() {
+    let datasets = Datasets::new();
+    let report = |name: &str, columns: &[&str]| {
+        let root = datasets.folder.path().join(name);
+        copy(&datasets.whole, &root);
+        edit(root.join("meta/stats.json"), |stats| {
+            for column in columns {
+                stats[column]["max"][0] = json!(1e6);
+                stats[column]["q99"][0] = json!(1e6);
+            }
+        });
+        lint(&root, 2, |_| ()).unwrap()
+    };
+    let bookkeeping = [
+        "timestamp",
+        "frame_index",
+        "episode_index",
+        "index",
+        "task_index",
+    ];
+    let cut = report("cut", &bookkeeping);
+    let statistics = cut.check("statistics").unwrap();
+    assert_eq!(statistics.worst, Some(Severity::Warning));
+    assert_eq!(
+        Vec::from_iter(statistics.kinds.clone()),
+        [("bookkeeping", 10)]
+    );
+    let message = &statistics.examples[0].message;
+    assert!(message.contains("no trainer reads it"), "{message}");
+    assert!(!cut.is_bad());
+    let action = report("action", &["index", "action"]);
+    assert_eq!(
+        action.check("statistics").unwrap().worst,
+        Some(Severity::Error)
+    );
+    assert!(action.is_bad());
+}
+
+#[test]
 fn splits_that_cross_are_found() {
     let datasets = Datasets::new();
     let found =
@@ -252,7 +394,7 @@ fn damage_of_the_frames_is_found() {
     );
     assert_eq!(
         found("frame", Box::new(shifted)),
-        ["frames/frame-index", "statistics/differs"]
+        ["frames/frame-index", "statistics/bookkeeping"]
     );
     let task = column(
         DATA,
@@ -261,7 +403,7 @@ fn damage_of_the_frames_is_found() {
     );
     assert_eq!(
         found("task", Box::new(task)),
-        ["frames/task", "statistics/differs"]
+        ["frames/task", "statistics/bookkeeping"]
     );
     let late = column(
         DATA,
@@ -270,7 +412,7 @@ fn damage_of_the_frames_is_found() {
     );
     assert_eq!(
         found("late", Box::new(late)),
-        ["frames/timestamp", "statistics/differs"]
+        ["frames/timestamp", "statistics/bookkeeping"]
     );
     let nan = column(
         DATA,
@@ -306,29 +448,9 @@ fn damage_of_the_frames_is_found() {
     assert!(found("torn", Box::new(torn)).contains(&"episodes/unreadable".to_owned()));
     // An observation that is the reward under another name.
     let told = |root: &Path| {
-        let path = root.join(DATA);
-        let reader = ParquetRecordBatchReaderBuilder::try_new(File::open(&path).unwrap()).unwrap();
-        let mut fields: Vec<Arc<Field>> = reader.schema().fields().iter().cloned().collect();
-        fields.push(Arc::new(Field::new(
-            "observation.sensor",
-            DataType::Float32,
-            true,
-        )));
-        let schema = Arc::new(Schema::new(fields));
-        let batches: Vec<RecordBatch> = reader.build().unwrap().map(Result::unwrap).collect();
-        let mut writer =
-            ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
-        for batch in batches {
-            let mut columns = batch.columns().to_vec();
-            columns.push(batch.column_by_name("next.reward").unwrap().clone());
-            writer
-                .write(&RecordBatch::try_new(schema.clone(), columns).unwrap())
-                .unwrap();
-        }
-        writer.close().unwrap();
         let feature = json!({"dtype": "float32", "shape": [1], "names": null});
-        edit(root.join("meta/info.json"), |info| {
-            info["features"]["observation.sensor"] = feature
+        add_column(root, "observation.sensor", feature, |frames| {
+            frames.column_by_name("next.reward").unwrap().clone()
         });
     };
     assert_eq!(
