@@ -188,6 +188,32 @@ def of_an_evaluation(folder):
     print(f"a log of {len(samples)} samples is read in both of its forms, counted and written again")
 
 
+def faults_and_missing_scores(folder):
+    """What ended in a fault, or was not scored, is read from Inspect's own writer, and Inspect reads it from Reel."""
+    import foreign
+    from inspect_ai.log import EvalError, read_eval_log, write_eval_log
+    from inspect_ai.scorer import Score
+
+    (folder / "seldom").mkdir()
+    foreign.log(folder / "seldom", "one.eval")
+    log = read_eval_log(str(folder / "seldom" / "one.eval"))
+    log.samples[0].error = EvalError(message="the sandbox died", traceback="at", traceback_ansi="at")
+    log.samples[1].scores = {"builds": Score.unscored(explanation="no grade"), "tests": Score(value={"passed": 0.5, "none": None})}
+    for name in ("one.eval", "two.json"):
+        write_eval_log(log, str(folder / "seldom" / name))
+    told = reel(folder, "import", "inspect", "seldom", "--out", "seldom-traces")
+    assert f"{2 * len(log.samples)} of {2 * len(log.samples)} episodes imported" in told, f"{told}"
+    reel(folder, "export", "inspect", "seldom-traces", "--out", "seldom-again")
+    [path] = (folder / "seldom-again").glob("*.eval")
+    again = {sample.id.removeprefix("builds/"): sample for sample in read_eval_log(str(path)).samples}
+    assert again[log.samples[0].id].error.message == "the sandbox died"
+    scores = again[log.samples[1].id].scores
+    values = {name: None if score.value != score.value else score.value for name, score in scores.items()}
+    assert values == {"builds": None, "tests.passed": 0.5, "tests.none": None}, f"{values}"
+    assert scores["builds"].explanation == "no grade"
+    print("faults and scores that were not given go both ways")
+
+
 def same_files(one, other):
     return {path.name: path.read_bytes() for path in one.iterdir()} == {path.name: path.read_bytes() for path in other.iterdir()}
 
@@ -217,6 +243,7 @@ def main():
         of_another_agent(folder)
         logs_open(folder)
         of_an_evaluation(folder)
+        faults_and_missing_scores(folder)
         examples_are_theirs(folder)
     return 0
 

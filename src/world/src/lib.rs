@@ -72,6 +72,8 @@ pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
 pub use tool::{CallError, Lifecycle, NameSet, Tool, ToolCall, ToolSpec, value_text};
 pub use tool_text::ToolText;
 
+/// The tool that a turn without a call calls, in traces of agents with tools of their own.
+pub const SPOKEN_TURN: &str = "message";
 /// One physics step, in seconds (docs/spec.md#episode).
 pub const DT_S: f32 = 1.0 / 240.0;
 /// Most decisions in an episode (`H_max`, paper, Action Space and Tool Configurations).

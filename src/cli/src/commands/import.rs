@@ -301,16 +301,17 @@ fn documents_of_many(
     documents: &[PathBuf],
     run: &str,
     importing: &Importing,
-    one: impl Fn(&Path, &Path, &ImportOptions<'_>) -> Result<Vec<ImportedEpisode>, ImportError> + Sync,
+    one: impl Fn(
+        &Path,
+        &Path,
+        &ImportOptions<'_>,
+    ) -> Result<Vec<Result<ImportedEpisode, ImportError>>, ImportError>
+    + Sync,
 ) -> anyhow::Result<ExitStatus> {
     let (results, broken) = importing.each(documents, run, one)?;
     let mut episodes = Vec::new();
     for (document, result) in documents.iter().zip(results) {
-        let of_document = match result {
-            Ok(imported) => imported.into_iter().map(Ok).collect(),
-            Err(error) => vec![Err(error)],
-        };
-        for episode in of_document {
+        for episode in result.unwrap_or_else(|error| vec![Err(error)]) {
             tell(document, &episode, importing.json)?;
             episodes.push(episode);
         }

@@ -4,7 +4,7 @@
 //!
 //! # What becomes of what
 //! - `steps[].tool_calls[]`: one step of the trace each; of several in one turn the first one has
-//!   what was said. A turn without a call is a call of [`MESSAGE`].
+//!   what was said. A turn without a call is a call of [`SPOKEN_TURN`](reel_world::SPOKEN_TURN).
 //! - `message`, `reasoning_content`: raw output and reasoning of the policy. `metrics`: tokens and
 //!   log-probabilities.
 //! - `observation.results[]`: outcome and image of the call that they name. Results that name no
@@ -34,8 +34,6 @@ use reel_world::Task;
 use reel_world::record::{EndRecord, EpisodeHeader, Graphs};
 use serde::{Deserialize, Serialize};
 
-/// The tool that a turn without a call calls.
-pub const MESSAGE: &str = "message";
 /// Key of what is ours in `extra`.
 pub(crate) const OURS: &str = "reel";
 

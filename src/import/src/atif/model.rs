@@ -10,6 +10,8 @@ use crate::lenient::{or_default, or_empty};
 pub const VERSION: &str = "ATIF-v1.7";
 /// How every version of the format begins that is read.
 pub(super) const VERSIONS: &str = "ATIF-v1.";
+/// Number after [`VERSIONS`] of the last version that is known.
+pub(super) const NEWEST_KNOWN: u32 = 8;
 /// What a file begins its version with that may be a trajectory.
 pub(super) const FORMAT: &str = "ATIF-v";
 

@@ -17,19 +17,22 @@ use serde_json::Value;
 
 use super::{
     KeptEpisode, OURS, Trajectory,
-    model::{FORMAT, VERSIONS},
+    model::{FORMAT, NEWEST_KNOWN, VERSIONS},
     turns::{Decision, Opening, digests},
 };
 use crate::{
     ImportError, ImportLoss, ImportOptions, ImportedEpisode, TaskSetup,
     episode::file_stem,
     layout::files_below,
+    lenient,
     observe::{self, ObservedState, same_graph_for_both},
     unknown_task,
 };
 
 /// Tells folders of unfinished traces apart.
 static NEXT: AtomicU64 = AtomicU64::new(0);
+/// Most digits of an integer that a message shows.
+const DIGITS_SHOWN: usize = 40;
 /// Largest document that is read.
 const BYTES_MAX: u64 = 1 << 30;
 
@@ -60,52 +63,71 @@ fn is_trajectory(path: &Path) -> bool {
 }
 
 /// Writes the trajectory of a document, and those of agents to which it delegated, as traces into
-/// the folder `out`, which exists. Equal documents give equal bytes under an equal name. What of
-/// an agent to which it delegated cannot be imported is a loss of the first episode.
+/// the folder `out`, which exists. Equal documents give equal bytes under an equal name. A
+/// trajectory that cannot be imported has its error in its place.
 ///
 /// # Errors
-/// When the file is no trajectory, nothing of it can be imported, or a trace cannot be written.
+/// When the file is no trajectory, or a trace cannot be written.
 pub fn import(
     source: &Path,
     out: &Path,
     options: &ImportOptions<'_>,
-) -> Result<Vec<ImportedEpisode>, ImportError> {
+) -> Result<Vec<Result<ImportedEpisode, ImportError>>, ImportError> {
     let refuse = |reason: String| ImportError::Storage {
         path: source.to_owned(),
         reason,
     };
     let bytes = read_file(source, BYTES_MAX).map_err(&refuse)?;
-    let trajectory: Trajectory = serde_json::from_slice(without_mark(&bytes))
+    let trajectory: Trajectory = lenient::document(without_mark(&bytes))
         .map_err(|error| refuse(format!("not a trajectory of ATIF: {error}")))?;
-    let (mut imported, mut failed) = (Vec::new(), Vec::new());
+    let mut results = Vec::new();
     // JSON itself is read to a bounded depth.
     let mut open = vec![trajectory];
     while let Some(mut trajectory) = open.pop() {
         let delegated = std::mem::take(&mut trajectory.subagent_trajectories);
         open.extend(delegated.into_iter().rev());
-        let version = &trajectory.schema_version;
-        let written = if version.starts_with(VERSIONS) {
-            Episode::new(source, options, LogFacts::default()).write(trajectory, out)
+        let version = trajectory.schema_version.escape_debug().to_string();
+        let written = if let Some(minor) = trajectory.schema_version.strip_prefix(VERSIONS) {
+            let known = minor
+                .parse::<u32>()
+                .is_ok_and(|minor| minor <= NEWEST_KNOWN);
+            let mut episode = Episode::new(source, options, LogFacts::default());
+            if !known {
+                episode.note(format!(
+                    "version '{version}' is read as {VERSIONS}{NEWEST_KNOWN}, the newest that is known; what is new in it is left out"
+                ));
+            }
+            episode.write(trajectory, out)
         } else {
             Err(refuse(format!(
-                "version '{}' is not read; ATIF-v1.0 and what follows it are",
-                version.escape_debug()
+                "version '{version}' is not read; ATIF-v1.0 and what follows it are"
             )))
         };
         match written {
-            Ok(episode) => imported.push(episode),
             Err(ImportError::Trace(error)) => return Err(error.into()),
-            Err(error) => failed.push(error),
+            result => results.push(result),
         }
     }
-    let Some(first) = imported.first_mut() else {
-        return Err(failed.swap_remove(0));
-    };
-    first.losses.extend(failed.iter().map(|error| ImportLoss {
-        file: source.to_owned(),
-        message: format!("a trajectory in it is left out: {error}"),
-    }));
-    Ok(imported)
+    let (without_value, long) = (
+        lenient::numbers_without_value(&bytes),
+        lenient::long_integers(&bytes),
+    );
+    if let (1.., Some(first)) = (without_value, results.iter_mut().flatten().next()) {
+        first.notes.push(format!(
+            "numbers that are NaN or Infinity are read as null: {without_value}"
+        ));
+    }
+    if let (Some(example), Some(first)) = (long.first(), results.iter_mut().flatten().next()) {
+        first.losses.push(ImportLoss {
+            file: source.to_owned(),
+            message: format!(
+                "integers of more than 64 bits are read as the nearest number of 64: {}, such as {}; write them as texts",
+                long.len(),
+                example.chars().take(DIGITS_SHOWN).collect::<String>()
+            ),
+        });
+    }
+    Ok(results)
 }
 
 /// What a log tells of an episode beside its turns, for which trajectories have no field.

@@ -8,13 +8,13 @@ use std::{
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_trace::decode_webp;
 use reel_world::{
-    ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, Outcome, Tool, ToolCall,
+    ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, Outcome, SPOKEN_TURN, Tool, ToolCall,
     record::{PolicyOutput, StateDigests, StepInput, StepRecord},
 };
 use serde_json::json;
 
 use super::{
-    CallResult, Content, MESSAGE, OURS, Part, Source, Step,
+    CallResult, Content, OURS, Part, Source, Step,
     reading::{Episode, read_file},
 };
 use crate::{
@@ -117,7 +117,7 @@ impl Episode<'_> {
             )));
         }
         if ids.is_empty() {
-            decisions.push(Decision::new(ToolCall::new(MESSAGE, json!({}))));
+            decisions.push(Decision::new(ToolCall::new(SPOKEN_TURN, json!({}))));
         }
         for result in turn.observation.into_iter().flat_map(|seen| seen.results) {
             let of = result.source_call_id.clone();

@@ -2,14 +2,14 @@
 
 use reel_trace::Trace;
 use reel_world::{
-    ToolCall,
+    SPOKEN_TURN, ToolCall,
     record::{Backend, StateDigests, StepRecord},
 };
 use serde_json::{Map, Value, json};
 
 use super::{
-    Agent, Call, CallResult, Content, FinalMetrics, KeptEpisode, MESSAGE, Media, OURS, Observation,
-    Part, Source, Step, StepMetrics, Trajectory, VERSION,
+    Agent, Call, CallResult, Content, FinalMetrics, KeptEpisode, Media, OURS, Observation, Part,
+    Source, Step, StepMetrics, Trajectory, VERSION,
 };
 
 /// A trajectory with the files that it names.
@@ -106,7 +106,7 @@ fn step(record: &StepRecord, backend: Backend, result: Content) -> serde_json::R
     let call = &record.input.call;
     let policy = record.input.policy.clone().unwrap_or_default();
     let id = format!("call_{}", record.step);
-    let said = call.name == MESSAGE && call.arguments == json!({});
+    let said = call.name == SPOKEN_TURN && call.arguments == json!({});
     // What is no object stands in our part.
     let object = call.arguments.is_object();
     let arguments = if object {

@@ -9,6 +9,8 @@ use std::{
 use serde::de::DeserializeOwned;
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter, write::SimpleFileOptions};
 
+use crate::lenient;
+
 /// Largest document of a log that is read.
 const BYTES_MAX: u64 = 1 << 30;
 
@@ -50,7 +52,7 @@ impl Archive {
                 "larger than {BYTES_MAX} bytes, which are read at most"
             )));
         }
-        serde_json::from_slice(&bytes).map_err(|error| named(&error))
+        lenient::document(&bytes).map_err(|error| named(&error))
     }
 }
 

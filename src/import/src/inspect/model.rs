@@ -18,7 +18,7 @@ pub(super) struct Header {
     pub(super) eval: Spec,
     /// Only in logs that are one JSON document.
     #[serde(default)]
-    pub(super) samples: Option<Vec<Sample>>,
+    pub(super) samples: Option<Vec<Value>>,
 }
 
 /// What was evaluated: a task, with which model and solver.
@@ -95,6 +95,12 @@ fn one() -> u32 {
 pub(super) struct SampleError {
     #[serde(default)]
     pub(super) message: String,
+    /// Inspect reads no error without it.
+    #[serde(skip_deserializing)]
+    pub(super) traceback: String,
+    /// Inspect reads no error without it.
+    #[serde(skip_deserializing)]
+    pub(super) traceback_ansi: String,
 }
 
 /// One message of the conversation.

@@ -13,12 +13,13 @@ use super::{
     model::{Content, Header, Message, Part, Sample, Spec, Usage},
 };
 use crate::{
-    ImportError, ImportLoss, ImportOptions, ImportedEpisode, SuccessRule,
+    ImportError, ImportOptions, ImportedEpisode, SuccessRule,
     atif::{
         Agent, Call, CallResult, Content as Words, Episode, LogFacts, Media, OURS, Observation,
         Part as WordsPart, Source, Step, StepMetrics, Trajectory, VERSION, read_file,
     },
     layout::files_below,
+    lenient,
 };
 
 /// Largest log that is one JSON document.
@@ -47,7 +48,7 @@ pub fn logs(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
 fn is_log(path: &Path) -> bool {
     path.extension().is_some_and(|end| end == "json")
         && read_file(path, BYTES_MAX).is_ok_and(|bytes| {
-            let parts = serde_json::from_slice::<BTreeMap<String, serde::de::IgnoredAny>>(&bytes);
+            let parts = lenient::document::<BTreeMap<String, serde::de::IgnoredAny>>(&bytes);
             parts.is_ok_and(|parts| {
                 ["eval", "samples"]
                     .iter()
@@ -57,17 +58,16 @@ fn is_log(path: &Path) -> bool {
 }
 
 /// Writes the samples of a log as traces into the folder `out`, which exists. Equal samples give
-/// equal bytes under an equal name. What of a sample cannot be imported is a loss of the first
-/// episode.
+/// equal bytes under an equal name. A sample that cannot be imported has its error in its place.
 ///
 /// # Errors
-/// When the file is no log, nothing of it can be imported, or a trace cannot be written.
+/// When the file is no log, it has no sample, or a trace cannot be written.
 pub fn import(
     source: &Path,
     out: &Path,
     options: &ImportOptions<'_>,
     rule: Option<&SuccessRule>,
-) -> Result<Vec<ImportedEpisode>, ImportError> {
+) -> Result<Vec<Result<ImportedEpisode, ImportError>>, ImportError> {
     let refuse = |reason: String| ImportError::Storage {
         path: source.to_owned(),
         reason,
@@ -78,24 +78,22 @@ pub fn import(
         options,
         rule,
     };
-    let (mut imported, mut failed) = (Vec::new(), Vec::new());
+    let mut results = Vec::new();
     let mut keep = |sample: Result<ImportedEpisode, ImportError>| match sample {
-        Ok(episode) => {
-            imported.push(episode);
-            Ok(())
-        }
         Err(ImportError::Trace(error)) => Err(ImportError::Trace(error)),
-        Err(error) => {
-            failed.push(error);
+        result => {
+            results.push(result);
             Ok(())
         }
     };
     if source.extension().is_some_and(|end| end == "json") {
         let bytes = read_file(source, BYTES_MAX).map_err(&refuse)?;
-        let header: Header = serde_json::from_slice(&bytes)
+        let header: Header = lenient::document(&bytes)
             .map_err(|error| refuse(format!("not a log of Inspect: {error}")))?;
-        for sample in header.samples.unwrap_or_default() {
-            keep(log.sample(&header.eval, sample))?;
+        for (number, sample) in (1..).zip(header.samples.unwrap_or_default()) {
+            let sample = serde_json::from_value(sample)
+                .map_err(|error| refuse(format!("sample {number} is not understood: {error}")));
+            keep(sample.and_then(|sample| log.sample(&header.eval, sample)))?;
         }
     } else {
         let mut archive = Archive::open(source).map_err(&refuse)?;
@@ -109,18 +107,10 @@ pub fn import(
             keep(sample.and_then(|sample| log.sample(&header.eval, sample)))?;
         }
     }
-    let Some(first) = imported.first_mut() else {
-        return Err(if failed.is_empty() {
-            refuse("the log has no sample".to_owned())
-        } else {
-            failed.swap_remove(0)
-        });
-    };
-    first.losses.extend(failed.iter().map(|error| ImportLoss {
-        file: source.to_owned(),
-        message: format!("a sample is left out: {error}"),
-    }));
-    Ok(imported)
+    if results.is_empty() {
+        return Err(refuse("the log has no sample".to_owned()));
+    }
+    Ok(results)
 }
 
 /// A log on its way to traces.
@@ -137,6 +127,7 @@ impl Log<'_> {
         let unmet = SuccessRule::unmet(self.rule, &facts.reported.scores);
         let kept = sample.metadata.remove(OURS);
         let uuid = sample.uuid.take();
+        let place = format!("sample {}, epoch {}", sample.id, sample.epoch);
         let (steps, left_out) = turns(sample);
         let trajectory = Trajectory {
             schema_version: VERSION.to_owned(),
@@ -162,7 +153,14 @@ impl Log<'_> {
         let mut episode = Episode::new(self.source, self.options, facts);
         unmet.into_iter().for_each(|what| episode.note(what));
         left_out.into_iter().for_each(|what| episode.lose(what));
-        episode.write(trajectory, self.out)
+        let written = episode.write(trajectory, self.out);
+        written.map_err(|error| match error {
+            ImportError::NoStep { path, reason } => ImportError::NoStep {
+                path,
+                reason: format!("{place}: {reason}"),
+            },
+            other => other,
+        })
     }
 }
 
@@ -252,14 +250,14 @@ fn is_empty(value: &Value) -> bool {
     }
 }
 
-/// The scores of a sample, those of several values one by one.
+/// The scores of a sample, those of several values one by one. One that was not given has no value.
 fn scores(told: &Map<String, Value>) -> Vec<Score> {
     let mut scores = Vec::new();
     for (name, score) in told {
         let explanation = score.get("explanation").and_then(Value::as_str);
         let mut add = |name: String, value: &Value| {
             let (value, label) = match value {
-                Value::Null => return,
+                Value::Null => (None, None),
                 Value::Number(number) => (number.as_f64(), None),
                 Value::Bool(flag) => (Some(f64::from(u8::from(*flag))), Some(flag.to_string())),
                 Value::String(text) => (number_of(text), Some(text.clone())),

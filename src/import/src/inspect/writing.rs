@@ -8,6 +8,7 @@ use reel_world::{
     Task,
     record::{EndReason, EndRecord, Score, StepRecord},
 };
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -23,6 +24,18 @@ use crate::atif::{self, Content as Words, OURS, Part as WordsPart, Source, Step}
 const TASK: &str = "reel";
 /// Most characters of a text in a summary.
 const SUMMARY_CHARACTERS: usize = 1000;
+
+/// Key of the object that stands for the value of a score that was not given, until the document is
+/// text.
+const UNSCORED: &str = "reel: not scored";
+
+/// A document in JSON, with NaN where Inspect has it: as the value of a score that was not given.
+fn json_of(document: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+    let text = serde_json::to_string(document)?;
+    // No text within the document can hold this: its quotation marks would be escaped.
+    let unscored = json!({ UNSCORED: null }).to_string();
+    Ok(text.replace(&unscored, "NaN").into_bytes())
+}
 
 /// A log that is being written: one policy with the episodes that it played.
 pub struct LogWriter {
@@ -89,7 +102,7 @@ impl LogWriter {
         }));
         // As Inspect names them.
         let name = format!("samples/{}_epoch_{epoch}.json", trace.task.task_id);
-        self.archive.add(&name, &serde_json::to_vec(&sample)?)
+        self.archive.add(&name, &json_of(&sample)?)
     }
 
     /// Writes header and summaries. `created` is the log's time in ISO 8601 with its zone.
@@ -118,7 +131,7 @@ impl LogWriter {
             "stats": {"started_at": created, "completed_at": created, "model_usage": usage_of(&self.policy, self.tokens)},
         });
         self.archive
-            .add("summaries.json", &serde_json::to_vec(&self.summaries)?)?;
+            .add("summaries.json", &json_of(&self.summaries)?)?;
         self.archive
             .add("header.json", &serde_json::to_vec(&header)?)?;
         self.archive.finish()
@@ -187,11 +200,19 @@ fn sample(trace: &Trace, epoch: u32) -> io::Result<Sample> {
         error: end
             .filter(|end| end.reason == EndReason::Fault)
             .map(|_| SampleError {
-                message: "a fault ended the episode".to_owned(),
+                message: fault(trace).to_owned(),
+                ..SampleError::default()
             }),
         limit: None,
         uuid: Some(trace.header.episode_id.clone()),
     })
+}
+
+/// What ended an episode with a fault: what the log said from which it came, if it came from one.
+fn fault(trace: &Trace) -> &str {
+    let told = trace.header.policy.parameters.get("error");
+    told.and_then(Value::as_str)
+        .unwrap_or("a fault ended the episode")
 }
 
 fn said(role: &str, content: Content) -> Message {
@@ -205,7 +226,18 @@ fn said(role: &str, content: Content) -> Message {
 /// What would be right: the changes of the goal, or what the log said from which the task came.
 fn target(task: &Task) -> Value {
     if !task.has_goal() {
-        return task.extra.get("target").cloned().unwrap_or("".into());
+        let target = task.extra.get("target").filter(|it| !it.is_null());
+        let target = target.cloned().unwrap_or("".into());
+        // Inspect reads a text or a list of texts.
+        let is_read = match &target {
+            Value::Array(parts) => parts.iter().all(Value::is_string),
+            other => other.is_string(),
+        };
+        return if is_read {
+            target
+        } else {
+            target.to_string().into()
+        };
     }
     let changes = task.goal_changes();
     changes.iter().map(ToString::to_string).collect()
@@ -303,6 +335,11 @@ fn content(words: Words, images: &BTreeMap<String, Vec<u8>>) -> Content {
 fn scores(task: &Task, end: &EndRecord) -> Map<String, Value> {
     let mut scores = Map::new();
     let mut add = |name: &str, value: Value, explanation: Option<&str>| {
+        let value = if value.is_null() {
+            json!({ UNSCORED: null })
+        } else {
+            value
+        };
         scores.insert(
             name.to_owned(),
             json!({"value": value, "explanation": explanation}),

@@ -4,6 +4,7 @@ mod bags;
 mod eval_output;
 mod fixture;
 mod hostile;
+mod inspect;
 mod otel;
 mod published;
 mod real_contract;
