@@ -1,5 +1,5 @@
 //! The files of a folder that is to be published, with their digests: what is no plain file, has a
-//! name that is unsafe elsewhere, or holds a secret in its bytes is a problem. Follows no link.
+//! name that is unsafe elsewhere or holds a secret is a problem. Follows no link.
 
 use std::{
     collections::BTreeMap,
@@ -15,7 +15,7 @@ use sha2::{Digest as _, Sha256};
 use crate::{
     Check, Problems, PublishError,
     generated::{CHECKSUMS, GIT_ATTRIBUTES},
-    secrets::SecretScanner,
+    secrets::{SecretScanner, secrets_in},
 };
 
 /// Most files of a dataset.
@@ -50,6 +50,8 @@ pub struct PublishedFile {
     /// The id that Git gives such a file, which the Hub lists for small ones.
     pub git_blob: String,
     pub(crate) blake3: String,
+    /// The kinds of secrets in its bytes as they stand on the disk.
+    pub(crate) secrets: Vec<&'static str>,
     pub(crate) content: Content,
 }
 
@@ -114,6 +116,7 @@ impl Digests {
             sha256: hex(&self.sha256.finalize()),
             git_blob: hex(&sha1::Digest::finalize(self.git_blob)),
             blake3: self.blake3.finalize().to_hex().to_string(),
+            secrets: Vec::new(),
             content,
         }
     }
@@ -140,6 +143,12 @@ pub(crate) fn scan(
     let mut files = BTreeMap::new();
     let mut read = 0;
     for (path, place) in paths {
+        for kind in secrets_in(path.as_bytes()) {
+            let message = format!(
+                "{kind} is in its name; revoke it where it was issued, and rename the file"
+            );
+            problems.add(Check::Secrets, &path, None, &message);
+        }
         let file = read_file(&path, &place, problems)?;
         read += file.bytes;
         progress(read);
@@ -221,7 +230,7 @@ fn wrong_name(name: Option<&str>, prefix: &str, is_folder: bool) -> Option<&'sta
     }
 }
 
-/// Reads a file once: digests, and whether its bytes hold a secret.
+/// Reads a file once: digests, and which secrets its bytes hold.
 fn read_file(
     path: &str,
     place: &Path,
@@ -251,10 +260,8 @@ fn read_file(
         digests.update(&piece[..count]);
         scanner.feed(&piece[..count]);
     }
-    for kind in scanner.finish() {
-        problems.add(Check::Secrets, path, None, &secret_message(kind));
-    }
-    let read = digests.finish(path, Content::Disk(place.to_owned()));
+    let mut read = digests.finish(path, Content::Disk(place.to_owned()));
+    read.secrets = scanner.finish();
     if read.bytes == size {
         Ok(read)
     } else {

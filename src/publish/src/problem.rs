@@ -8,6 +8,8 @@ use std::{
 
 use serde::Serialize;
 
+use crate::secrets::without_secrets;
+
 /// Problems that are kept of one check in one file; all are counted.
 const KEPT_OF_FILE: u64 = 3;
 /// Problems that are kept of one check.
@@ -119,7 +121,7 @@ impl Problems {
     /// Counts a problem, and keeps it if it is among the first. Texts may come from anywhere.
     pub fn add(&mut self, check: Check, file: &str, line: Option<u64>, message: &str) {
         *self.counts.entry(check).or_default() += 1;
-        let file = printable(file);
+        let file = printable(&without_secrets(file));
         let of_file = self.of_file.entry((check, file.clone())).or_default();
         *of_file += 1;
         let of_check = self.found.iter().filter(|it| it.check == check).count();

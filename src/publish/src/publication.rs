@@ -1,7 +1,11 @@
 //! A folder that was looked at: what kind of dataset it is, the files that are published with the
 //! generated ones, and everything that speaks against publishing it. Changes nothing.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
 
 use serde::Serialize;
 use serde_json::Value;
@@ -271,6 +275,13 @@ fn check_checksums(
         problems.add(Check::Checksums, CHECKSUMS, None, message);
         return Ok(());
     };
+    let listed: BTreeSet<&str> = entries.iter().map(|(path, _)| *path).collect();
+    for path in files.keys() {
+        if !is_generated(path) && !listed.contains(path.as_str()) {
+            let message = "SHA256SUMS does not list it; remove it, or SHA256SUMS if the file was meant to be added";
+            problems.add(Check::Checksums, path, None, message);
+        }
+    }
     for (path, digest) in entries {
         if files.get(path).is_none_or(|file| file.sha256 != digest) {
             let message = "SHA256SUMS has another digest of it; remove SHA256SUMS if the file was meant to change";
@@ -292,8 +303,18 @@ fn check_texts(
             path,
             problems,
             verdicts: &mut verdicts,
+            secrets: BTreeSet::new(),
         };
-        if let Err(reason) = texts::visit(&file.place(), &mut visitor) {
+        let visited = texts::visit(&file.place(), &mut visitor);
+        let with_lines = visitor.secrets;
+        for kind in file
+            .secrets
+            .iter()
+            .filter(|kind| !with_lines.contains(*kind))
+        {
+            problems.add(Check::Secrets, path, None, &secret_message(kind));
+        }
+        if let Err(reason) = visited {
             problems.add(Check::Files, path, None, &format!("{reason}; export again"));
         }
     }
@@ -304,12 +325,15 @@ struct TextChecks<'a> {
     path: &'a str,
     problems: &'a mut Problems,
     verdicts: &'a mut Verdicts,
+    /// The kinds of secrets that were found in a line or row.
+    secrets: BTreeSet<&'static str>,
 }
 
 impl TextChecks<'_> {
-    fn secrets(&mut self, line: u64, bytes: &[u8]) {
+    fn find_secrets(&mut self, line: u64, bytes: &[u8]) {
         let line = (line > 0).then_some(line);
         for kind in secrets_in(bytes) {
+            self.secrets.insert(kind);
             self.problems
                 .add(Check::Secrets, self.path, line, &secret_message(kind));
         }
@@ -318,7 +342,7 @@ impl TextChecks<'_> {
 
 impl Visitor for TextChecks<'_> {
     fn text(&mut self, line: u64, text: &str) {
-        self.secrets(line, text.as_bytes());
+        self.find_secrets(line, text.as_bytes());
         if let Some(found) = local_path_in(text) {
             let message = format!(
                 "a path of one machine, {found}; export from the folder that holds traces and files, by relative paths"
@@ -330,7 +354,7 @@ impl Visitor for TextChecks<'_> {
     }
 
     fn bytes(&mut self, line: u64, bytes: &[u8]) {
-        self.secrets(line, bytes);
+        self.find_secrets(line, bytes);
     }
 
     fn json_row(&mut self, line: u64, value: &Value) {

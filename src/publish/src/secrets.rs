@@ -1,9 +1,9 @@
-//! Tokens and keys in the bytes of files, and shapes of absolute paths of a machine. What a match holds is never
+//! Tokens and keys in the bytes and names of files, and shapes of absolute paths of a machine. What a match holds is never
 //! reported.
 
-use std::sync::LazyLock;
+use std::{borrow::Cow, sync::LazyLock};
 
-use reel_redact::SECRET_SHAPES;
+use reel_redact::{Rules, SECRET_SHAPES};
 use regex::bytes::{Regex, RegexBuilder, RegexSet, RegexSetBuilder};
 
 /// The shapes that are found in any bytes, as they stand in [`SET`].
@@ -45,6 +45,16 @@ pub(crate) fn secrets_in(bytes: &[u8]) -> Vec<&'static str> {
         .collect();
     found.dedup();
     found
+}
+
+/// A path as a report may show it: secrets in names are labels.
+pub(crate) fn without_secrets(path: &str) -> Cow<'_, str> {
+    static RULES: LazyLock<Rules> = LazyLock::new(Rules::built_in);
+    if secrets_in(path.as_bytes()).is_empty() {
+        Cow::Borrowed(path)
+    } else {
+        Cow::Owned(RULES.without_secrets(path))
+    }
 }
 
 /// The first absolute path of a machine in a text, shortened to its first two folders.
@@ -114,6 +124,9 @@ mod tests {
             format!("AK{}{}", "IA", "Z2".repeat(8)),
             format!("-----BEGIN {} KEY-----", "RSA PRIVATE"),
             format!("https://me:{}@example.org/x", "s3cret"),
+            format!("postgres://admin:{}@db.example.com:5432/x", "Zk39slQpz71"),
+            format!("mongodb+srv://u:{}@h", "p"),
+            format!("redis://:{}@h", "pw"),
             format!("re{}_{}", "el", "0f".repeat(32)),
         ])
         .collect()
@@ -143,6 +156,7 @@ mod tests {
             "https://huggingface.co/datasets/a/b@main https://example.org:8080/x",
             "46007a202c8bdb9319231d1337aa222c7c50acf6b1ab1bda4172d55687fd583a",
             "reel_publish AKIA",
+            "postgres://db.example.org:5432/x redis://h:6379 mailto:me@example.org ssh://git@h:22/x",
         ] {
             assert_eq!(secrets_in(text.as_bytes()), Vec::<&str>::new(), "{text}");
         }

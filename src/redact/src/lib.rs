@@ -1,6 +1,6 @@
 //! Secrets in what is about to be written: [`Rules`] say what a secret is, a [`Redactor`] replaces each by a label
 //! such as `[redacted:token#1]`. Equal secrets of one redactor get equal labels, numbered in order of appearance; a
-//! label is no function of its secret, so that nobody can test guesses against it.
+//! label is no function of its secret, so that nobody can test guesses against it. A number becomes 0 instead.
 //!
 //! `rules` reads rules and holds the built-in ones, but for the `shapes`; `redactor` applies them to texts and JSON
 //! values, `escapes` looks through JSON escapes inside of texts, `nested` finds values within brackets there. Never opens

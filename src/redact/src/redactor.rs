@@ -1,5 +1,5 @@
-//! Puts labels in the place of secrets, in texts and in JSON. A secret that one rule found is known from then on, and is
-//! found wherever it stands again.
+//! Puts labels in the place of secrets, in texts and in JSON, and zeros in the place of numbers there, which stay numbers. A
+//! secret that one rule found is known from then on, and is found wherever it stands again.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -111,6 +111,8 @@ struct Found {
     secret: String,
     /// How far the secret itself is known: 0 known values, 1 shapes, 2 members, 3 what is in members of members.
     rank: u8,
+    /// Whether it is a whole number of JSON inside of a text.
+    is_number: bool,
 }
 
 /// The member of which a value is all or a part.
@@ -137,7 +139,24 @@ impl Found {
             name: name.to_owned(),
             secret: secret.as_str().to_owned(),
             rank,
+            is_number: false,
         })
+    }
+
+    /// Makes a number of JSON inside of a text a secret as a whole, without the brackets that stand behind it.
+    fn take_number(&mut self, text: &str) {
+        let Some(range) = nested::number(text, self.range.start) else {
+            return;
+        };
+        let behind = text.get(range.end..self.range.end).unwrap_or_default();
+        let behind = behind.trim_start_matches(|letter: char| {
+            letter.is_ascii_whitespace() || "{}[],".contains(letter)
+        });
+        if !behind.starts_with(char::is_alphanumeric) {
+            text[range.clone()].clone_into(&mut self.secret);
+            self.range = range;
+            self.is_number = true;
+        }
     }
 }
 
@@ -177,8 +196,8 @@ impl Redactor {
             .unwrap_or_else(|| text.to_owned())
     }
 
-    /// Puts labels in the place of secrets in a value: of members with telling names, in texts, in numbers and in names
-    /// of members. `root` is what pointers call the value: `arguments`, `result` or `error`.
+    /// Puts labels in the place of secrets in a value: of members with telling names, in texts and in names of members. A
+    /// number becomes 0, so that the value keeps its types. `root` is what pointers call the value: `arguments`, `result` or `error`.
     pub fn value(&mut self, root: &str, value: &mut Value, scope: Scope) {
         if !self.rules.is_none() {
             self.walk(value, &mut vec![root.to_owned()], None, scope);
@@ -224,8 +243,8 @@ impl Redactor {
                 let searched = under.is_some()
                     || self.known.contains_key(&text)
                     || of_file.any(|pattern| pattern.regex.is_match(&text));
-                if let Some(replaced) = searched.then(|| self.leaf(&text, under, scope)).flatten() {
-                    *value = Value::String(replaced);
+                if searched && self.leaf(&text, under, scope).is_some() {
+                    *value = Value::from(0);
                 }
             }
             Value::Array(items) => {
@@ -277,6 +296,7 @@ impl Redactor {
                     name: member.rule.to_owned(),
                     secret: text.to_owned(),
                     rank: if member.is_parent { 3 } else { 2 },
+                    is_number: false,
                 });
                 Some(self.replace(text, found))
             }
@@ -296,6 +316,7 @@ impl Redactor {
                 name: UNREADABLE.to_owned(),
                 secret: text.to_owned(),
                 rank: 2,
+                is_number: false,
             };
             vec![everything]
         });
@@ -311,6 +332,7 @@ impl Redactor {
             let before = found.len();
             self.search(shown, scope, &mut found);
             for secret in &mut found[before..] {
+                secret.take_number(shown);
                 let range = secret.range.clone();
                 secret.range = views
                     .iter()
@@ -337,6 +359,7 @@ impl Redactor {
                     name: self.known[secret].name.clone(),
                     secret: secret.clone(),
                     rank: 0,
+                    is_number: false,
                 });
             }
         }
@@ -384,6 +407,7 @@ impl Redactor {
                 range,
                 name: name.to_owned(),
                 rank,
+                is_number: false,
             }));
         }
     }
@@ -417,7 +441,8 @@ impl Redactor {
             }
             let label = self.label(&together);
             replaced.push_str(&text[at..range.start]);
-            replaced.push_str(&label);
+            let is_number = together.iter().all(|it| it.is_number);
+            replaced.push_str(if is_number { "0" } else { &label });
             at = range.end;
         }
         replaced.push_str(&text[at..]);

@@ -47,10 +47,17 @@ const KEYS: &[&str] = &[
     "credentials",
     "authorization",
     "cookie",
+    "x_amz_signature",
 ];
+
+/// Names of members that hold secrets as a word of their own alone, at the end of the name: `db_pass` and `dbPass` do,
+/// `compass` does not.
+const WORDS: &[&str] = &["pass", "pwd", "auth", "sig"];
 
 /// Words in the name of a variable of the environment whose value is a secret, besides the keys.
 const VARIABLE_ENDS: [&str; 3] = ["KEY", "AUTH", "PAT"];
+/// The variable of the environment that holds the folder of work, and no password.
+const WORKING_DIRECTORY: &str = "PWD";
 /// Ends of names of variables that say where a secret is, and are none.
 const VARIABLE_PLACES: [&str; 7] = ["FILE", "PATH", "DIR", "URL", "URI", "SOCK", "NAME"];
 
@@ -124,6 +131,8 @@ struct Key {
     plain: String,
     /// What labels are called after it.
     label: String,
+    /// Whether it is the last word of a name, and no part of a longer word.
+    is_word: bool,
 }
 
 impl Key {
@@ -132,6 +141,14 @@ impl Key {
             name: name.to_ascii_lowercase(),
             plain: plain(name),
             label: label_name(&name.to_ascii_lowercase()),
+            is_word: false,
+        }
+    }
+
+    fn word(name: &str) -> Self {
+        Self {
+            is_word: true,
+            ..Self::new(name)
         }
     }
 
@@ -166,7 +183,11 @@ impl Rules {
             source: RuleSource::BuiltIn,
             patterns: SECRET_SHAPES.iter().map(pattern).collect(),
             of_file: SECRET_SHAPES.len(),
-            keys: KEYS.iter().map(|key| Key::new(key)).collect(),
+            keys: KEYS
+                .iter()
+                .map(|key| Key::new(key))
+                .chain(WORDS.iter().map(|word| Key::word(word)))
+                .collect(),
             ..Self::default()
         };
         rules.compile_members();
@@ -300,20 +321,39 @@ impl Rules {
         self
     }
 
-    /// The rule for a member of this name, if it holds a secret.
+    /// The rule for a member of this name, if it holds a secret. Digits right behind the name count its values.
     pub(crate) fn key(&self, name: &str) -> Option<&str> {
-        let name = plain(name);
-        let key = self.keys.iter().find(|key| name.ends_with(&key.plain));
-        key.map(|key| key.label.as_str())
+        let unnumbered = name.trim_end_matches(|letter: char| letter.is_ascii_digit());
+        // A `cookie_1` is a thing of a household.
+        let is_numbered = unnumbered.ends_with(|letter: char| letter.is_ascii_alphabetic());
+        let unnumbered = if is_numbered { unnumbered } else { name };
+        let (word, spellings) = (last_word(unnumbered), [plain(name), plain(unnumbered)]);
+        let names = |key: &&Key| match key.is_word {
+            true => word.eq_ignore_ascii_case(&key.plain),
+            false => spellings.iter().any(|name| name.ends_with(&key.plain)),
+        };
+        self.keys.iter().find(names).map(|key| key.label.as_str())
     }
 
     fn compile_members(&mut self) {
         // The longest first: a password of `api_key` is one of `key`, too.
         self.keys
             .sort_by_key(|key| std::cmp::Reverse(key.plain.len()));
-        let names: Vec<String> = self.keys.iter().map(Key::spelled).collect();
-        // Whatever stands before a name belongs to it.
-        let name = format!("(?P<{MEMBER}>(?i-u:{}))", names.join("|"));
+        let (words, parts): (Vec<&Key>, Vec<&Key>) = self.keys.iter().partition(|key| key.is_word);
+        let spelled = |keys: &[&Key]| {
+            let names: Vec<String> = keys.iter().map(|key| key.spelled()).collect();
+            names.join("|")
+        };
+        // Whatever stands before a name belongs to it, but for words.
+        let mut names = Vec::new();
+        if !parts.is_empty() {
+            names.push(format!("(?i-u:{})", spelled(&parts)));
+        }
+        if !words.is_empty() {
+            names.push(format!(r"(?:(?-u:\b)|_)(?i-u:{})", spelled(&words)));
+            names.extend(words.iter().map(|word| capitalized(&word.name)));
+        }
+        let name = format!("(?P<{MEMBER}>{})[0-9]*", names.join("|"));
         let quoted = r#""[ \t\r\n]*:[ \t\r\n]*"(?P<secret>(?:[^"\\]|\\(?s:.))+)""#;
         let number = r#""[ \t\r\n]*:[ \t\r\n]*(?P<secret>-?[0-9][0-9.eE+-]*)"#;
         // Where the closing quote is missing, the line ends it.
@@ -345,6 +385,21 @@ impl Rules {
     }
 }
 
+/// The last word of a name such as `db_pass` or `dbPass`.
+fn last_word(name: &str) -> &str {
+    let mut words = name.rsplit(|letter: char| !letter.is_ascii_alphabetic());
+    let word = words.next().unwrap_or_default();
+    let is_hump = |at: &usize| *at > 0 && word.as_bytes()[at - 1].is_ascii_lowercase();
+    let hump = word.rfind(|letter: char| letter.is_ascii_uppercase());
+    hump.filter(is_hump).map_or(word, |at| &word[at..])
+}
+
+/// A word of letters alone as it stands inside of a name such as `dbPass`.
+fn capitalized(word: &str) -> String {
+    let (first, rest) = word.split_at(1);
+    first.to_ascii_uppercase() + rest
+}
+
 /// What a label is called after a key: letters, digits, `-` and `_`.
 fn label_name(key: &str) -> String {
     let letter = |letter: char| match letter {
@@ -360,6 +415,7 @@ fn names_secret(name: &str) -> bool {
         .to_ascii_uppercase()
         .replace(|c: char| !c.is_ascii_alphanumeric(), "_");
     let last = name.rsplit('_').next().unwrap_or_default();
+    let last = last.trim_end_matches(|letter: char| letter.is_ascii_digit());
     let words = format!("_{name}_");
     let tells = |key: &&str| {
         let key = key.to_ascii_uppercase();
@@ -369,7 +425,10 @@ fn names_secret(name: &str) -> bool {
                 .iter()
                 .any(|key| words.contains(&format!("_{key}_")))
     };
-    !VARIABLE_PLACES.contains(&last) && (VARIABLE_ENDS.contains(&last) || KEYS.iter().any(tells))
+    let is_word =
+        name != WORKING_DIRECTORY && WORDS.iter().any(|word| last.eq_ignore_ascii_case(word));
+    !VARIABLE_PLACES.contains(&last)
+        && (VARIABLE_ENDS.contains(&last) || is_word || KEYS.iter().any(tells))
 }
 
 fn compiled(regex: &str) -> Result<Regex, String> {

@@ -137,7 +137,7 @@ pub const SECRET_SHAPES: &[SecretShape] = &[
         rule: "userinfo",
         in_text: r#"[A-Za-z][A-Za-z0-9+.-]{0,30}://[^ \t\r\n/:@"'<>\\]*:(?P<secret>[^ \t\r\n/"'<>\\]+)@"#,
         in_bytes: Some(
-            r#"(?-u:\b)https?://[A-Za-z0-9._~%+-]{1,64}:[A-Za-z0-9._~%!$&*+=-]{4,128}@[A-Za-z0-9-]{2,}"#,
+            r"[A-Za-z0-9]{2}://[A-Za-z0-9._~%+-]{0,64}:[A-Za-z0-9._~%!$&*+=-]{1,128}@[A-Za-z0-9\[]",
         ),
     },
     SecretShape {

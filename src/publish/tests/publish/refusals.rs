@@ -140,7 +140,43 @@ fn secrets_are_found_and_not_shown() {
 
     let text = card("mit") + &token;
     let folder = changed(|root| fs::write(root.join("README.md"), &text).unwrap());
-    assert!(problems(folder.path(), Check::Secrets)[0].contains("README.md"));
+    let shown = problems(folder.path(), Check::Secrets);
+    assert!(
+        shown.len() == 1 && shown[0].contains("README.md:12: "),
+        "once, with its line: {shown:?}"
+    );
+}
+
+#[test]
+fn passwords_of_any_address_are_secrets() {
+    for address in [
+        format!("postgres://admin:{}@db.example.com:5432/x", "Zk39slQpz71"),
+        format!("mongodb+srv://u:{}@h", "p"),
+        format!("redis://:{}@h", "pw"),
+    ] {
+        let folder = with_rows(&[row(&address, "exact")]);
+        let shown = only(folder.path(), Check::Secrets);
+        assert!(
+            shown.len() == 1 && shown[0].contains(".jsonl:1: an address with a password"),
+            "{shown:?}"
+        );
+    }
+}
+
+#[test]
+fn secrets_in_names_are_found_and_not_shown() {
+    let token = token();
+    let folder = tempfile::tempdir().unwrap();
+    export(folder.path());
+    fs::write(folder.path().join(format!("{token}.txt")), "x\n").unwrap();
+    let shown = problems(folder.path(), Check::Secrets);
+    assert!(
+        shown.len() == 1 && shown[0].contains(".txt: a Hugging Face token is in its name"),
+        "{shown:?}"
+    );
+    let all = open(folder.path());
+    let all = format!("{:?}", all.problems().kept_problems());
+    assert!(!all.contains(&token), "{all}");
 }
 
 #[test]
@@ -207,7 +243,39 @@ fn checksums_have_to_hold() {
     );
     let sums = format!("{}  README.md\n", "0".repeat(64));
     fs::write(folder.path().join("SHA256SUMS"), sums).unwrap();
-    assert!(only(folder.path(), Check::Checksums)[0].contains("SHA256SUMS has another digest"));
+    let shown = only(folder.path(), Check::Checksums).join("\n");
+    assert!(
+        shown.contains("README.md: SHA256SUMS has another digest"),
+        "{shown}"
+    );
+}
+
+#[test]
+fn files_that_checksums_do_not_list_are_refused() {
+    let folder = changed(|_| ());
+    let root = folder.path();
+    fs::create_dir(root.join("meta")).unwrap();
+    fs::write(
+        root.join("meta/info.json"),
+        r#"{"codebase_version": "v3.0"}"#,
+    )
+    .unwrap();
+    fs::remove_file(root.join("manifest.json")).unwrap();
+    let publication = open(root);
+    let sums = publication.files().values();
+    let sums: String = sums
+        .filter(|file| root.join(&file.path).is_file())
+        .map(|file| format!("{}  {}\n", file.sha256, file.path))
+        .collect();
+    fs::write(root.join("SHA256SUMS"), sums).unwrap();
+    assert!(problems(root, Check::Checksums).is_empty());
+    fs::write(root.join("added.txt"), "x\n").unwrap();
+    assert_eq!(
+        problems(root, Check::Checksums),
+        [
+            "checksums: added.txt: SHA256SUMS does not list it; remove it, or SHA256SUMS if the file was meant to be added"
+        ]
+    );
 }
 
 #[test]

@@ -60,7 +60,7 @@ fn members_of_texts_and_values() {
     assert_eq!(
         value,
         json!({
-            "db_password": "[redacted:password#1]", "X-Api-Key": "[redacted:api_key#1]", "token": null,
+            "db_password": "[redacted:password#1]", "X-Api-Key": 0, "token": null,
             "secret": {"a": ["[redacted:secret#1]", "[redacted:secret#2]"]},
             "config": "{\"password\": \"[redacted:password#1]\", \"port\": 80}",
             "line": "PASSWORD=[redacted:password#1] --port 80",
@@ -91,7 +91,7 @@ fn what_stands_in_brackets_or_quotes_of_a_text() {
         text(
             "{\n  \"credentials\": {\n    \"user\": \"svc-robot\",\n    \"key\": \"LEAK_0011\"\n  },\n  \"secret\": [\"LEAK_2\", 3],\n  \"n\": 1\n}"
         ),
-        "{\n  \"credentials\": {\n    \"user\": \"[redacted:credentials#1]\",\n    \"key\": \"[redacted:credentials#2]\"\n  },\n  \"secret\": [\"[redacted:secret#1]\", [redacted:secret#2]],\n  \"n\": 1\n}"
+        "{\n  \"credentials\": {\n    \"user\": \"[redacted:credentials#1]\",\n    \"key\": \"[redacted:credentials#2]\"\n  },\n  \"secret\": [\"[redacted:secret#1]\", 0],\n  \"n\": 1\n}"
     );
     assert_eq!(
         text("secret = ['LEAK_2'] # of TOML"),
@@ -128,6 +128,103 @@ fn what_stands_in_brackets_or_quotes_of_a_text() {
     ] {
         assert_eq!(text(given), expected);
     }
+}
+
+/// The schema of a tool's output holds for what is recorded, too.
+#[test]
+fn numbers_stay_numbers() {
+    let mut redactor = built_in();
+    let given = json!({"next_token": 424_242, "credential": {"id": 123_456, "is_new": true}, "secret": 1.5});
+    let expected = json!({"next_token": 0, "credential": {"id": 0, "is_new": true}, "secret": 0});
+    let mut value = json!({
+        "structuredContent": given, "text": format!("Result: {given}\n"),
+        "deep": json!({"inner": given.to_string()}).to_string(), "lines": format!("{given}{given}"),
+        "fenced": format!("```json\n{given:#}\n```"),
+    });
+    redactor.value("result", &mut value, Scope::Data);
+    assert_eq!(
+        value,
+        json!({
+            "structuredContent": expected, "text": format!("Result: {expected}\n"),
+            "deep": json!({"inner": expected.to_string()}).to_string(), "lines": format!("{expected}{expected}"),
+            "fenced": format!("```json\n{expected:#}\n```"),
+        })
+    );
+    let counts = redactor.take_redactions();
+    assert_eq!(
+        (counts["token"], counts["credential"], counts["secret"]),
+        (6, 6, 6)
+    );
+    let mut text = |text: &str| redactor.text(text);
+    assert_eq!(
+        text(r#"{"a": {"pin_token": 12345678}}"#),
+        r#"{"a": {"pin_token": 0}}"#
+    );
+    assert_eq!(
+        text(r#"{"n": 12345678, "m": 1}"#),
+        r#"{"n": 0, "m": 1}"#,
+        "it is known by now"
+    );
+    let told = text("the number 12345678 of token=9");
+    assert!(!told.contains("12345678"), "{told}");
+    assert_eq!(told.matches("[redacted:token#").count(), 2, "{told}");
+    let unquoted = text(r#""password": 12}secret99"#);
+    assert!(!unquoted.contains("secret99"), "{unquoted}");
+}
+
+#[test]
+fn short_names_are_words_of_their_own() {
+    for name in [
+        "pwd",
+        "db_pwd",
+        "pass",
+        "DB_PASS",
+        "dbPass",
+        "smtp-pass",
+        "passphrase",
+        "auth",
+        "password2",
+        "DB_PASSWORD2",
+        "pass1",
+        "X-Amz-Signature",
+        "sig",
+    ] {
+        let mut value = json!({ name: "Zk39slQpz71" });
+        built_in().value("arguments", &mut value, Scope::Data);
+        let label = value[name].as_str().unwrap();
+        assert!(label.starts_with("[redacted:"), "{name}: {label}");
+        for text in [
+            format!("{name}=Zk39slQpz71"),
+            format!("{{\"{name}\": \"Zk39slQpz71\"}}"),
+            format!("https://h/x?a=1&{name}=Zk39slQpz71&b=2"),
+        ] {
+            let redacted = built_in().text(&text);
+            assert!(!redacted.contains("Zk39slQpz71"), "{redacted}");
+        }
+    }
+    for name in [
+        "passes",
+        "compass",
+        "bypass",
+        "author",
+        "authors",
+        "design",
+        "config",
+        "cookie_1",
+        "signature_of",
+    ] {
+        let given = json!({ name: "Zk39slQpz71", "text": format!("{name}=Zk39slQpz71") });
+        let mut value = given.clone();
+        built_in().value("arguments", &mut value, Scope::Data);
+        assert_eq!(value, given, "{name}");
+    }
+    let variables = [("PWD", "/repo/folder"), ("DB_PASS2", "opaque-value")];
+    let variables = variables.map(|(name, value)| (name.to_owned(), value.to_owned()));
+    let rules = Rules::built_in().with_environment(variables);
+    assert_eq!(
+        Redactor::new(Arc::new(rules)).text("in /repo/folder with opaque-value"),
+        "in /repo/folder with [redacted:environment#1]"
+    );
 }
 
 /// Brackets that never close cost no more than others.
@@ -210,7 +307,7 @@ fn a_rules_file() {
     redactor.value("arguments", &mut value, Scope::Data);
     assert_eq!(
         value,
-        json!({"card": {"number": "[redacted:pointer#1]", "holder": "T-[redacted:ticket#1]"}, "pin": "[redacted:pin#1]", "note": "[redacted:token#1]"})
+        json!({"card": {"number": 0, "holder": "T-[redacted:ticket#1]"}, "pin": "[redacted:pin#1]", "note": "[redacted:token#1]"})
     );
     let mut value = json!({"content": [{"note": "a note"}, {"text": "stays"}]});
     redactor.value("result", &mut value, Scope::Data);
