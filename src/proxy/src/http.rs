@@ -280,16 +280,7 @@ fn serve(agent: &TcpStream, shared: &Arc<Shared>) {
     let server = match shared.connect() {
         Ok(server) => server,
         Err(error) => {
-            let hint = match shared.tls {
-                Some(_) => {
-                    "; it has to have a certificate of an authority that this machine trusts, or that SSL_CERT_FILE names"
-                }
-                None => "",
-            };
-            let why = format!(
-                "reel record cannot reach the server {}: {error}{hint}\n",
-                shared.upstream.authority
-            );
+            let why = why_unreachable(&shared.upstream.authority, &error, shared.tls.is_some());
             drop(answer(agent, "502 Bad Gateway", "text/plain", &why));
             return;
         }
@@ -301,9 +292,51 @@ fn serve(agent: &TcpStream, shared: &Arc<Shared>) {
     drop(Connection::new(shared, agent, &server).map(|connection| connection.run(agent, &server)));
 }
 
+/// Why the server cannot be reached, and what to do about it.
+fn why_unreachable(authority: &str, error: &io::Error, is_encrypted: bool) -> String {
+    let error = error.to_string();
+    let (why, hint) = match is_encrypted {
+        // The name that the verifier gives it, which has no type that can be had here.
+        true if error.contains("CaUsedAsEndEntity") => (
+            "its certificate is that of a certificate authority, which cannot be a server's own",
+            "; make one for the server with -addext basicConstraints=critical,CA:FALSE (openssl req -x509) and name it \
+             with SSL_CERT_FILE, or have it signed by an authority that SSL_CERT_FILE names",
+        ),
+        true => (
+            error.as_str(),
+            "; it has to have a certificate of an authority that this machine trusts, or that SSL_CERT_FILE names",
+        ),
+        false => (error.as_str(), ""),
+    };
+    format!("reel record cannot reach the server {authority}: {why}{hint}\n")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_server_with_the_certificate_of_an_authority_is_told_what_to_do() {
+        let told = |why: &str, is_encrypted: bool| {
+            let error = io::Error::new(io::ErrorKind::InvalidData, why.to_owned());
+            why_unreachable("robot:8443", &error, is_encrypted)
+        };
+        let authority = told(
+            "invalid peer certificate: Other(OtherError(CaUsedAsEndEntity))",
+            true,
+        );
+        for part in ["robot:8443", "CA:FALSE", "signed by", "SSL_CERT_FILE"] {
+            assert!(authority.contains(part), "{part}, {authority}");
+        }
+        assert!(!authority.contains("OtherError"), "{authority}");
+        let unknown = told("invalid peer certificate: UnknownIssuer", true);
+        assert!(
+            unknown.contains("UnknownIssuer; it has to have a certificate"),
+            "{unknown}"
+        );
+        assert!(!unknown.contains("CA:FALSE"), "{unknown}");
+        assert!(!told("refused", false).contains("certificate"));
+    }
 
     #[test]
     fn addresses_of_servers() {

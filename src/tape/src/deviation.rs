@@ -49,6 +49,10 @@ pub struct Deviation {
     pub expected: Option<ToolCall>,
     /// The call that was made; `None` if the agent stopped.
     pub actual: Option<ToolCall>,
+    /// Index of the recorded call that the call equals and that was to come soon after; `None` if
+    /// there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recorded_as: Option<u32>,
     /// All differences between the two, the first one first: the tool, then the recorded arguments
     /// in their order, then the added ones.
     pub differences: Vec<Difference>,
@@ -88,6 +92,7 @@ pub fn deviation(
         argument,
         expected: expected.cloned(),
         actual: redacted,
+        recorded_as: None,
         differences,
     })
 }
@@ -156,9 +161,15 @@ fn compare_arguments(
     let added = actual.keys().filter(|name| !expected.contains_key(*name));
     for name in names.chain(added) {
         let (expected, actual) = (expected.get(name), actual.get(name));
-        // A recording of another server holds labels where the agent said secrets.
+        // A recording of another server holds labels where the agent said secrets, and 0 where these were numbers.
         let same = match (expected, actual) {
-            (Some(expected), Some(actual)) => is_recorded_as(actual, expected),
+            (Some(expected), Some(actual)) => {
+                let as_told = || {
+                    told.get(name)
+                        .is_some_and(|it| is_recorded_as(it, expected))
+                };
+                is_recorded_as(actual, expected) || as_told()
+            }
             _ => expected == actual,
         };
         if !same {
@@ -193,13 +204,20 @@ impl fmt::Display for Deviation {
             (DeviationKind::Tool, _) => {
                 let [expected, actual] = [&self.expected, &self.actual]
                     .map(|call| call.as_ref().map_or_else(String::new, ToString::to_string));
-                write!(f, "tool: expected {expected}, actual {actual}")
+                write!(f, "tool: expected {expected}, actual {actual}")?;
             }
             (_, Some(name)) => write!(
                 f,
                 "{tool}, argument {name}: expected {expected}, actual {actual}"
+            )?,
+            _ => write!(f, "{tool}, arguments: expected {expected}, actual {actual}")?,
+        }
+        match self.recorded_as {
+            Some(later) => write!(
+                f,
+                "; the call is recorded as call {later}: calls made at once come in any order"
             ),
-            _ => write!(f, "{tool}, arguments: expected {expected}, actual {actual}"),
+            None => Ok(()),
         }
     }
 }
@@ -230,6 +248,19 @@ mod tests {
         assert!(!format!("{found:?}").contains("hunter2"), "{found:?}");
         let found = deviation(1, None, Some(&said("hunter2", line))).unwrap();
         assert!(!format!("{found:?}{found}").contains("hunter2"), "{found}");
+    }
+
+    #[test]
+    fn numbers_that_are_secrets_are_no_difference() {
+        let said = |token: u32, side: u32| {
+            let text = json!({"next_token": token}).to_string();
+            call("next", json!({"token": token, "text": text, "side": side}))
+        };
+        let recorded = said(0, 1);
+        assert_eq!(deviation(0, Some(&recorded), Some(&said(424_242, 1))), None);
+        let found = deviation(0, Some(&recorded), Some(&said(424_242, 2))).unwrap();
+        assert_eq!(found.argument.as_deref(), Some("side"));
+        assert!(!format!("{found:?}{found}").contains("424242"), "{found:?}");
     }
 
     #[test]
@@ -266,6 +297,31 @@ mod tests {
         assert!(
             found.to_string().ends_with("expected 1, actual none"),
             "{found}"
+        );
+    }
+
+    #[test]
+    fn a_call_that_came_early_is_told_where_it_is_recorded() {
+        let recorded = call("read", json!({"name": "a"}));
+        let left = deviation(
+            0,
+            Some(&recorded),
+            Some(&call("read", json!({"name": "b"}))),
+        )
+        .unwrap();
+        assert_eq!(
+            left.to_string(),
+            "call 0: read, argument name: expected \"a\", actual \"b\""
+        );
+        let early = Deviation {
+            recorded_as: Some(2),
+            ..left
+        };
+        assert!(
+            early.to_string().ends_with(
+                "; the call is recorded as call 2: calls made at once come in any order"
+            ),
+            "{early}"
         );
     }
 

@@ -39,8 +39,8 @@ pub struct EpisodeReport {
     pub deviation: Option<Deviation>,
     /// The trace of what followed in the simulator; `None` if nothing did.
     pub branch: Option<PathBuf>,
-    /// Whether the goal held at the end of what followed in the simulator, else of the recording;
-    /// `None` if neither is known.
+    /// Whether the goal held at the end of what followed in the simulator, else whether the
+    /// recording succeeded; `None` if nobody judged it, as where its task has no goal.
     pub success: Option<bool>,
     /// Why the recording cannot be answered from, or what followed could not be simulated.
     pub reason: Option<String>,

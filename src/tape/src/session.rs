@@ -47,10 +47,53 @@ pub struct TapeSession {
 struct Played {
     index: usize,
     beginning: Beginning,
+    /// The steps of the recording in the order in which the agent takes them.
+    order: Vec<usize>,
     /// How many recorded calls were made.
     position: usize,
     deviation: Option<Deviation>,
     reason: Option<String>,
+}
+
+/// How many of the recorded calls after the next are looked at for one that came early.
+const CALLS_AHEAD: usize = 16;
+
+impl Played {
+    /// The recorded step whose call is next; after the last, how many there are.
+    fn step(&self) -> usize {
+        let step = self.order.get(self.position).copied();
+        step.unwrap_or(self.position)
+    }
+
+    /// The place in the order of the recorded call that this one is, among those that may be next.
+    fn place_of(&self, call: &ToolCall, tape: &Tape) -> Option<usize> {
+        tape.made_at_once(self.position).find(|place| {
+            let step = self.order.get(*place);
+            step.is_some_and(|step| is_call_of(tape, *step, call))
+        })
+    }
+
+    /// The step of another server, soon after the next one, whose call this one is.
+    fn later_step(&self, call: &ToolCall, tape: &Tape) -> Option<u32> {
+        if tape.is_simulated() {
+            return None;
+        }
+        let later = self.order.iter().skip(self.position + 1);
+        let mut later = later.take(CALLS_AHEAD).copied();
+        let step = later.find(|step| is_call_of(tape, *step, call))?;
+        u32::try_from(step).ok()
+    }
+
+    /// How a call, or the end of the agent, deviates from the recorded call that is next.
+    fn deviation_of(&self, call: Option<&ToolCall>, tape: &Tape) -> Option<Deviation> {
+        let step = u32::try_from(self.step()).unwrap_or(u32::MAX);
+        deviation(step, tape.call(self.step()).as_ref(), call)
+    }
+}
+
+/// Whether a step of a recording has this call.
+fn is_call_of(tape: &Tape, step: usize, call: &ToolCall) -> bool {
+    deviation(0, tape.call(step).as_ref(), Some(call)).is_none()
 }
 
 enum Phase {
@@ -112,11 +155,7 @@ impl TapeSession {
 
     /// Answers a call of a tool, recorded or not.
     pub(crate) fn call(&mut self, input: StepInput) -> Answer {
-        let is_recorded = self
-            .expected()
-            .as_ref()
-            .is_some_and(|expected| deviation(0, Some(expected), Some(&input.call)).is_none());
-        if is_recorded && !self.tapes.is_simulated() {
+        if !self.tapes.is_simulated() && self.is_recorded(&input.call) {
             return self.step(input);
         }
         let profile = self.profile();
@@ -160,12 +199,15 @@ impl TapeSession {
         }
     }
 
-    /// The recorded call that is next, while the agent is on tape.
-    fn expected(&self) -> Option<ToolCall> {
+    /// Whether a call is one of another server's recording that may be next.
+    fn is_recorded(&self, call: &ToolCall) -> bool {
+        let tape = self.tape();
         match &self.now {
-            Phase::OnTape(played, _) => self.tape().call(played.position),
-            Phase::Idle if !self.tapes.is_simulated() => self.tape().call(0),
-            _ => None,
+            Phase::OnTape(played, _) => played.place_of(call, tape).is_some(),
+            Phase::Idle => tape
+                .made_at_once(0)
+                .any(|step| is_call_of(tape, step, call)),
+            Phase::Live(..) | Phase::Lost(_) | Phase::Completed(_) => false,
         }
     }
 
@@ -232,6 +274,7 @@ impl TapeSession {
         let mut played = Played {
             index,
             beginning,
+            order: (0..tape.len()).collect(),
             position: 0,
             deviation: None,
             reason: None,
@@ -284,7 +327,7 @@ impl TapeSession {
         let call = &input.call;
         self.leave(&mut played, call);
         if played.deviation.is_none() {
-            let answer = answers.steps.get(played.position).cloned();
+            let answer = answers.steps.get(played.step()).cloned();
             played.position += 1;
             let is_last = played.position == answers.steps.len();
             self.now = Phase::OnTape(played, answers);
@@ -342,11 +385,17 @@ impl TapeSession {
         let Some(tape) = self.tapes.get(played.index) else {
             return;
         };
-        let step = u32::try_from(played.position).unwrap_or(u32::MAX);
-        if played.deviation.is_none() {
-            let expected = tape.call(played.position);
-            played.deviation = deviation(step, expected.as_ref(), Some(call));
+        if played.deviation.is_some() {
+            return;
         }
+        if let Some(place) = played.place_of(call, tape) {
+            played.order[played.position..=place].rotate_right(1);
+            return;
+        }
+        played.deviation = played.deviation_of(Some(call), tape).map(|left| Deviation {
+            recorded_as: played.later_step(call, tape),
+            ..left
+        });
     }
 
     fn live_answer(
@@ -393,14 +442,18 @@ impl TapeSession {
         let tape = self.tapes.get(played.index)?;
         let is_refused = played.reason.is_some() && played.deviation.is_none();
         if played.deviation.is_none() && played.position > 0 {
-            let step = u32::try_from(played.position).unwrap_or(u32::MAX);
-            played.deviation = deviation(step, tape.call(played.position).as_ref(), None);
+            played.deviation = played.deviation_of(None, tape);
         }
-        let recorded = tape.trace().end.as_ref().map(|end| end.metrics.success);
+        let trace = tape.trace();
+        let end = trace.end.as_ref();
+        let recorded = end.and_then(|end| end.success(&trace.task));
         let (branch, success) = match future.map(|future| future.end()) {
             None if played.deviation.is_none() && !is_refused => (None, recorded),
             None => (None, None),
-            Some(Ok((ended, branch))) => (branch, ended.map(|ended| ended.success)),
+            Some(Ok((ended, branch))) => {
+                let judged = ended.filter(|_| trace.task.has_goal());
+                (branch, judged.map(|ended| ended.success))
+            }
             Some(Err(error)) => {
                 played.reason = Some(error.to_string());
                 (None, None)

@@ -1,6 +1,7 @@
 //! Recordings to answer from, as they lie in files.
 
 use std::{
+    ops::Range,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -8,7 +9,7 @@ use std::{
 use reel_trace::{AnsweredRequest, Trace};
 use reel_world::{
     Profile, ToolCall,
-    record::{Backend, EndReason},
+    record::{Backend, EndReason, StepRecord},
 };
 use serde::Deserialize;
 use serde_json::Value;
@@ -79,6 +80,27 @@ impl Tape {
             || input.call.clone(),
             |raw| ToolCall::new(raw.name, raw.arguments),
         ))
+    }
+
+    /// The steps from this one on whose calls an agent may make in any order: it made each of them
+    /// before it had the result of the one before, so that no result decided it.
+    pub(crate) fn made_at_once(&self, step: usize) -> Range<usize> {
+        // The recorder notes no time to decide where a call came before the result of the last one.
+        let is_undecided = |step: &&StepRecord| {
+            let policy = step.input.policy.as_ref();
+            policy.and_then(|policy| policy.latency_ns) == Some(0)
+        };
+        let later = self.trace.steps.iter().skip(step + 1);
+        let more = later
+            .take_while(|step| !self.is_simulated() && is_undecided(step))
+            .count();
+        step..step + 1 + more
+    }
+
+    /// Whether an agent gets its task by a call of `finish`, which is no step of the recording.
+    pub fn begins_with_finish(&self) -> bool {
+        let answers = &self.trace.mcp_answers;
+        self.is_simulated() || answers.contains_key(&AnsweredRequest::Start)
     }
 
     /// What the server answered to a request of the recording, as it came: `result` or `error` of the

@@ -73,9 +73,9 @@ pub struct Arguments {
 enum Status {
     /// All recorded calls were made and no other, or with `--outcome` the agent succeeded.
     Passed,
-    /// The agent left the recording.
+    /// The agent left the recording, or ended before its first call.
     Failed,
-    /// The recording cannot be tested against, or the agent broke down.
+    /// The recording cannot be tested against, or the agent could not start or took too long.
     Error,
 }
 

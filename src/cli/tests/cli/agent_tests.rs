@@ -5,7 +5,10 @@ use std::{fs, path::Path};
 use reel_trace::Trace;
 use serde_json::{Value, json};
 
-use crate::{expect, reel, stdio_client::traces};
+use crate::{
+    expect, reel,
+    stdio_client::{StdioClient, traces},
+};
 
 /// An agent that speaks MCP over Streamable HTTP: it makes the calls of a file, or those that its
 /// arguments leave of them.
@@ -30,6 +33,50 @@ post("tools/call", {"name": "finish", "arguments": {}}, 2)
 for number, call in enumerate(calls[:count]):
     post("tools/call", call, number + 3)
 "#;
+
+/// A server without tools around episodes, which is slow enough for calls that are made at once.
+const SERVER: &str = r#"
+import json, sys, time
+
+for line in sys.stdin:
+    message = json.loads(line)
+    if "id" not in message:
+        continue
+    if message["method"] == "initialize":
+        server = {"name": "files", "version": "1"}
+        result = {"protocolVersion": "2025-06-18", "capabilities": {"tools": {}}, "serverInfo": server}
+    else:
+        time.sleep(0.1)
+        result = {"content": [{"type": "text", "text": message["params"]["arguments"]["name"]}]}
+    print(json.dumps({"jsonrpc": "2.0", "id": message["id"], "result": result}), flush=True)
+"#;
+
+/// The recording of a server without `finish`: three calls at once, and one after their results.
+fn recorded_at_once(folder: &Path) -> Trace {
+    fs::write(folder.join("server.py"), SERVER).unwrap();
+    let record = [
+        "record",
+        "--out",
+        "files",
+        "--stdio",
+        "--",
+        "python3",
+        "server.py",
+    ];
+    let mut client = StdioClient::start_command(folder, &record);
+    let at_once = [(10, "a"), (11, "b"), (12, "c")];
+    for (id, name) in at_once {
+        let params = json!({"name": "read", "arguments": {"name": name}});
+        client
+            .write(&json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}));
+    }
+    for (id, _) in at_once {
+        client.answer(id);
+    }
+    client.call("read", &json!({"name": "last"}));
+    client.leave();
+    traces(&folder.join("files")).remove(0)
+}
 
 /// The recordings of a policy over some tasks.
 fn recorded(folder: &Path, policy: &str) -> Vec<Trace> {
@@ -130,14 +177,28 @@ fn a_command_is_tested_over_mcp() {
     let branch = case["branch"].as_str().unwrap();
     let check = ["branch", path, "--check", branch];
     expect(folder, 0, &check);
-    // Agents that break down are no failures of a test.
+    // An agent that ends before its first call stops early.
     let broken = |command: &[&str]| tested(folder, &[&["--against", path, "--"], command].concat());
-    let (cases, code) = broken(&["false"]);
-    assert_eq!(
-        (&cases[0]["status"], code),
-        (&json!("error"), Some(2)),
-        "{cases:?}"
-    );
+    for (agent, ended) in [("false", "exit status: 1"), ("true", "exit status: 0")] {
+        let (cases, code) = broken(&[agent]);
+        let case = &cases[0];
+        assert_eq!(
+            (&case["status"], code),
+            (&json!("failed"), Some(1)),
+            "{case}"
+        );
+        assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
+        assert_eq!(
+            case["deviation"]["expected"],
+            json!(trace.steps[0].input.call)
+        );
+        let reason = case["reason"].as_str().unwrap();
+        assert!(
+            reason.contains(ended) && reason.contains("`finish`"),
+            "{case}"
+        );
+    }
+    // Agents that cannot be played to an end are no failures of a test.
     let slow = ["--against", path, "--limit", "0.2", "--", "sleep", "60"];
     let (cases, code) = tested(folder, &slow);
     assert_eq!(code, Some(2), "{cases:?}");
@@ -146,4 +207,50 @@ fn a_command_is_tested_over_mcp() {
         "{cases:?}"
     );
     assert_eq!(broken(&["no-such-program"]).1, Some(2));
+}
+
+#[test]
+fn calls_made_at_once_come_in_any_order_and_nobody_judges_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let trace = recorded_at_once(folder);
+    assert_eq!(trace.steps.len(), 4);
+    let replay = ["--replay", "files", "--report", "report.jsonl"];
+    let mut client = StdioClient::start(folder, &replay);
+    for name in ["c", "a", "b", "last"] {
+        let answer = client.call("read", &json!({"name": name}));
+        assert_eq!(answer, (name.to_owned(), false));
+    }
+    assert_eq!(client.exit_code(), Some(0), "the agent stayed on tape");
+    let report = fs::read_to_string(folder.join("report.jsonl")).unwrap();
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["status"], "on_tape", "{report}");
+    assert_eq!(report["success"], Value::Null, "{report}");
+    // The last call was decided by the results of the others, so it is none of them.
+    let mut client = StdioClient::start(folder, &["--replay", "files"]);
+    client.call("read", &json!({"name": "b"}));
+    let (text, failed) = client.call("read", &json!({"name": "last"}));
+    assert!(failed, "{text}");
+    for part in ["at call 0: ", "the call is recorded as call 3: "] {
+        assert!(text.contains(part), "{part}, {text}");
+    }
+    assert_eq!(client.exit_code(), Some(1));
+}
+
+#[test]
+fn an_agent_that_calls_nothing_is_not_told_of_a_tool_that_its_server_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    recorded_at_once(folder);
+    let (cases, code) = tested(folder, &["--against", "files", "--", "false"]);
+    let case = &cases[0];
+    assert_eq!(
+        (&case["status"], code),
+        (&json!("failed"), Some(1)),
+        "{case}"
+    );
+    assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
+    let reason = case["reason"].as_str().unwrap();
+    assert!(reason.contains("exit status: 1"), "{case}");
+    assert!(!reason.contains("finish"), "{case}");
 }
