@@ -1,7 +1,7 @@
 -- failed_episodes
 --
 -- Every failed episode with its class (paper, Failure Mode Taxonomy) and the evidence, as the last `reel taxonomy` left them in
--- table `classes`.
+-- table `classes`; among them episodes that nobody judged and that a rule found.
 --
 -- Columns:
 --   class, sub_class  the result; `not classified` and null where `reel taxonomy` has not seen the episode as it is
@@ -19,5 +19,5 @@ SELECT
   e.completion, e.length, e.end_reason, e.policy, e.family, e.task_id, e.episode_id, e.trace
 FROM episodes e
 LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
-WHERE NOT e.success AND e.parent_trace IS NULL
+WHERE (NOT e.success OR (e.success IS NULL AND c.class IS NOT NULL)) AND e.parent_trace IS NULL
 ORDER BY class, c.sub_class, e.policy, e.task_id, e.episode_id

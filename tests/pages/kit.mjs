@@ -6,9 +6,10 @@ const require = createRequire(`${process.env.PACKAGES}/package.json`);
 const { chromium } = require("playwright-core");
 const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 
-/** The server with recorded episodes, and one with nothing. */
+/** The server with recorded episodes, one with nothing, and one with episodes of other worlds. */
 export const url = process.env.URL;
 export const emptyUrl = process.env.EMPTY_URL;
+export const foreignUrl = process.env.FOREIGN_URL;
 /** How long anything may take: the machine may be busy. */
 export const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 120_000);
 

@@ -6,6 +6,7 @@ import * as claims from "./claims.mjs";
 import * as drive from "./drive.mjs";
 import * as episodes from "./episodes.mjs";
 import * as failures from "./failures.mjs";
+import * as foreign from "./foreign.mjs";
 import * as live from "./live.mjs";
 import * as orbit from "./orbit.mjs";
 import * as remarks from "./remarks.mjs";
@@ -16,7 +17,7 @@ import * as strip from "./strip.mjs";
 /** The short form: every page once, and the shortest test of each thing that people do on them. */
 const SHORT = [
   "a_person_answers_an_agent", "a_question_becomes_a_panel", "a_replay_leaves_its_verdict", "a_selection_is_exported", "an_empty_store_is_told",
-  "attribution_from_job_to_branch", "claim_from_a_condition_to_its_episodes", "drive_by_clicking_and_hand_back", "labels_persist", "odd_traces_are_told",
+  "attribution_from_job_to_branch", "claim_from_a_condition_to_its_episodes", "drive_by_clicking_and_hand_back", "foreign_episodes_are_told", "labels_persist", "odd_traces_are_told",
   "page_", "sankey_to_decisive_step", "stepping", "what_if_succeeds",
 ];
 
@@ -54,7 +55,7 @@ if (process.argv[2] === "--screenshots") {
 } else {
   const short = process.argv[2] === "--short";
   const wanted = short ? SHORT : process.argv.slice(2);
-  const all = { ...beside, ...episodes, ...failures, ...live, ...orbit, ...remarks, ...review, ...sqlTests, ...claims, ...drive, ...strip };
+  const all = { ...beside, ...episodes, ...failures, ...foreign, ...live, ...orbit, ...remarks, ...review, ...sqlTests, ...claims, ...drive, ...strip };
   for (const [name, address] of Object.entries(addresses)) {
     all[`page_${name}`] = async (browser) => {
       for (const dark of short ? [false] : [false, true]) {

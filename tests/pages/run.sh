@@ -94,6 +94,12 @@ if [[ ${1:-} == --large ]]; then
 fi
 over empty "$work/empty"
 export EMPTY_URL=$url
+"$reel" import atif tests/formats/foreign/trajectory.json --out "$work/foreign/traces" >/dev/null
+"$reel" import inspect tests/formats/foreign/log.json --out "$work/foreign/traces" >/dev/null
+"$reel" ingest "$work/foreign/traces" --store "$work/foreign/store" >/dev/null
+"$reel" taxonomy --store "$work/foreign/store" >/dev/null
+over foreign "$work/foreign"
+export FOREIGN_URL=$url
 over full "$data"
 export URL=$url
 node tests/pages/main.mjs "$@" || { tail -5 "$work/full.log" >&2; exit 1; }

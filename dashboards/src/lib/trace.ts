@@ -14,12 +14,25 @@ export const SPEEDS = [0.5, 1, 2, 4];
 
 export type Recording = { episode: TraceEpisode; steps: Step[] };
 
+/** Whether the task says what shall be moved where: costs, blame and rewards are measured against that. */
+export const hasGoal = ({ episode }: Recording) => episode.task.target !== "";
+
+/** Whether there are images: a simulator that draws them, or those that came with the trace. */
+export const hasImages = ({ episode, steps }: Recording) =>
+  episode.header.backend === "sim" || [episode.start, ...steps].some(({ digests }) => digests?.frame);
+
 /** `pick(marker_id=2)`. */
 export function callText(call: Call): string {
   const given = Object.entries(call.arguments ?? {}).map(([name, value]) =>
     `${name}=${typeof value === "string" ? value : JSON.stringify(value)}`);
   // A policy that answered no call at all is recorded with an empty name.
   return call.name || given.length ? `${call.name}(${given.join(", ")})` : "no call";
+}
+
+/** What was said beside a call. An answer that spells its call is told by the call. */
+export function wordsBeside({ input: { call, policy } }: Step): string {
+  const raw = policy?.raw?.trim() ?? "";
+  return raw === policy?.reasoning?.trim() || raw.includes(`"${call.name}"`) ? "" : raw;
 }
 
 export function changeText(change: Change): string {

@@ -32,10 +32,21 @@ pub struct Episode {
     pub briefing: Arc<TaskBriefing>,
     /// The names its tools went by.
     pub names: NameSet,
+    /// Of an agent whose tools are others than REAL's: what it was told. Conversations alone hold it.
+    pub agent: Option<AgentSetup>,
     /// Its decisions, in order.
     pub steps: Vec<Step>,
     /// Where all this comes from.
     pub source: Source,
+}
+
+/// What an agent with tools of its own was told before its task, as its trace says.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct AgentSetup {
+    /// The system message; `None` if none was recorded.
+    pub system: Option<String>,
+    /// The tools as a JSON list of `{type: function, function: {...}}`; `None` if none were recorded.
+    pub tools: Option<String>,
 }
 
 /// One decision and what came of it.
@@ -64,6 +75,8 @@ pub struct Step {
     /// The answer as it came, where rows teach or reward exactly that; else one is written of the fields above. Not in
     /// conversations, whose calls stand in fields of their own.
     pub answer: Option<String>,
+    /// What an agent with tools of its own said beside its call.
+    pub message: String,
     /// The category of what the gripper holds after the call; `None` if nothing.
     pub held: Option<String>,
     /// What it saw before the decision: the images of the latest observation, often one.

@@ -4,16 +4,17 @@
 
 use std::{
     borrow::Cow,
+    mem,
     sync::{Arc, LazyLock, OnceLock},
 };
 
 use reel_prompt::{self as prompt, CallLog, CallOutcome, DecisionAnswer, HistoryLines, SingleTurn};
-use reel_world::NameSet;
+use reel_world::{NameSet, SPOKEN_TURN};
 use serde::Serialize;
 
 use crate::{
-    Episode, ImageId, RefusalReason, RefusedDecision, Rollout, Source, Split, Step, json,
-    refusal::Checks, strip,
+    AgentSetup, Episode, ImageId, RefusalReason, RefusedDecision, Rollout, Source, Split, Step,
+    json, refusal::Checks, strip,
 };
 
 /// How a decision is put to a model.
@@ -60,7 +61,7 @@ pub struct ExampleOptions {
 }
 
 /// A text that many examples share: its JSON escapes are made once, if at all.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SharedText {
     raw: String,
     escaped: OnceLock<Vec<u8>>,
@@ -288,7 +289,14 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         made.refused.push(refuse(None, reason));
         return made;
     }
-    let learned = |step: &&Step| step.learn && (options.failed_calls || step.error.is_none());
+    // Single turns are put in the words of REAL's tools.
+    if episode.agent.is_some() && options.style != Style::MultiTurn {
+        return made;
+    }
+    let silent = |step: &Step| is_spoken(episode, step) && step.message.trim().is_empty();
+    let learned = |step: &&Step| {
+        step.learn && (options.failed_calls || step.error.is_none()) && !silent(step)
+    };
     let wanted: Vec<usize> = (0..episode.steps.len())
         .filter(|index| learned(&&episode.steps[*index]))
         .collect();
@@ -384,8 +392,11 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         }
         return made;
     }
-    let setting = told.briefing();
-    let tools = tools(episode.names);
+    let Opening {
+        system,
+        setting,
+        tools,
+    } = Opening::of(episode);
     let targets = if options.style == Style::MultiTurn {
         vec![last]
     } else {
@@ -410,10 +421,32 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
             situation: String::new(),
             images: episode.steps[0].images.clone(),
         };
-        let mut turns = vec![Turn::System(Arc::clone(&SYSTEM_MULTI_TURN)), first];
+        let mut turns: Vec<Turn> = system.iter().cloned().map(Turn::System).collect();
+        turns.push(first);
+        // What was said and is not yet in a turn: nobody answered it.
+        let mut unanswered = String::new();
         for (index, step) in episode.steps[..=target].iter().enumerate() {
             let (id, name) = (format!("call_{}", step.call), step.call_name.clone());
-            let (thought, arguments) = (prompt::thought(&step.reasoning), arguments[index].clone());
+            let said = prompt::thought(&step.reasoning) + &step.message;
+            if !said.is_empty() && !unanswered.is_empty() {
+                unanswered.push_str("\n\n");
+            }
+            unanswered.push_str(&said);
+            if is_spoken(episode, step) {
+                let answer = &outcomes[index];
+                if index == target || !answer.trim().is_empty() {
+                    turns.push(Turn::Answer(mem::take(&mut unanswered)));
+                }
+                if index < target && !answer.trim().is_empty() {
+                    turns.push(Turn::User {
+                        setting: Arc::default(),
+                        situation: answer.clone().into_owned(),
+                        images: episode.steps[index + 1].images.clone(),
+                    });
+                }
+                continue;
+            }
+            let (thought, arguments) = (mem::take(&mut unanswered), arguments[index].clone());
             turns.push(Turn::Call {
                 thought,
                 id: id.clone(),
@@ -436,10 +469,43 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
                 });
             }
         }
-        made.examples
-            .push(example(target, turns, Some(Arc::clone(&tools))));
+        made.examples.push(example(target, turns, tools.clone()));
     }
     made
+}
+
+/// Whether a step is a turn without a call, of an agent with tools of its own.
+fn is_spoken(episode: &Episode, step: &Step) -> bool {
+    episode.agent.is_some() && step.call_name == SPOKEN_TURN
+}
+
+/// How a conversation begins.
+struct Opening {
+    system: Option<Arc<SharedText>>,
+    setting: Arc<SharedText>,
+    tools: Option<Arc<SharedText>>,
+}
+
+impl Opening {
+    fn of(episode: &Episode) -> Self {
+        let Some(AgentSetup {
+            system,
+            tools: own_tools,
+        }) = &episode.agent
+        else {
+            return Self {
+                system: Some(Arc::clone(&SYSTEM_MULTI_TURN)),
+                setting: episode.briefing.briefing(),
+                tools: Some(tools(episode.names)),
+            };
+        };
+        let shared = |text: &str| Arc::new(SharedText::new(text));
+        Self {
+            system: system.as_deref().map(shared),
+            setting: shared(episode.briefing.instruction()),
+            tools: own_tools.as_deref().map(shared),
+        }
+    }
 }
 
 static SYSTEM_MULTI_TURN: LazyLock<Arc<SharedText>> =

@@ -101,8 +101,17 @@ impl Format {
     /// Why an example cannot be written in this format, if so: trainers that learn every answer of
     /// a conversation must not be given one of which only a part shall be learned.
     pub fn refuses(self, example: &Example) -> Option<&'static str> {
+        let has_words_beside_calls = example.turns.iter().any(|turn| match turn {
+            Turn::Call { thought, .. } => {
+                !thought.is_empty() && !thought.trim_end().ends_with("</think>")
+            }
+            _ => false,
+        });
         match (self, LossMask::of(example)) {
             (Format::Parquet, _) => Some("its rows are not text"),
+            (Format::LlamaFactory, _) if has_words_beside_calls => {
+                Some("its trainer reads no words beside a call, and this agent said some")
+            }
             (_, LossMask::All) | (Format::MsSwift | Format::OpenAi, _) => None,
             (Format::LlamaFactory | Format::Trl, LossMask::Last)
                 if example.style == Style::MultiTurnPrefix =>
@@ -196,26 +205,28 @@ impl Row<'_> {
             self.paths()?;
         }
         self.put(",\"conversations\":[");
+        // Its conversations have no system turn: it opens the first human one, with the tools where
+        // they are apart.
+        self.begin(HUMAN);
+        if let Some(Turn::System(text)) = example.turns.first() {
+            self.out.extend_from_slice(text.escaped());
+            self.escape("\n\n");
+        }
+        if let Some(tools) = &example.tools {
+            self.escape("Tools:\n");
+            self.out.extend_from_slice(tools.escaped());
+            self.escape("\n\nCall a tool as <tool_call>\n{\"name\": ..., \"arguments\": {...}}\n</tool_call>.\n\n");
+        }
+        let mut is_open = true;
         for turn in &example.turns {
             match turn {
-                // Its conversations have no system turn: it opens the first human one, with the
-                // tools where they are apart.
-                Turn::System(text) => {
-                    self.begin(HUMAN);
-                    self.out.extend_from_slice(text.escaped());
-                    self.escape("\n\n");
-                    if let Some(tools) = &example.tools {
-                        self.escape("Tools:\n");
-                        self.out.extend_from_slice(tools.escaped());
-                        self.escape("\n\nCall a tool as <tool_call>\n{\"name\": ..., \"arguments\": {...}}\n</tool_call>.\n\n");
-                    }
-                }
+                Turn::System(_) => {}
                 Turn::User {
                     setting,
                     situation,
                     images,
                 } => {
-                    if !matches!(example.turns.first(), Some(Turn::System(_))) {
+                    if !std::mem::take(&mut is_open) {
                         self.begin(HUMAN);
                     }
                     self.user_text(setting, situation, images.len());
@@ -254,7 +265,7 @@ impl Row<'_> {
         let example = self.example;
         // `loss` stands in every turn of the model or in none, so that all rows
         // have the same fields.
-        let loss = |learn: bool| match (example.tools.is_some(), learn) {
+        let loss = |learn: bool| match (example.style != Style::SingleTurn, learn) {
             (false, _) => "\"}",
             (true, true) => "\",\"loss\":true}",
             (true, false) => "\",\"loss\":false}",
@@ -276,7 +287,11 @@ impl Row<'_> {
                     self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
-                Turn::Answer(text) => self.say(ASSISTANT, text, 0),
+                Turn::Answer(text) => {
+                    self.begin(ASSISTANT);
+                    self.escape(text);
+                    self.put(loss(true));
+                }
                 Turn::Call {
                     thought,
                     name,
@@ -468,7 +483,7 @@ impl Row<'_> {
                 Turn::Answer(text) => {
                     self.put("{\"role\":\"assistant\",\"content\":");
                     self.string(text);
-                    self.put("}");
+                    self.put(if masked { ",\"weight\":1}" } else { "}" });
                 }
                 Turn::Call {
                     thought,

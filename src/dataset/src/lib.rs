@@ -27,7 +27,7 @@ mod tokens;
 pub use briefing::{PublicReceptacle, TaskBriefing};
 pub use card::{CARD, DATASET_INFO, card, dataset_info, size_category, write_card};
 pub use dataset::{DatasetWriter, Description, PreparedRow, WriterOptions};
-pub use episode::{Episode, ImageId, Source, Step};
+pub use episode::{AgentSetup, Episode, ImageId, Source, Step};
 pub use error::DatasetError;
 pub use example::{
     EpisodeInfo, Example, ExampleOptions, Examples, SharedText, Style, Turn, examples,

@@ -135,9 +135,11 @@ impl Checks {
                 schedule,
                 subtask,
                 call_name,
+                message,
                 ..
             } = step;
             [
+                message,
                 reasoning,
                 history,
                 schedule,
@@ -173,7 +175,8 @@ impl Checks {
                 plan: check("the New Schedule", &step.schedule)
                     .or_else(|| check("the Current subtask", &step.subtask)),
                 action: check("the tool", &step.call_name)
-                    .or_else(|| check("the arguments", arguments)),
+                    .or_else(|| check("the arguments", arguments))
+                    .or_else(|| check("the words", &step.message)),
                 outcome: check("the outcome", outcome),
             }
         });

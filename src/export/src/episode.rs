@@ -12,7 +12,10 @@ use reel_trace::Trace;
 use reel_world::{Digest, ErrorCode, TokenLogprobs, answer::AssistantTurn};
 use serde::Deserialize;
 
-use crate::{AnnotationSource, HistoryRepairs, rollouts::GroupReturn, task_index::TaskEntry};
+use crate::{
+    AnnotationSource, HistoryRepairs, rollouts::GroupReturn, select::has_own_tools,
+    task_index::TaskEntry,
+};
 
 /// Columns of `episodes` that an example is made of, in words of a kind.
 pub(crate) fn columns(words: AnnotationSource, rollouts: bool) -> Vec<&'static str> {
@@ -30,7 +33,7 @@ const COLUMNS: &[&str] = &reel_world::words! {
     "steps.list.element.call_name" "steps.list.element.arguments" "steps.list.element.text"
     "steps.list.element.error_code" "steps.list.element.error_class" "steps.list.element.reasoning"
     "steps.list.element.history" "steps.list.element.plan" "steps.list.element.held"
-    "steps.list.element.raw"
+    "steps.list.element.raw" target
 };
 
 /// What rollouts are besides: what the policies gave the tokens of their answers.
@@ -60,6 +63,7 @@ pub(crate) struct EpisodeRow<'a> {
     /// A column of numbers without a sign, which come as text.
     seed: String,
     success: Option<bool>,
+    target: &'a str,
     pub steps: Vec<StepRow<'a>>,
 }
 
@@ -114,6 +118,24 @@ struct VisibleRow<'a> {
 }
 
 impl EpisodeRow<'_> {
+    /// Whether its agent acted outside of homes, with tools of its own.
+    pub fn has_own_tools(&self) -> bool {
+        has_own_tools(
+            self.target,
+            self.steps.iter().map(|step| (step.tool, step.call_name)),
+        )
+    }
+
+    /// What an agent with tools of its own said beside a call. An answer that spells its call is no
+    /// words beside it.
+    pub fn message_of(&self, call: u32) -> Option<&str> {
+        let step = self.steps.iter().find(|step| step.step == call)?;
+        step.raw.filter(|raw| {
+            !raw.contains(&format!("\"{}\"", step.call_name))
+                && step.reasoning.is_none_or(|reasoning| reasoning != *raw)
+        })
+    }
+
     /// Whether a model spoke for itself. What built-in policies note of themselves are no
     /// words of a model.
     pub fn has_policy_text(&self) -> bool {

@@ -129,6 +129,8 @@ pub struct ExportReport {
     pub table_version: u64,
     /// Episodes and decisions that were left out, by the reason.
     pub excluded: BTreeMap<&'static str, u64>,
+    /// Examples that the format cannot hold, by the reason.
+    pub unwritable: BTreeMap<String, u64>,
     /// Episodes and decisions that were refused, with the trace and the reason.
     pub refused: Vec<RefusedEpisode>,
     /// Examples of episodes that are not verified.

@@ -15,9 +15,9 @@ use std::{
 
 use rayon::prelude::*;
 use reel_dataset::{
-    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, ImageStore,
-    Manifest, PreparedRow, Source, Split, Step, StoredImage, Style, TASK_LIST, TokenizerFile,
-    UNFINISHED, examples, task_list,
+    AgentSetup, DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId,
+    ImageStore, Manifest, PreparedRow, Source, Split, Step, StoredImage, Style, TASK_LIST,
+    TokenizerFile, UNFINISHED, examples, task_list,
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
@@ -152,10 +152,7 @@ pub(crate) fn write(
         .iter()
         .for_each(|(reason, count)| writer.count_skipped(reason, *count));
     if !report.refused.is_empty() {
-        writer.count_skipped(
-            "episodes and decisions refused",
-            report.refused.len() as u64,
-        );
+        writer.count_skipped(REFUSED, report.refused.len() as u64);
     }
     report.images = writer.images().count();
     if options.rollouts.is_some() {
@@ -173,10 +170,19 @@ pub(crate) fn write(
         licence: options.licence.clone(),
     };
     let manifest = writer.finish(description)?;
+    let counted = |reason: &str| reason == REFUSED || report.excluded.contains_key(reason);
+    let unwritable = manifest.excluded.iter();
+    report.unwritable = unwritable
+        .filter(|(reason, _)| !counted(reason))
+        .map(|(reason, count)| (reason.clone(), *count))
+        .collect();
     // Last: until here the next run goes on.
     known_images.remove()?;
     Ok(manifest)
 }
+
+/// Why episodes and decisions are not in the dataset whose reasons the command prints one by one.
+const REFUSED: &str = "episodes and decisions refused";
 
 /// Makes the rows of episodes.
 struct RowBuilder<'m> {
@@ -201,11 +207,17 @@ impl RowBuilder<'_> {
             refused: Vec::new(),
             history: HistoryRepairs::default(),
         };
-        let words = options.words.of(|| row.has_policy_text());
+        let has_own_tools = row.has_own_tools();
+        // Reel's annotator knows REAL's tools only.
+        let words = match has_own_tools {
+            true => AnnotationSource::Recorded,
+            false => options.words.of(|| row.has_policy_text()),
+        };
         let mends = words == AnnotationSource::Recorded
             && options.rollouts.is_none()
+            && !has_own_tools
             && candidate.contradicts;
-        let trace = match (options.images || mends)
+        let trace = match (options.images || mends || has_own_tools)
             .then(|| self.files.read(Path::new(row.trace)))
             .transpose()
         {
@@ -242,6 +254,9 @@ impl RowBuilder<'_> {
                 .held_after(step.call)
                 .and_then(|instance| known.object(instance))
                 .map(|object| object.category.clone());
+            step.message = (has_own_tools.then(|| row.message_of(step.call)).flatten())
+                .unwrap_or_default()
+                .to_owned();
             step.answer = (as_they_came || (single && step.call_name.is_empty()))
                 .then(|| row.answer(step.call).map(str::to_owned))
                 .flatten();
@@ -254,7 +269,8 @@ impl RowBuilder<'_> {
                 .as_ref()
                 .and_then(|worth| row.rollout(worth, step.call));
         }
-        if let Some(trace) = trace.as_ref().filter(|_| options.images) {
+        // Images are drawn by executing, and of other worlds nothing can be executed.
+        if let Some(trace) = trace.as_ref().filter(|_| options.images && !has_own_tools) {
             // the first single turn of an episode shows no image, as with REAL's trainer
             let shows = |(index, step): (usize, &Step)| {
                 options.style != Style::SingleTurn || (step.learn && index > 0)
@@ -296,6 +312,7 @@ impl RowBuilder<'_> {
             split,
             briefing: Arc::clone(&known.briefing),
             names: Profile::parse(row.profile).map_or(NameSet::Paper, Profile::names),
+            agent: trace.as_ref().filter(|_| has_own_tools).map(agent_setup),
             steps,
             source: self.source(row, candidate, annotator),
         };
@@ -347,6 +364,20 @@ impl RowBuilder<'_> {
             table_version: self.table_version,
             annotator,
         }
+    }
+}
+
+/// What an agent with tools of its own was told, from the parameters of its policy.
+fn agent_setup(trace: &Trace) -> AgentSetup {
+    let parameters = &trace.header.policy.parameters;
+    AgentSetup {
+        system: parameters
+            .get("system_prompt")
+            .and_then(|prompt| Some(prompt.as_str()?.to_owned())),
+        tools: parameters
+            .get("tools")
+            .filter(|tools| tools.is_array())
+            .map(ToString::to_string),
     }
 }
 

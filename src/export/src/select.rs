@@ -39,6 +39,9 @@ pub struct Selection {
     pub contradictions: bool,
     /// Answers that no call could be read from are examples too: a policy is rewarded for whatever it said.
     pub unread_answers: bool,
+    /// Decisions of agents with tools of their own are examples too: whole conversations can hold
+    /// them.
+    pub own_tools: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
     /// No tool has more decisions than the median tool.
@@ -59,6 +62,7 @@ impl Default for Selection {
             after_decisive: false,
             contradictions: false,
             unread_answers: false,
+            own_tools: false,
             balance_families: false,
             balance_tools: false,
             seed: 0,
@@ -155,6 +159,7 @@ struct CandidateRow<'a> {
     group_id: Option<&'a str>,
     success: Option<bool>,
     discounted_return: Option<f64>,
+    target: &'a str,
     steps: Vec<StepRow<'a>>,
 }
 
@@ -163,6 +168,7 @@ struct StepRow<'a> {
     step: u32,
     reward: f64,
     tool: &'a str,
+    call_name: &'a str,
     error_code: Option<&'a str>,
     goal_object: Option<bool>,
     goal_receptacle: Option<bool>,
@@ -171,7 +177,7 @@ struct StepRow<'a> {
 
 const COLUMNS: &[&str] = &reel_world::words! {
     episode_id trace trace_digest task_digest scene_id family policy seed group_id success
-    discounted_return "steps.list.element.step" "steps.list.element.reward"
+    discounted_return target "steps.list.element.call_name" "steps.list.element.step" "steps.list.element.reward"
     "steps.list.element.tool" "steps.list.element.error_code" "steps.list.element.goal_object"
     "steps.list.element.goal_receptacle" "steps.list.element.raw"
 };
@@ -224,8 +230,14 @@ fn unwanted(row: &CandidateRow<'_>, wanted: &Selection) -> Option<&'static str> 
     {
         return Some("episodes outside the condition");
     }
-    if !wanted.failed && row.success != Some(true) {
-        return Some("episodes that did not succeed");
+    match row.success {
+        Some(false) if !wanted.failed => return Some("episodes that did not succeed"),
+        None if !wanted.failed => {
+            return Some(
+                "episodes that were broken off, or of which nobody told whether they succeeded",
+            );
+        }
+        _ => {}
     }
     let too_low = |least: f64| row.discounted_return.is_none_or(|it| it < least);
     wanted
@@ -263,6 +275,10 @@ fn candidate(
             _ if recorded && !wanted.contradictions && refutes(step.step) => {
                 "decisions whose History contradicts the record"
             }
+            None if row.has_own_tools() && wanted.own_tools => "",
+            None if row.has_own_tools() => {
+                "decisions of agents with tools of their own, which are taught by --style multi-turn"
+            }
             None if !(wanted.unread_answers && step.raw.is_some()) => "decisions that call no tool",
             _ => "",
         };
@@ -276,7 +292,10 @@ fn candidate(
             *left_out.entry(reason).or_default() += 1;
         }
     }
-    let family = Family::parse(row.family).filter(|_| !decisions.is_empty())?;
+    let own_tools = row.has_own_tools().then_some(Family::Other);
+    let family = Family::parse(row.family)
+        .or(own_tools)
+        .filter(|_| !decisions.is_empty())?;
     Some(Candidate {
         episode_id: row.episode_id.to_owned(),
         trace: row.trace.to_owned(),
@@ -298,10 +317,29 @@ fn candidate(
 }
 
 impl CandidateRow<'_> {
+    /// Whether its agent acted outside of homes: its task has no goal, and none of its calls is
+    /// one of REAL's.
+    fn has_own_tools(&self) -> bool {
+        has_own_tools(
+            self.target,
+            self.steps.iter().map(|step| (step.tool, step.call_name)),
+        )
+    }
+
     /// Whether the policy's own words are exported.
     fn is_recorded(&self, words: AnnotationSource) -> bool {
         words.of(|| self.steps.iter().any(|step| step.raw.is_some())) == AnnotationSource::Recorded
     }
+}
+
+/// Whether the calls (tool by the paper's name, name as called) of an episode without a goal are
+/// those of other tools than REAL's.
+pub(crate) fn has_own_tools<'a>(
+    target: &str,
+    mut calls: impl Iterator<Item = (&'a str, &'a str)>,
+) -> bool {
+    let is_reals = |tool: &str| ToolSpec::POLICY.iter().any(|spec| spec.paper_name == tool);
+    target.is_empty() && calls.all(|(tool, name)| !is_reals(tool) && !name.is_empty())
 }
 
 impl StepRow<'_> {

@@ -295,7 +295,7 @@ impl Trace {
     /// How it ended, in one line.
     fn ending(&self) -> String {
         match &self.inner.end {
-            Some(end) => EndSummary::of(end).to_string(),
+            Some(end) => EndSummary::of(end, &self.inner.task).to_string(),
             None => format!("broken off after {} calls", self.inner.steps.len()),
         }
     }

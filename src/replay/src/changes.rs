@@ -11,7 +11,7 @@ use reel_episode::Episode;
 use reel_sim::{render::Detail, sim_version};
 use reel_trace::{Trace, TraceFiles};
 use reel_world::{
-    Assets, Outcome,
+    Assets, Outcome, Task,
     record::{EndReason, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord},
 };
 use serde::{Deserialize, Serialize};
@@ -66,12 +66,12 @@ pub struct ChangedEnd {
 pub struct EndSummary {
     /// Why the episode ended, e.g. by `finish` or at the horizon.
     pub reason: EndReason,
-    /// SR: no goal change is left.
-    pub success: bool,
-    /// CR: share of the goal changes that hold.
-    pub completion: f64,
-    /// Cumulative reward of the episode, undiscounted.
-    pub total_reward: f64,
+    /// SR: no goal change is left; what was told where the task has no goal.
+    pub success: Option<bool>,
+    /// CR: share of the goal changes that hold; `None` where the task has no goal.
+    pub completion: Option<f64>,
+    /// Cumulative reward of the episode, undiscounted; `None` where the task has no goal.
+    pub total_reward: Option<f64>,
     /// Number of calls that the episode made.
     pub steps: u32,
 }
@@ -194,7 +194,10 @@ impl Reexecution {
             }
         }
         changes.end = trace.end.as_ref().and_then(|end| {
-            let (recorded, replayed) = (EndSummary::of(end), EndSummary::of(&self.end));
+            let (recorded, replayed) = (
+                EndSummary::of(end, &trace.task),
+                EndSummary::of(&self.end, &trace.task),
+            );
             (recorded != replayed).then_some(ChangedEnd { recorded, replayed })
         });
         changes
@@ -209,14 +212,14 @@ impl Changes {
 }
 
 impl EndSummary {
-    /// The figures of an end.
-    pub fn of(end: &EndRecord) -> Self {
-        let metrics = &end.metrics;
+    /// The figures of an end of an episode with this task.
+    pub fn of(end: &EndRecord, task: &Task) -> Self {
+        let metrics = Some(&end.metrics).filter(|_| task.has_goal());
         Self {
             reason: end.reason,
-            success: metrics.success,
-            completion: metrics.completion,
-            total_reward: metrics.total_reward,
+            success: end.success(task),
+            completion: metrics.map(|metrics| metrics.completion),
+            total_reward: metrics.map(|metrics| metrics.total_reward),
             steps: end.steps,
         }
     }
@@ -224,22 +227,21 @@ impl EndSummary {
 
 impl std::fmt::Display for EndSummary {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let success = if self.success {
-            "success"
-        } else {
-            "no success"
+        let success = match self.success {
+            Some(true) => "success",
+            Some(false) => "no success",
+            None => "not judged",
         };
-        let Self {
-            completion,
-            total_reward,
-            steps,
-            ..
-        } = self;
+        let steps = self.steps;
         let reason = format!("{:?}", self.reason).to_lowercase();
-        write!(
-            f,
-            "{reason} after {steps} calls, {success}, completion {completion:.2}, total reward {total_reward:.3}"
-        )
+        write!(f, "{reason} after {steps} calls, {success}")?;
+        if let Some(completion) = self.completion {
+            write!(f, ", completion {completion:.2}")?;
+        }
+        if let Some(total_reward) = self.total_reward {
+            write!(f, ", total reward {total_reward:.3}")?;
+        }
+        Ok(())
     }
 }
 

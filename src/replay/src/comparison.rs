@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use reel_trace::Trace;
 use reel_world::{
     Digest, ErrorCode, GraphEvent, WorldGraph,
-    record::{EndRecord, Parent, StepRecord},
+    record::{Parent, StepRecord},
 };
 use serde::Serialize;
 use similar::{Algorithm, DiffOp, capture_diff_slices};
@@ -147,7 +147,10 @@ pub fn compare(a: &Trace, b: &Trace) -> Result<Comparison, TaskMismatch> {
         same_start,
         same_calls,
         rows: rows(a, b, same_calls),
-        ends: [&a.end, &b.end].map(|end: &Option<EndRecord>| end.as_ref().map(EndSummary::of)),
+        ends: [a, b].map(|trace| {
+            let end = trace.end.as_ref();
+            end.map(|end| EndSummary::of(end, &trace.task))
+        }),
         reward: [a, b].map(|trace| trace.steps.iter().map(StepRecord::reward_total).sum()),
         graph: final_graph(b).difference(&final_graph(a)),
     })

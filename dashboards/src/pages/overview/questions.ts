@@ -9,10 +9,13 @@ export interface Totals {
   policies: number;
   runs: number;
   steps: number | null;
+  /** Of which nobody told whether they succeeded. */
+  not_judged: number;
 }
 
 export const TOTALS = `SELECT count(*) AS episodes, count(DISTINCT task_digest) AS tasks, count(DISTINCT task_id) AS names, count(DISTINCT policy) AS policies,
-  count(DISTINCT run_id) AS runs, sum(length) AS steps FROM episodes WHERE parent_trace IS NULL`;
+  count(DISTINCT run_id) AS runs, sum(length) AS steps,
+  count(*) FILTER (WHERE success IS NULL AND end_reason IS NOT NULL) AS not_judged FROM episodes WHERE parent_trace IS NULL`;
 
 /** A policy in a family, or in all (`family` is null and `whole` is 1). */
 export interface Cell {

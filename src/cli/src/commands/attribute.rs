@@ -211,7 +211,7 @@ fn print(estimates: &[Estimate]) {
         );
     }
     if estimates.is_empty() {
-        println!("no episode was played to an end");
+        println!("no episode whose task has a goal was played to an end");
     }
 }
 

@@ -215,7 +215,7 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
     }
     for (name, trace) in [("parent", parent), ("branch", made)] {
         match &trace.end {
-            Some(end) => println!("{name}: {}", EndSummary::of(end)),
+            Some(end) => println!("{name}: {}", EndSummary::of(end, &trace.task)),
             None => println!("{name}: broken off after {} calls", trace.steps.len()),
         }
     }

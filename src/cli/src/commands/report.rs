@@ -88,6 +88,12 @@ struct Cause {
     other: f64,
 }
 
+/// How many episodes are in no rate.
+#[derive(Deserialize)]
+struct NotJudged {
+    episodes: u64,
+}
+
 #[derive(Deserialize)]
 struct Hard {
     task_id: String,
@@ -141,7 +147,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 impl Arguments {
     fn nothing(&self) -> String {
         format!(
-            "no episode of {} that was played to an end fits --where",
+            "no episode of {} of which it is known whether it succeeded fits --where",
             self.store
         )
     }
@@ -174,7 +180,7 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         session,
         &format!(
             "SELECT task_id, min(family) AS family, min(instruction) AS instruction, count(*) AS episodes, \
-         count(*) FILTER (WHERE success) AS won FROM {these} WHERE end_reason IS NOT NULL GROUP BY task_id \
+         count(*) FILTER (WHERE success) AS won FROM {these} WHERE success IS NOT NULL GROUP BY task_id \
          HAVING count(*) > count(*) FILTER (WHERE success) ORDER BY 1.0 * count(*) FILTER (WHERE success) / count(*), 4 DESC, 1 LIMIT 12"
         ),
     )?;
@@ -191,6 +197,14 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         ),
     )?;
 
+    let not_judged: Vec<NotJudged> = rows(
+        session,
+        &format!(
+            "SELECT count(*) AS episodes FROM {these} WHERE success IS NULL AND end_reason IS NOT NULL"
+        ),
+    )?;
+    let not_judged: u64 = not_judged.iter().map(|row| row.episodes).sum();
+
     let title = escaped(&arguments.title);
     let mut html = format!(
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title><style>{STYLE}</style>\n<main><h1>{title}</h1>\n"
@@ -202,8 +216,13 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
     let policies = rates.iter().filter(|rate| rate.family == "all").count();
     let _ = writeln!(
         html,
-        "<p class=soft>{episodes} episodes of {policies} {}, {won} of them successful; version {version} of the tables{}.</p>",
+        "<p class=soft>{episodes} episodes of {policies} {}, {won} of them successful{}; version {version} of the tables{}.</p>",
         if policies == 1 { "policy" } else { "policies" },
+        if not_judged == 0 {
+            String::new()
+        } else {
+            format!("; {not_judged} more of which nobody told whether they succeeded")
+        },
         if arguments.condition == "true" {
             String::new()
         } else {
@@ -273,7 +292,7 @@ fn rates_sql(these: &str) -> String {
         "SELECT policy, coalesce(family, 'all') AS family, count(*) AS episodes, count(*) FILTER (WHERE success) AS won, \
          avg(CAST(success AS DOUBLE)) AS success, wilson_low(count(*) FILTER (WHERE success), count(*)) AS low, \
          wilson_high(count(*) FILTER (WHERE success), count(*)) AS high, avg(completion) AS completion, avg(spl) AS spl, \
-         avg(CAST(length AS DOUBLE)) AS length FROM {these} WHERE end_reason IS NOT NULL \
+         avg(CAST(length AS DOUBLE)) AS length FROM {these} WHERE success IS NOT NULL \
          GROUP BY GROUPING SETS ((policy, family), (policy)) \
          ORDER BY policy, CASE family WHEN 'FDP' THEN 1 WHEN 'FODP' THEN 2 WHEN 'FDO' THEN 3 WHEN 'SUL' THEN 4 ELSE 5 END"
     )

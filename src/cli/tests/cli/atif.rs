@@ -151,6 +151,74 @@ fn a_trace_comes_back_from_a_log_of_inspect() {
 }
 
 #[test]
+fn samples_that_cannot_be_read_count_as_not_imported() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let sample = |id: &str, messages: Value| json!({"id": id, "epoch": 1, "messages": messages});
+    let done = json!([{"role": "assistant", "content": "Done."}]);
+    let log = json!({
+        "eval": {"task": "builds", "model": "some/model"},
+        "samples": [sample("a", done.clone()), sample("b", json!([])), sample("c", done)],
+    });
+    fs::write(folder.join("log.json"), log.to_string()).unwrap();
+    let import = ["import", "inspect", "log.json", "--out", "out"];
+    let told = expect(folder, 3, &import);
+    let counted = "2 of 3 episodes imported into out: 0 of them with losses, 1 not imported";
+    assert!(told.contains(counted), "{told}");
+    let told = complaint(folder, 3, &import);
+    assert!(
+        told.contains("not imported: no step can be imported (sample \"b\", epoch 1:"),
+        "{told}"
+    );
+}
+
+#[test]
+fn what_a_later_version_of_atif_may_lose_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let document = |version: &str, at: &str| {
+        format!(
+            r#"{{"schema_version": "{version}", "agent": {{"name": "a", "version": "1"}}, "steps": [
+                {{"step_id": 1, "source": "agent", "message": "Now.", "tool_calls": [
+                    {{"tool_call_id": "c", "function_name": "seek", "arguments": {{"at": {at}}}}}]}}]}}"#
+        )
+    };
+    for (version, at, code, notes, losses) in [
+        ("ATIF-v1.8", "18446744073709551615", 0, "", ""),
+        (
+            "ATIF-v1.9",
+            "1",
+            0,
+            "version 'ATIF-v1.9' is read as ATIF-v1.8",
+            "",
+        ),
+        (
+            "ATIF-v1.7",
+            "NaN",
+            0,
+            "NaN or Infinity are read as null: 1",
+            "",
+        ),
+        (
+            "ATIF-v1.7",
+            "12345678901234567890123",
+            3,
+            "",
+            "such as 12345678901234567890123",
+        ),
+    ] {
+        fs::write(folder.join("one.json"), document(version, at)).unwrap();
+        let import = ["import", "atif", "one.json", "--out", "out", "--json"];
+        let told: Value = serde_json::from_str(&expect(folder, code, &import)).unwrap();
+        for (name, expected) in [("notes", notes), ("losses", losses)] {
+            let told = told[name].to_string();
+            assert!(told.contains(expected), "{version}, {at}: {told}");
+            assert_eq!(told == "[]", expected.is_empty(), "{version}, {at}: {told}");
+        }
+    }
+}
+
+#[test]
 fn a_trace_comes_back_but_for_what_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -332,7 +400,7 @@ fn what_other_agents_did_is_read() {
         "{told}"
     );
     assert!(
-        told.contains("a trajectory in it is left out: no step can be imported"),
+        told.contains("not imported: no step can be imported"),
         "{told}"
     );
 

@@ -51,6 +51,8 @@ mod moved;
 #[cfg(feature = "analytics")]
 mod otel;
 #[cfg(feature = "analytics")]
+mod own_tools;
+#[cfg(feature = "analytics")]
 mod packs;
 mod pages;
 mod parts;

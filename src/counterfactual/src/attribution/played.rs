@@ -121,7 +121,8 @@ pub fn attribute(trace: &Trace, options: &AttributionOptions) -> Attributed {
     }
 }
 
-/// Attributes traces, in the order of their paths. A trace that fails to load is an error in words.
+/// Attributes traces, in the order of their paths. A trace that fails to load, or whose
+/// task has no goal, is an error in words.
 pub fn attribute_all(
     files: &TraceFiles,
     paths: &[PathBuf],
@@ -133,7 +134,13 @@ pub fn attribute_all(
         let attributed = files
             .read(path)
             .map_err(|error| error.to_string())
-            .map(|trace| attribute(&trace, options));
+            .and_then(|trace| match trace.task.has_goal() {
+                true => Ok(attribute(&trace, options)),
+                false => Err(format!(
+                    "{}: its task has no goal: nothing can be played out against it",
+                    path.display()
+                )),
+            });
         on_done();
         attributed
     };

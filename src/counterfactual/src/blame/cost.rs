@@ -106,10 +106,12 @@ impl DecisionPoint {
     }
 }
 
-/// Whether an episode succeeded; none where it was broken off: then it did not fail yet.
+/// Whether an episode succeeded; none where nobody knows, and where it was broken off: then it did
+/// not fail yet.
 pub(crate) fn outcome(trace: &Trace) -> Option<bool> {
     let end = trace.end.as_ref()?;
-    (end.metrics.success || end.reason != EndReason::Aborted).then_some(end.metrics.success)
+    let success = end.success(&trace.task)?;
+    (success || end.reason != EndReason::Aborted).then_some(success)
 }
 
 /// Every moment of an episode, one more than it has steps.

@@ -128,12 +128,17 @@ pub fn blame(trace: &Trace) -> Blame {
     blame_against(trace, CompetentAgent::default())
 }
 
-/// Measures an episode against a competent agent; nothing is executed.
+/// Measures an episode against a competent agent; nothing is executed. Where the task has no goal
+/// there are no costs and no decisive step.
 pub fn blame_against(trace: &Trace, agent: CompetentAgent) -> Blame {
-    let moments = cost::decision_points(trace, agent);
+    let moments = if trace.task.has_goal() {
+        cost::decision_points(trace, agent)
+    } else {
+        Vec::new()
+    };
     let costs = cost::step_costs(&moments);
     let success = cost::outcome(trace);
-    let decided = if success == Some(false) {
+    let decided = if success == Some(false) && !moments.is_empty() {
         decide::decisive(trace, &moments)
     } else {
         None

@@ -48,6 +48,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
         schedule: "Bring it.".into(),
         subtask: "Find \"it\".".into(),
         answer: None,
+        message: String::new(),
         held: None,
         images: if at == 0 {
             Vec::new()
@@ -70,6 +71,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
             PrivilegedFacts::none(),
         ),
         names: NameSet::Paper,
+        agent: None,
         steps: calls.into_iter().enumerate().map(step).collect(),
         source: Source {
             trace_digest: "d".repeat(64),

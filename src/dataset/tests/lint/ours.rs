@@ -72,6 +72,7 @@ fn episode(id: &str) -> Episode {
         )
         .into(),
         names: NameSet::Paper,
+        agent: None,
         steps: calls.into_iter().enumerate().map(step).collect(),
         source: Source::default(),
     }

@@ -254,6 +254,7 @@ mod tests {
             .with_prompt(Arc::clone(prompt))
             .into(),
             names: NameSet::Paper,
+            agent: None,
             steps: calls
                 .iter()
                 .chain([&finish])

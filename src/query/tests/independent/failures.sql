@@ -31,7 +31,8 @@ WITH opinions AS (SELECT episode_id || trace_digest AS what, list(classes)[1] AS
 SELECT
   e.*, said.sub_class AS sub_class, said.rule AS rule, said.step AS step, said.last_step AS last_step, said.evidence AS evidence,
   ifnull(said.class, 'not classified') AS name, e.steps[said.step + 1].tool AS call
-FROM told e LEFT JOIN opinions ON what = e.episode_id || e.trace_digest WHERE e.success = false;
+FROM told e LEFT JOIN opinions ON what = e.episode_id || e.trace_digest
+WHERE CASE e.success WHEN true THEN false WHEN false THEN true ELSE said IS NOT NULL END;
 
 CREATE TABLE answer.failed_episodes AS
 SELECT

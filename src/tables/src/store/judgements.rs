@@ -205,6 +205,7 @@ struct OutcomeRow {
     trace: String,
     success: Option<bool>,
     parent_trace: Option<String>,
+    target: String,
 }
 
 /// Rows of one file.
@@ -240,20 +241,24 @@ impl Store {
     }
 
     /// The traces of the episodes that were played to an end, in the order of the store; branches
-    /// are no trials of their policy and are left out.
+    /// are no trials of their policy and are left out, as are tasks without a goal.
     ///
     /// # Errors
     /// When the store cannot be read.
     pub fn ended_traces(&self) -> Result<Vec<String>, StoreError> {
-        self.traces_where(|row| row.success.is_some() && row.parent_trace.is_none())
+        self.traces_where(|row| {
+            row.success.is_some() && row.parent_trace.is_none() && !row.target.is_empty()
+        })
     }
 
-    /// The traces of the episodes that failed, in the order of the store.
+    /// The traces of the episodes that missed the goal of their task, in the order of the store.
+    /// Where a task has no goal that Reel knows, a failure was told, and nothing can be measured or
+    /// played out against it.
     ///
     /// # Errors
     /// When the store cannot be read.
     pub fn failed_traces(&self) -> Result<Vec<String>, StoreError> {
-        self.traces_where(|row| row.success == Some(false))
+        self.traces_where(|row| row.success == Some(false) && !row.target.is_empty())
     }
 
     fn traces_where(
@@ -261,7 +266,7 @@ impl Store {
         wanted: impl Fn(&OutcomeRow) -> bool,
     ) -> Result<Vec<String>, StoreError> {
         let mut traces = Vec::new();
-        let columns = ["trace", "success", "parent_trace"];
+        let columns = ["trace", "success", "parent_trace", "target"];
         self.read(Table::Episodes, &columns, |batch| {
             let rows: Vec<OutcomeRow> = crate::rows_from(&batch)?;
             let wanted = rows.into_iter().filter(|row| wanted(row));

@@ -317,12 +317,18 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
         CompetentAgent::Planner => "",
         CompetentAgent::PlannerWords => " against planner-words",
     };
-    println!(
-        "{}: {how} after {} calls, {} decisions lost{against}",
+    let episode = format!(
+        "{}: {how} after {} calls",
         measured.trace.display(),
-        trace.steps.len(),
-        blame.wasted_steps
+        trace.steps.len()
     );
+    if !trace.task.has_goal() {
+        println!(
+            "{episode}; its task has no goal to measure them against: `reel taxonomy --rules` classifies such failures"
+        );
+        return;
+    }
+    println!("{episode}, {} decisions lost{against}", blame.wasted_steps);
     if steps {
         print_steps(blame, trace);
     }

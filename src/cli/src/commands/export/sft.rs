@@ -81,6 +81,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         recoveries: !arguments.no_recoveries,
         after_decisive: arguments.after_decisive,
         contradictions: arguments.contradictions,
+        own_tools: options.style == Style::MultiTurn,
         balance_families: balances("family"),
         balance_tools: balances("tool"),
         ..options.selection

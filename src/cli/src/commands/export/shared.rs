@@ -311,6 +311,9 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<ExitSta
     for (reason, count) in &report.excluded {
         println!("  left out: {count} {reason}");
     }
+    for (reason, count) in &report.unwritable {
+        println!("  left out: {count} examples that the format cannot hold: {reason}");
+    }
     if !report.refused.is_empty() {
         println!("  refused: {} (listed above)", report.refused.len());
     }

@@ -2,13 +2,14 @@
 //! that its list demands.
 //!
 //! Why: the model learns to say what the environment refuses. Sure: yes, where the row
-//! declares its tools; else by the eleven tools of the household. Applies only where some
-//! answer calls a tool. Memory: constant.
+//! declares its tools; else by the eleven tools of the household, if it calls any of them. Applies
+//! only where some answer calls a tool. Memory: constant.
 
-use reel_world::{Tool as WorldTool, ToolCall};
+use reel_world::{Tool as WorldTool, ToolCall, ToolSpec};
 
 use super::{
     Check, RowFacts,
+    published::TOOL_CALL_TAG,
     row_facts::{ModelTurn, Tool},
 };
 use crate::lint::{Call, Severity, report::Findings};
@@ -51,16 +52,32 @@ impl Check for Answers {
             true => Severity::Warning,
             false => Severity::Error,
         };
+        let native = |said: &ModelTurn| {
+            said.by_function || seen.example.turns[said.turn].text().contains(TOOL_CALL_TAG)
+        };
+        let mut calls = seen.answers.iter().flat_map(|said| &said.calls);
+        // An agent that calls none of the household's tools and declares none of its own.
+        let undeclared = tools.is_none()
+            && seen.answers.iter().any(native)
+            && calls.all(|call| ToolSpec::by_name(&call.name).is_none());
+        if undeclared {
+            found.add("undeclared tools", Severity::Warning, &places, || {
+                (
+                    "the row declares no tools, and calls none of the household's: its calls were not checked".to_owned(),
+                    String::new(),
+                )
+            });
+        }
         for said in &seen.answers {
             self.answers += 1;
             self.calls += said.calls.len() as u64;
             let text = || seen.example.turns[said.turn].text();
-            if said.calls.is_empty() && !by_function {
+            if said.calls.is_empty() && !by_function && !undeclared {
                 found.add(kind_without_call(said), severity, &places, || {
                     (told_without_call(said).to_owned(), text())
                 });
             }
-            for call in &said.calls {
+            for call in said.calls.iter().filter(|_| !undeclared) {
                 for (kind, told) in faults(call, tools.as_deref()) {
                     found.add(kind, severity, &places, || (told, call.canonical()));
                 }

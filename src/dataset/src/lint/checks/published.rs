@@ -65,7 +65,7 @@ impl Check for Published {
 }
 
 /// What opens a native tool call that is written into the text.
-const TOOL_CALL_TAG: &str = "<tool_call>";
+pub(super) const TOOL_CALL_TAG: &str = "<tool_call>";
 
 /// The kind of an answer without a call.
 const NO_ACTION: &str = "trainer: no action";
