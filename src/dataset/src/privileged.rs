@@ -86,6 +86,8 @@ pub struct PrivilegedFacts {
     kinds: Vec<LeakKind>,
     /// Receptacle ids and the like, which the agent knows.
     public: BTreeSet<String>,
+    /// Whether the agent acted outside of homes, where coordinates and plans are its own.
+    is_other_world: bool,
 }
 
 impl PrivilegedFacts {
@@ -117,12 +119,20 @@ impl PrivilegedFacts {
             words: automaton.ok().filter(|_| !words.is_empty()),
             kinds,
             public,
+            is_other_world: false,
         }
     }
 
     /// What the agent of a task must not know: instances, assets that are no plain words, the
-    /// task's id, and the precise instruction where it got a fuzzy one.
+    /// task's id, and the precise instruction where it got a fuzzy one. Nothing where the task is
+    /// none of a home.
     pub fn of_task(task: &Task) -> Self {
+        if !task.has_goal() && task.objects.is_empty() {
+            return Self {
+                is_other_world: true,
+                ..Self::default()
+            };
+        }
         let numbered = |asset: &&str| asset.bytes().any(|byte| byte.is_ascii_digit());
         let instances = task.objects.iter().map(|object| object.instance.as_str());
         let assets = task
@@ -200,6 +210,9 @@ pub fn strip(text: &str) -> Cow<'_, str> {
 
 /// The first privileged thing in a text, disguised or not; none in a clean one.
 pub fn find_leak(text: &str, secrets: &PrivilegedFacts) -> Option<Leak> {
+    if secrets.is_other_world {
+        return None;
+    }
     plain_leak(text, secrets).or_else(|| {
         let hidden = |(span, plain): (Range<usize>, String)| {
             plain_leak(&plain, secrets).map(|leak| Leak {

@@ -121,7 +121,7 @@ impl Problems {
     /// Counts a problem, and keeps it if it is among the first. Texts may come from anywhere.
     pub fn add(&mut self, check: Check, file: &str, line: Option<u64>, message: &str) {
         *self.counts.entry(check).or_default() += 1;
-        let file = printable(&without_secrets(file));
+        let file = printable_path(file);
         let of_file = self.of_file.entry((check, file.clone())).or_default();
         *of_file += 1;
         let of_check = self.found.iter().filter(|it| it.check == check).count();
@@ -154,6 +154,11 @@ impl Problems {
             .keys()
             .any(|check| !(allowed.contains(check) && check.may_be_allowed()))
     }
+}
+
+/// A path within a dataset for a terminal: secrets in its names are labels.
+pub fn printable_path(path: &str) -> String {
+    printable(&without_secrets(path))
 }
 
 /// A text of unknown origin for a terminal: control characters, and those that turn the direction

@@ -48,11 +48,13 @@ const KEYS: &[&str] = &[
     "authorization",
     "cookie",
     "x_amz_signature",
+    "db_pass",
+    "user_pass",
 ];
 
-/// Names of members that hold secrets as a word of their own alone, at the end of the name: `db_pass` and `dbPass` do,
-/// `compass` does not.
-const WORDS: &[&str] = &["pass", "pwd", "auth", "sig"];
+/// Names of members that hold secrets as a word of their own alone, at the end of the name: `db_pwd` and `dbPwd` do.
+/// Not `pass`, which counts tests that passed.
+const WORDS: &[&str] = &["pwd", "auth"];
 
 /// Words in the name of a variable of the environment whose value is a secret, besides the keys.
 const VARIABLE_ENDS: [&str; 3] = ["KEY", "AUTH", "PAT"];
@@ -385,7 +387,7 @@ impl Rules {
     }
 }
 
-/// The last word of a name such as `db_pass` or `dbPass`.
+/// The last word of a name such as `db_pwd` or `dbPwd`.
 fn last_word(name: &str) -> &str {
     let mut words = name.rsplit(|letter: char| !letter.is_ascii_alphabetic());
     let word = words.next().unwrap_or_default();
@@ -394,7 +396,7 @@ fn last_word(name: &str) -> &str {
     hump.filter(is_hump).map_or(word, |at| &word[at..])
 }
 
-/// A word of letters alone as it stands inside of a name such as `dbPass`.
+/// A word of letters alone as it stands inside of a name such as `dbPwd`.
 fn capitalized(word: &str) -> String {
     let (first, rest) = word.split_at(1);
     first.to_ascii_uppercase() + rest
@@ -414,8 +416,8 @@ fn names_secret(name: &str) -> bool {
     let name = name
         .to_ascii_uppercase()
         .replace(|c: char| !c.is_ascii_alphanumeric(), "_");
+    let name = name.trim_end_matches(|letter: char| letter.is_ascii_digit());
     let last = name.rsplit('_').next().unwrap_or_default();
-    let last = last.trim_end_matches(|letter: char| letter.is_ascii_digit());
     let words = format!("_{name}_");
     let tells = |key: &&str| {
         let key = key.to_ascii_uppercase();

@@ -10,7 +10,8 @@ use anyhow::bail;
 use reel_dataset::lint::{CheckReport, Dataset, LintOptions, Severity};
 use reel_publish::{
     Check, CommitOptions, DatasetKind, FileStatus, Hub, MAIN, Plan, Publication, PublishedCommit,
-    RepositoryId, Target, existing_files, is_branch_name, printable, publish_to_folder,
+    RepositoryId, Target, existing_files, is_branch_name, printable, printable_path,
+    publish_to_folder,
 };
 use serde_json::{Value, json};
 
@@ -280,7 +281,7 @@ impl Report<'_> {
         files.sort_by_key(|file| (file.status, &file.path));
         for file in files.iter().take(FILES_SHOWN) {
             let (status, size) = (file.status.as_str(), size(file.bytes));
-            println!("  {status:8} {size:>9}  {}", printable(&file.path));
+            println!("  {status:8} {size:>9}  {}", printable_path(&file.path));
         }
         if files.len() > FILES_SHOWN {
             println!(
@@ -294,7 +295,7 @@ impl Report<'_> {
             } else {
                 "stays"
             };
-            println!("  {what:8} {:>9}  {}", "", printable(path));
+            println!("  {what:8} {:>9}  {}", "", printable_path(path));
         }
         println!(
             "{} files, {}: {} new, {} changed, {} equal; {} to write",

@@ -146,8 +146,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
 
 impl Arguments {
     fn nothing(&self) -> String {
+        let condition = if self.condition == "true" {
+            ""
+        } else {
+            " that fits --where"
+        };
         format!(
-            "no episode of {} of which it is known whether it succeeded fits --where",
+            "it is known of no episode of {}{condition} whether it succeeded",
             self.store
         )
     }

@@ -16,6 +16,7 @@ mod report;
 
 pub use alternative::{Alternative, alternative};
 pub use batch::{BlameOptions, MeasuredTrace, blame_all, measure};
+pub(crate) use cost::outcome;
 pub use cost::{CompetentAgent, StepCost};
 pub use decide::Harm;
 pub use preferred::{Preferred, preferred};

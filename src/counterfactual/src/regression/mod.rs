@@ -11,10 +11,10 @@ use std::{
 use rayon::prelude::*;
 use reel_replay::compare;
 use reel_trace::{Trace, TraceFiles};
-use reel_world::{ToolCall, record::EndReason};
+use reel_world::ToolCall;
 use serde::Serialize;
 
-use crate::blame::blame;
+use crate::blame::{blame, outcome};
 
 /// An episode of a run.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
@@ -27,22 +27,19 @@ pub struct RunEpisode {
     pub task_id: String,
     /// Seed of the episode.
     pub seed: u64,
-    /// Whether it succeeded; `None` if it was broken off.
+    /// Whether it succeeded; `None` if it was broken off, or if nobody judged it.
     pub success: Option<bool>,
 }
 
 impl RunEpisode {
     /// What a trace says of its episode.
     pub fn of(trace: &Trace) -> Self {
-        let end = trace.end.as_ref();
         Self {
             trace: trace.path.clone(),
             episode_id: trace.header.episode_id.clone(),
             task_id: trace.header.task_id.clone(),
             seed: trace.header.seed,
-            success: end
-                .filter(|end| end.metrics.success || end.reason != EndReason::Aborted)
-                .map(|end| end.metrics.success),
+            success: outcome(trace),
         }
     }
 }

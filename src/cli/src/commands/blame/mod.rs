@@ -311,6 +311,7 @@ fn print(measured: &MeasuredTrace, trace: &Trace, steps: bool) {
     let how = match blame.success {
         Some(true) => "succeeded",
         Some(false) => "failed",
+        None if trace.end.is_some() && !trace.task.has_goal() => "not judged",
         None => "broken off",
     };
     let against = match measured.competent_agent {

@@ -238,7 +238,7 @@ fn print(summary: &Summary, all: &[Flip], pairing: &Pairing, arguments: &Argumen
         println!("\n{} episodes only in {}:", unpaired.len(), name.display());
         for one in unpaired {
             let broken = if one.success.is_none() {
-                ", broken off"
+                ", broken off or not judged"
             } else {
                 ""
             };

@@ -5,11 +5,10 @@
 //! declares its tools; else by the eleven tools of the household, if it calls any of them. Applies
 //! only where some answer calls a tool. Memory: constant.
 
-use reel_world::{Tool as WorldTool, ToolCall, ToolSpec};
+use reel_world::{Tool as WorldTool, ToolCall};
 
 use super::{
     Check, RowFacts,
-    published::TOOL_CALL_TAG,
     row_facts::{ModelTurn, Tool},
 };
 use crate::lint::{Call, Severity, report::Findings};
@@ -41,7 +40,8 @@ impl Check for Answers {
                 )
             });
         }
-        let by_function = seen.answers.iter().any(|said| said.by_function);
+        // A conversation may go on without a call.
+        let is_conversation = seen.example.tools.is_some() || seen.has_native_calls();
         let tools = if seen.answers.iter().any(|said| !said.calls.is_empty()) {
             seen.tools()
         } else {
@@ -52,14 +52,7 @@ impl Check for Answers {
             true => Severity::Warning,
             false => Severity::Error,
         };
-        let native = |said: &ModelTurn| {
-            said.by_function || seen.example.turns[said.turn].text().contains(TOOL_CALL_TAG)
-        };
-        let mut calls = seen.answers.iter().flat_map(|said| &said.calls);
-        // An agent that calls none of the household's tools and declares none of its own.
-        let undeclared = tools.is_none()
-            && seen.answers.iter().any(native)
-            && calls.all(|call| ToolSpec::by_name(&call.name).is_none());
+        let undeclared = tools.is_none() && seen.has_own_tools();
         if undeclared {
             found.add("undeclared tools", Severity::Warning, &places, || {
                 (
@@ -72,7 +65,7 @@ impl Check for Answers {
             self.answers += 1;
             self.calls += said.calls.len() as u64;
             let text = || seen.example.turns[said.turn].text();
-            if said.calls.is_empty() && !by_function && !undeclared {
+            if said.calls.is_empty() && !is_conversation {
                 found.add(kind_without_call(said), severity, &places, || {
                     (told_without_call(said).to_owned(), text())
                 });

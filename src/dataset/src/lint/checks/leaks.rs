@@ -78,6 +78,10 @@ impl Check for Leaks {
     }
 
     fn see(&mut self, seen: &RowFacts, found: &mut Findings) {
+        // Coordinates and plans of other worlds are the agent's own.
+        if seen.has_own_tools() {
+            return;
+        }
         let turns: Vec<String> = seen.example.turns.iter().map(all_text).collect();
         let tools = seen.example.tools.as_ref().map(|tools| tools.to_string());
         let mut clean = true;

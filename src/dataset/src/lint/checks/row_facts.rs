@@ -3,8 +3,10 @@
 
 use std::collections::HashMap;
 
+use reel_world::ToolSpec;
 use serde_json::Value;
 
+use super::published::TOOL_CALL_TAG;
 use crate::lint::{
     AssistantTurn, Call, Example, Image, ImageHeader, ImageSource, Part, RowLocation, Turn,
     show::image_bytes,
@@ -24,6 +26,23 @@ pub(super) struct RowFacts<'a> {
     pub(super) contexts: Vec<Key>,
     /// The whole row: all turns and images.
     pub(super) whole: Key,
+}
+
+impl RowFacts<'_> {
+    /// Whether some turn calls a tool natively, by a field of its own or by a tag in its text.
+    pub(super) fn has_native_calls(&self) -> bool {
+        self.answers.iter().any(|said| {
+            let text = || self.example.turns[said.turn].text();
+            said.by_function || (!said.calls.is_empty() && text().contains(TOOL_CALL_TAG))
+        })
+    }
+
+    /// Whether it is a conversation of an agent outside of homes: it calls tools, none of them one
+    /// of REAL's.
+    pub(super) fn has_own_tools(&self) -> bool {
+        let mut calls = self.answers.iter().flat_map(|said| &said.calls);
+        self.has_native_calls() && calls.all(|call| ToolSpec::by_name(&call.name).is_none())
+    }
 }
 
 /// A turn of the model.
