@@ -126,8 +126,7 @@ impl EpisodeRow<'_> {
         )
     }
 
-    /// What an agent with tools of its own said beside a call. An answer that spells its call is no
-    /// words beside it.
+    /// What an agent with tools of its own said beside a call that its answer does not spell.
     pub fn message_of(&self, call: u32) -> Option<&str> {
         let step = self.steps.iter().find(|step| step.step == call)?;
         step.raw.filter(|raw| {

@@ -39,8 +39,7 @@ pub struct Selection {
     pub contradictions: bool,
     /// Answers that no call could be read from are examples too: a policy is rewarded for whatever it said.
     pub unread_answers: bool,
-    /// Decisions of agents with tools of their own are examples too: whole conversations can hold
-    /// them.
+    /// Decisions of agents with tools of their own are examples too, where rows are conversations.
     pub own_tools: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
@@ -317,8 +316,8 @@ fn candidate(
 }
 
 impl CandidateRow<'_> {
-    /// Whether its agent acted outside of homes: its task has no goal, and none of its calls is
-    /// one of REAL's.
+    /// Whether its agent acted outside of homes: its task has no goal, and none of its calls is a
+    /// call of REAL's tools.
     fn has_own_tools(&self) -> bool {
         has_own_tools(
             self.target,

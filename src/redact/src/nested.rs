@@ -1,5 +1,5 @@
-//! The values within brackets of a text: objects and lists of JSON, of TOML, or as Python prints them; and the numbers that
-//! are values there.
+//! The values within brackets of a text: objects and lists of JSON, of TOML, or as Python prints them; and the
+//! numbers that are values there.
 
 use std::ops::Range;
 

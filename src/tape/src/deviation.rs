@@ -49,8 +49,8 @@ pub struct Deviation {
     pub expected: Option<ToolCall>,
     /// The call that was made; `None` if the agent stopped.
     pub actual: Option<ToolCall>,
-    /// Index of the recorded call that the call equals and that was to come soon after; `None` if
-    /// there is none.
+    /// Index of the recorded call that the call equals and that was to come soon after; `None` where
+    /// it equals no such call.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recorded_as: Option<u32>,
     /// All differences between the two, the first one first: the tool, then the recorded arguments

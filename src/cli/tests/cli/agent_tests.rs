@@ -180,14 +180,7 @@ fn a_command_is_tested_over_mcp() {
     // An agent that ends before its first call stops early.
     let broken = |command: &[&str]| tested(folder, &[&["--against", path, "--"], command].concat());
     for (agent, ended) in [("false", "exit status: 1"), ("true", "exit status: 0")] {
-        let (cases, code) = broken(&[agent]);
-        let case = &cases[0];
-        assert_eq!(
-            (&case["status"], code),
-            (&json!("failed"), Some(1)),
-            "{case}"
-        );
-        assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
+        let case = &stopped_early(broken(&[agent]));
         assert_eq!(
             case["deviation"]["expected"],
             json!(trace.steps[0].input.call)
@@ -207,6 +200,18 @@ fn a_command_is_tested_over_mcp() {
         "{cases:?}"
     );
     assert_eq!(broken(&["no-such-program"]).1, Some(2));
+}
+
+/// The test case of an agent that ended before its first call: a failure.
+fn stopped_early((cases, code): (Vec<Value>, Option<i32>)) -> Value {
+    let case = cases[0].clone();
+    assert_eq!(
+        (&case["status"], code),
+        (&json!("failed"), Some(1)),
+        "{case}"
+    );
+    assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
+    case
 }
 
 #[test]
@@ -242,14 +247,7 @@ fn an_agent_that_calls_nothing_is_not_told_of_a_tool_that_its_server_lacks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     recorded_at_once(folder);
-    let (cases, code) = tested(folder, &["--against", "files", "--", "false"]);
-    let case = &cases[0];
-    assert_eq!(
-        (&case["status"], code),
-        (&json!("failed"), Some(1)),
-        "{case}"
-    );
-    assert_eq!(case["deviation"]["kind"], "missing_call", "{case}");
+    let case = &stopped_early(tested(folder, &["--against", "files", "--", "false"]));
     let reason = case["reason"].as_str().unwrap();
     assert!(reason.contains("exit status: 1"), "{case}");
     assert!(!reason.contains("finish"), "{case}");

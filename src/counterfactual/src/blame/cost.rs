@@ -106,8 +106,7 @@ impl DecisionPoint {
     }
 }
 
-/// Whether an episode succeeded; none where nobody knows, and where it was broken off: then it did
-/// not fail yet.
+/// Whether an episode succeeded; none where nobody knows, or where it was broken off.
 pub(crate) fn outcome(trace: &Trace) -> Option<bool> {
     let end = trace.end.as_ref()?;
     let success = end.success(&trace.task)?;

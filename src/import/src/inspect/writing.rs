@@ -25,8 +25,8 @@ const TASK: &str = "reel";
 /// Most characters of a text in a summary.
 const SUMMARY_CHARACTERS: usize = 1000;
 
-/// Key of the object that stands for the value of a score that was not given, until the document is
-/// text.
+/// Key of the object that stands for the value of a score that was not given, until the document
+/// is written as text.
 const UNSCORED: &str = "reel: not scored";
 
 /// A document in JSON, with NaN where Inspect has it: as the value of a score that was not given.

@@ -141,10 +141,12 @@ fn secrets_are_found_and_not_shown() {
     let text = card("mit") + &token;
     let folder = changed(|root| fs::write(root.join("README.md"), &text).unwrap());
     let shown = problems(folder.path(), Check::Secrets);
-    assert!(
-        shown.len() == 1 && shown[0].contains("README.md:12: "),
-        "once, with its line: {shown:?}"
-    );
+    assert_told_once(&shown, "README.md:12: ");
+}
+
+/// One problem is shown, and it has this part.
+fn assert_told_once(shown: &[String], part: &str) {
+    assert!(shown.len() == 1 && shown[0].contains(part), "{shown:?}");
 }
 
 #[test]
@@ -156,10 +158,7 @@ fn passwords_of_any_address_are_secrets() {
     ] {
         let folder = with_rows(&[row(&address, "exact")]);
         let shown = only(folder.path(), Check::Secrets);
-        assert!(
-            shown.len() == 1 && shown[0].contains(".jsonl:1: an address with a password"),
-            "{shown:?}"
-        );
+        assert_told_once(&shown, ".jsonl:1: an address with a password");
     }
 }
 

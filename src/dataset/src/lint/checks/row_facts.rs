@@ -37,8 +37,8 @@ impl RowFacts<'_> {
         })
     }
 
-    /// Whether it is a conversation of an agent outside of homes: it calls tools, none of them one
-    /// of REAL's.
+    /// Whether it is a conversation of an agent outside of homes: it calls tools, and none of them
+    /// is a tool of REAL's.
     pub(super) fn has_own_tools(&self) -> bool {
         let mut calls = self.answers.iter().flat_map(|said| &said.calls);
         self.has_native_calls() && calls.all(|call| ToolSpec::by_name(&call.name).is_none())
