@@ -106,7 +106,7 @@ pub struct Blame {
     pub trace_digest: Digest,
     /// Id of the episode's task, from the trace's header.
     pub task_id: String,
-    /// Whether it succeeded; none: it was broken off.
+    /// Whether it succeeded; none where nobody knows, or where it was broken off.
     pub success: Option<bool>,
     /// The step that decided; none where it succeeded or nothing was lost.
     pub decisive: Option<Decisive>,
