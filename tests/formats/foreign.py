@@ -4,6 +4,7 @@ trajectory in ATIF, a log of Inspect in one JSON document, and spans of OpenTele
     ~/.cache/reel-python/formats/bin/python tests/formats/foreign.py FOLDER
 """
 
+import datetime
 import json
 import pathlib
 import sys
@@ -35,11 +36,14 @@ def trajectory():
 
 def log(folder, name, moment="2026-01-01T00:00:00+00:00"):
     """A log of every attempt, written by Inspect's own writer in the form that the name's end says."""
+    from inspect_ai.event import ModelEvent
     from inspect_ai.log import EvalConfig, EvalDataset, EvalLog, EvalResults, EvalSample, EvalSpec, write_eval_log
-    from inspect_ai.model import ChatCompletionChoice, ChatMessageAssistant, ChatMessageSystem, ChatMessageTool, ChatMessageUser, ModelOutput
+    from inspect_ai.model import ChatCompletionChoice, ChatMessageAssistant, ChatMessageSystem, ChatMessageTool, ChatMessageUser, GenerateConfig, ModelOutput
     from inspect_ai.scorer import Score
-    from inspect_ai.tool import ToolCall, ToolCallError
+    from inspect_ai.tool import ToolCall, ToolCallError, ToolInfo, ToolParam, ToolParams
 
+    path = ToolParams(properties={"path": ToolParam(type="string", description="A file of the repository.")}, required=["path"])
+    declared = [ToolInfo(name=name, description=f"Does {name}.", parameters=path) for name in ["read_file", "write_file", "run_tests"]]
     samples = []
     for number, (task, tools, grade) in enumerate(ATTEMPTS):
         messages = [ChatMessageSystem(id=f"{task}-s", content="You write code."), ChatMessageUser(id=f"{task}-u", content=f"Mend the {task}.")]
@@ -54,9 +58,14 @@ def log(folder, name, moment="2026-01-01T00:00:00+00:00"):
             "builds": Score(value=grade, explanation="make returned 0" if grade == "C" else "make returned 2"),
             "tests": Score(value={"passed": 0.25 * number, "skipped": 1}),
         }
+        first = ModelOutput(model="some/model", choices=[ChatCompletionChoice(message=messages[2], stop_reason="tool_calls")])
+        inferred = ModelEvent(
+            uuid=f"{task}-m", timestamp=datetime.datetime.fromisoformat(moment), working_start=0.0, model="some/model", input=messages[:2], tools=declared,
+            tool_choice="auto", config=GenerateConfig(), output=first,
+        )
         samples.append(EvalSample(
             id=task, epoch=1, input=f"Mend the {task}.", target="make returns 0", messages=messages, scores=scores,
-            output=ModelOutput(model="some/model", choices=[ChatCompletionChoice(message=messages[-1], stop_reason="stop")]), uuid=f"sample-{task}", metadata={"repository": task},
+            output=ModelOutput(model="some/model", choices=[ChatCompletionChoice(message=messages[-1], stop_reason="stop")]), uuid=f"sample-{task}", metadata={"repository": task}, events=[inferred],
         ))
     spec = EvalSpec(
         eval_id="eval-1", run_id="run-1", created=moment, task="builds", task_id="task-1", model="some/model", config=EvalConfig(epochs=1),

@@ -191,7 +191,7 @@ def of_an_evaluation(folder):
 def faults_and_missing_scores(folder):
     """What ended in a fault, or was not scored, is read from Inspect's own writer, and Inspect reads it from Reel."""
     import foreign
-    from inspect_ai.log import EvalError, read_eval_log, write_eval_log
+    from inspect_ai.log import EvalError, EvalSampleLimit, read_eval_log, read_eval_log_sample_summaries, write_eval_log
     from inspect_ai.scorer import Score
 
     (folder / "seldom").mkdir()
@@ -199,6 +199,8 @@ def faults_and_missing_scores(folder):
     log = read_eval_log(str(folder / "seldom" / "one.eval"))
     log.samples[0].error = EvalError(message="the sandbox died", traceback="at", traceback_ansi="at")
     log.samples[1].scores = {"builds": Score.unscored(explanation="no grade"), "tests": Score(value={"passed": 0.5, "none": None})}
+    limits = {log.samples[2].id: EvalSampleLimit(type="token", limit=1000), log.samples[3].id: None}
+    log.samples[2].limit = limits[log.samples[2].id]
     for name in ("one.eval", "two.json"):
         write_eval_log(log, str(folder / "seldom" / name))
     told = reel(folder, "import", "inspect", "seldom", "--out", "seldom-traces")
@@ -211,7 +213,10 @@ def faults_and_missing_scores(folder):
     values = {name: None if score.value != score.value else score.value for name, score in scores.items()}
     assert values == {"builds": None, "tests.passed": 0.5, "tests.none": None}, f"{values}"
     assert scores["builds"].explanation == "no grade"
-    print("faults and scores that were not given go both ways")
+    assert {name: again[name].limit for name in limits} == limits
+    summaries = {summary.id.removeprefix("builds/"): summary for summary in read_eval_log_sample_summaries(str(path))}
+    assert [summaries[name].limit for name in limits] == ["token", None]
+    print("faults, limits, and scores that were not given go both ways")
 
 
 def same_files(one, other):

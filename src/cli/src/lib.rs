@@ -34,6 +34,7 @@ mod settings;
 use std::{ffi::OsString, sync::OnceLock};
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use reel_world::printable_lines;
 
 /// Record what embodied agents do, replay it bit for bit, and ask why it failed.
 ///
@@ -215,7 +216,7 @@ pub fn main(command_line_words: Vec<OsString>) -> u8 {
             130
         }
         Err(error) => {
-            eprintln!("reel: {error:#}");
+            eprintln!("reel: {}", printable_lines(&format!("{error:#}")));
             ExitStatus::BadInput.code()
         }
     }

@@ -41,6 +41,6 @@ pub use hub::{
 };
 pub use local::{existing_files, publish_to_folder};
 pub use plan::{ExistingFile, FileDigest, FileStatus, Plan, PlannedFile};
-pub use problem::{Check, Problem, Problems, printable, printable_path};
+pub use problem::{Check, Problem, Problems, printable_path};
 pub use publication::{DatasetKind, Publication};
 pub use target::{RepositoryId, Target};

@@ -1,11 +1,8 @@
-//! What speaks against publishing a folder: the checks by name, what each found, and text that a
-//! terminal can be given. Reads nothing.
+//! What speaks against publishing a folder: the checks by name, and what each found. Reads nothing.
 
-use std::{
-    collections::BTreeMap,
-    fmt::{self, Write as _},
-};
+use std::{collections::BTreeMap, fmt};
 
+use reel_world::printable_line;
 use serde::Serialize;
 
 use crate::secrets::without_secrets;
@@ -126,7 +123,7 @@ impl Problems {
         *of_file += 1;
         let of_check = self.found.iter().filter(|it| it.check == check).count();
         if *of_file <= KEPT_OF_FILE && of_check < KEPT_OF_CHECK {
-            let message = printable(message);
+            let message = printable_line(message);
             self.found.push(Problem {
                 check,
                 file,
@@ -158,39 +155,12 @@ impl Problems {
 
 /// A path within a dataset for a terminal: secrets in its names are labels.
 pub fn printable_path(path: &str) -> String {
-    printable(&without_secrets(path))
-}
-
-/// A text of unknown origin for a terminal: control characters, and those that turn the direction
-/// of writing or take no room, are written as escapes.
-pub fn printable(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
-    for letter in text.chars() {
-        let invisible = matches!(
-            letter,
-            '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
-                | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{e0000}'..='\u{e007f}'
-        );
-        if letter.is_control() || invisible {
-            let _ = write!(shown, "{}", letter.escape_default());
-        } else {
-            shown.push(letter);
-        }
-    }
-    shown
+    printable_line(&without_secrets(path))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn terminals_get_no_control_characters() {
-        assert_eq!(
-            printable("a\nb\u{1b}[31m \u{202e}é"),
-            "a\\nb\\u{1b}[31m \\u{202e}é"
-        );
-    }
 
     #[test]
     fn all_problems_are_counted_and_few_are_kept() {

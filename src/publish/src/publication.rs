@@ -7,6 +7,7 @@ use std::{
     path::Path,
 };
 
+use reel_world::printable_line;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -14,7 +15,6 @@ use crate::{
     Check, Problems, PublishError, PublishedFile, card,
     folder::{is_generated, scan, secret_message},
     generated::{CHECKSUMS, GIT_ATTRIBUTES, checksums, git_attributes, read_checksums},
-    printable,
     secrets::{local_path_in, secrets_in},
     texts::{self, Visitor, read_json},
     verdicts::Verdicts,
@@ -72,7 +72,7 @@ impl Publication {
             files,
             problems,
             notes,
-            card_head: head.lines().take(HEAD_LINES).map(printable).collect(),
+            card_head: head.lines().take(HEAD_LINES).map(printable_line).collect(),
             card: card.map(|card| card.text),
         })
     }
@@ -131,12 +131,12 @@ impl DatasetKind {
             |name: &str| fs::symlink_metadata(root.join(name)).is_ok_and(|entry| entry.is_file());
         if is_file(LEROBOT_INFO) {
             let info = read_json(&root.join(LEROBOT_INFO))
-                .map_err(|reason| refuse(format!("{LEROBOT_INFO}: {}", printable(&reason))))?;
+                .map_err(|reason| refuse(format!("{LEROBOT_INFO}: {}", printable_line(&reason))))?;
             let version = info["codebase_version"].as_str().unwrap_or_default();
             return if version.starts_with("v3.") {
                 Ok(Self::LeRobot)
             } else {
-                let version = printable(&version.chars().take(32).collect::<String>());
+                let version = printable_line(&version.chars().take(32).collect::<String>());
                 Err(refuse(format!(
                     "a LeRobot dataset of version '{version}'; convert it to version 3 with LeRobot"
                 )))
@@ -152,7 +152,7 @@ impl DatasetKind {
             refuse(format!(
                 "{}: {}",
                 reel_dataset::MANIFEST,
-                printable(&reason)
+                printable_line(&reason)
             ))
         })?;
         match manifest["format"].as_str() {

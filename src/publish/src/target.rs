@@ -6,7 +6,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{PublishError, printable};
+use reel_world::printable_line;
+
+use crate::PublishError;
 
 /// How names of repositories of the Hub begin when they are written as addresses.
 const SCHEME: &str = "hf://datasets/";
@@ -37,7 +39,7 @@ impl Target {
     /// Fails if the name is empty, ambiguous, or the name of no repository.
     pub fn parse(text: &str, exists: impl Fn(&Path) -> bool) -> Result<Self, PublishError> {
         let refuse = |reason: &str| PublishError::TargetName {
-            name: printable(text),
+            name: printable_line(text),
             reason: reason.to_owned(),
         };
         if let Some(id) = text.strip_prefix(SCHEME) {

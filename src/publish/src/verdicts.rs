@@ -4,9 +4,10 @@
 
 use std::collections::BTreeMap;
 
+use reel_world::printable_line;
 use serde_json::Value;
 
-use crate::{Check, DatasetKind, Problems, printable};
+use crate::{Check, DatasetKind, Problems};
 
 /// How the names of files end that hold the provenance of rows beside them.
 const PROVENANCE: &str = ".provenance.jsonl";
@@ -68,7 +69,7 @@ impl Verdicts {
         count.rows += 1;
         count.named += u64::from(!verdicts.is_empty());
         for verdict in verdicts.iter().filter(|verdict| !EXACT.contains(verdict)) {
-            let verdict = printable(&verdict.chars().take(40).collect::<String>());
+            let verdict = printable_line(&verdict.chars().take(40).collect::<String>());
             let message =
                 format!("the trace is not verified ({verdict}); export without --allow-unverified");
             problems.add(Check::Unverified, path, Some(line), &message);

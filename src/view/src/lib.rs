@@ -28,7 +28,7 @@ pub use rerun_recording::rrd;
 pub use sheet::{SheetImage, sheet};
 pub use side_by_side::side_by_side;
 pub use state_text::state_text;
-pub use transcript::{for_terminals, step, transcript};
+pub use transcript::{step, transcript};
 pub use video::{Video, VideoSegment};
 
 /// Why an episode cannot be shown.

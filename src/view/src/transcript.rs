@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use reel_trace::{Timing, Trace};
 use reel_world::{
-    GraphEvent,
+    GraphEvent, printable_lines,
     record::{Backend, EndReason, Score, StepRecord},
 };
 
@@ -17,28 +17,7 @@ pub fn transcript(trace: &Trace) -> String {
         text.push_str(&step(record, trace.timings.get(&record.step)));
     }
     end(trace, &mut text);
-    for_terminals(&text)
-}
-
-/// Whether a character turns the direction of writing, so that what stands there reads otherwise.
-fn turns_writing(letter: char) -> bool {
-    matches!(letter, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-}
-
-/// A text for a terminal: control characters but ends of lines and tabs are written as escapes, and
-/// those that turn the direction of writing.
-pub fn for_terminals(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '\n' | '\t' => shown.push(letter),
-            letter if letter.is_control() || turns_writing(letter) => {
-                shown.extend(letter.escape_default());
-            }
-            letter => shown.push(letter),
-        }
-    }
-    shown
+    printable_lines(&text)
 }
 
 fn header(trace: &Trace, text: &mut String) {

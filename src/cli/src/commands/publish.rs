@@ -10,9 +10,9 @@ use anyhow::bail;
 use reel_dataset::lint::{CheckReport, Dataset, LintOptions, Severity};
 use reel_publish::{
     Check, CommitOptions, DatasetKind, FileStatus, Hub, MAIN, Plan, Publication, PublishedCommit,
-    RepositoryId, Target, existing_files, is_branch_name, printable, printable_path,
-    publish_to_folder,
+    RepositoryId, Target, existing_files, is_branch_name, printable_path, publish_to_folder,
 };
+use reel_world::printable_line;
 use serde_json::{Value, json};
 
 use crate::{ExitStatus, progress};
@@ -121,7 +121,7 @@ impl Arguments {
         }
         self.tell(&Report {
             arguments: self,
-            target: printable(&path.display().to_string()),
+            target: printable_line(&path.display().to_string()),
             publication,
             plan: &plan,
             notes: Vec::new(),
@@ -275,7 +275,7 @@ impl Report<'_> {
 
     fn print(&self) {
         let plan = self.plan;
-        let from = printable(&self.arguments.folder.display().to_string());
+        let from = printable_line(&self.arguments.folder.display().to_string());
         println!("{from} -> {}", self.target);
         let mut files: Vec<_> = plan.files.iter().collect();
         files.sort_by_key(|file| (file.status, &file.path));

@@ -157,7 +157,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         "json" => format(&batches, Format::Json)?.into_bytes(),
         "arrow" => arrow_file(&batches)?,
         "parquet" => parquet_file(&batches)?,
-        _ => reel_view::for_terminals(&format(&batches, Format::Table)?).into_bytes(),
+        _ => reel_world::printable_lines(&format(&batches, Format::Table)?).into_bytes(),
     };
     match &arguments.out {
         Some(path) => {

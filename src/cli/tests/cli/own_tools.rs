@@ -15,7 +15,15 @@ fn foreign(here: &Path) {
     for (format, file) in [("atif", "trajectory.json"), ("inspect", "log.json")] {
         let document = fs::read_to_string(examples.join(file)).unwrap();
         // Coordinates are nothing that this agent must not say.
-        let document = document.replace(r#""path": "parser.c""#, r#""x": 1, "y": 2"#);
+        let document = document
+            .replace(
+                r#""path": "parser.c""#,
+                r#""path": "parser.c", "x": 1, "y": 2"#,
+            )
+            .replace(
+                r#""additionalProperties": false"#,
+                r#""additionalProperties": true"#,
+            );
         fs::write(here.join(file), document).unwrap();
         expect(here, 0, &["import", format, file, "--out", "traces"]);
     }
@@ -58,7 +66,12 @@ fn nothing_is_measured_against_a_goal_that_is_none() {
         blame.contains("failed after 3 calls; its task has no goal"),
         "{blame}"
     );
-    assert!(reel!(here, "blame --store store").starts_with("0 of 0 episodes failed"));
+    let blame = reel!(here, "blame --store store");
+    assert!(blame.starts_with("0 of 0 episodes failed"), "{blame}");
+    assert!(
+        blame.contains("\n2 more failed as told; their tasks have no goal"),
+        "{blame}"
+    );
     let attributed = reel!(here, "attribute --store store");
     assert!(
         attributed.starts_with("no episode whose task has a goal"),
@@ -137,4 +150,12 @@ fn conversations_of_other_agents_become_training_rows() {
     // What was said at the end, without a call, is an answer.
     assert_eq!(messages.last().unwrap()["content"], "Done.");
     assert_eq!(messages.len(), 2 + 3 * 2 + 1);
+    let declared = row["tools"].as_array().unwrap();
+    let names: Vec<&Value> = declared
+        .iter()
+        .map(|tool| &tool["function"]["name"])
+        .collect();
+    assert_eq!(names, ["read_file", "write_file", "run_tests"]);
+    let path = &declared[0]["function"]["parameters"]["properties"]["path"];
+    assert_eq!(path["type"], "string");
 }

@@ -153,6 +153,32 @@ fn answers() {
 }
 
 #[test]
+fn arguments_that_a_schema_does_not_name() {
+    let folder = folder();
+    let found = |parameters: serde_json::Value| {
+        let function = json!({ "name": "edit", "parameters": parameters });
+        let call = json!({ "name": "edit", "arguments": { "path": "a.c", "line": 2 } });
+        let chat = json!({
+            "tools": [{ "type": "function", "function": function }],
+            "messages": [
+                { "role": "user", "content": "go" },
+                { "role": "assistant", "tool_calls": [{ "id": "c", "type": "function", "function": call }] },
+            ],
+        });
+        let report = linted(&folder.lines("rows.jsonl", &[chat]));
+        assert!(of(&report, "answers").applies, "{report}");
+        count(&report, "answers", "unknown argument")
+    };
+    let named = json!({ "path": { "type": "string" } });
+    assert_eq!(found(json!({ "type": "object", "properties": named })), 1);
+    for (others, faults) in [(json!(false), 1), (json!(true), 0), (json!({}), 0)] {
+        let schema = json!({ "properties": named, "additionalProperties": others });
+        assert_eq!(found(schema), faults, "{others}");
+    }
+    assert_eq!(found(json!({})), 0, "a schema that names nothing");
+}
+
+#[test]
 fn one_context_and_three_actions() {
     let folder = folder();
     let act = |marker: u32| {

@@ -1,5 +1,5 @@
 //! The logs of Inspect as far as they are read and written: header, samples, messages, scores.
-//! Read leniently: unknown fields are ignored, and events only serve to count tokens.
+//! Read leniently: unknown fields are ignored, and of events only what models were told and what they took is read.
 
 use std::collections::BTreeMap;
 
@@ -235,6 +235,9 @@ pub(super) struct Usage {
 pub(super) struct Event {
     #[serde(default, deserialize_with = "or_default")]
     pub(super) event: String,
+    /// What the model could call.
+    #[serde(default, deserialize_with = "or_empty")]
+    pub(super) tools: Vec<Value>,
     #[serde(default, deserialize_with = "or_default")]
     pub(super) output: Output,
 }

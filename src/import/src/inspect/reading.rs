@@ -6,7 +6,7 @@ use std::{
 };
 
 use reel_world::record::{EndReason, Reported, Score};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::{
     archive::Archive,
@@ -128,6 +128,7 @@ impl Log<'_> {
         let kept = sample.metadata.remove(OURS);
         let uuid = sample.uuid.take();
         let place = format!("sample {}, epoch {}", sample.id, sample.epoch);
+        let tool_definitions = tools(&sample);
         let (steps, left_out) = turns(sample);
         let trajectory = Trajectory {
             schema_version: VERSION.to_owned(),
@@ -137,7 +138,7 @@ impl Log<'_> {
                 name: spec.model.clone(),
                 version: String::new(),
                 model_name: Some(spec.model.clone()),
-                tool_definitions: Vec::new(),
+                tool_definitions,
                 extra: Map::new(),
             },
             steps,
@@ -295,6 +296,25 @@ fn number_of(label: &str) -> Option<f64> {
         "i" | "n" | "no" | "false" => Some(0.0),
         other => other.parse().ok().filter(|number: &f64| number.is_finite()),
     }
+}
+
+/// The tools that were declared to the model, each as it was declared first. A log names them with
+/// every inference.
+fn tools(sample: &Sample) -> Vec<Value> {
+    let mut names = BTreeSet::new();
+    let declared = sample.events.iter().flat_map(|event| &event.tools);
+    declared
+        .filter_map(|tool| {
+            let name = tool.get("name")?.as_str()?;
+            if !names.insert(name) {
+                return None;
+            }
+            let of_function = ["name", "description", "parameters"];
+            let known = of_function.map(|key| Some((key.to_owned(), tool.get(key)?.clone())));
+            let function: Map<String, Value> = known.into_iter().flatten().collect();
+            Some(json!({"type": "function", "function": function}))
+        })
+        .collect()
 }
 
 /// The conversation as turns, and what of it no turn can hold.

@@ -98,7 +98,8 @@ impl LogWriter {
         self.summaries.push(json!({
             "id": sample.id, "epoch": sample.epoch, "input": input, "target": sample.target, "scores": sample.scores,
             "model_usage": usage_of(&self.policy, usage), "completed": true, "retries": 0, "uuid": sample.uuid,
-            "error": sample.error.as_ref().map(|error| &error.message), "message_count": sample.messages.len(),
+            "error": sample.error.as_ref().map(|error| &error.message),
+            "limit": sample.limit.as_ref().map(|limit| &limit["type"]), "message_count": sample.messages.len(),
         }));
         // As Inspect names them.
         let name = format!("samples/{}_epoch_{epoch}.json", trace.task.task_id);
@@ -203,7 +204,9 @@ fn sample(trace: &Trace, epoch: u32) -> io::Result<Sample> {
                 message: fault(trace).to_owned(),
                 ..SampleError::default()
             }),
-        limit: None,
+        limit: end
+            .filter(|end| end.reason == EndReason::Horizon)
+            .map(|end| limit(trace, end)),
         uuid: Some(trace.header.episode_id.clone()),
     })
 }
@@ -213,6 +216,17 @@ fn fault(trace: &Trace) -> &str {
     let told = trace.header.policy.parameters.get("error");
     told.and_then(Value::as_str)
         .unwrap_or("a fault ended the episode")
+}
+
+/// Which limit ended an episode: what the log said from which it came, else its number of decisions.
+fn limit(trace: &Trace, end: &EndRecord) -> Value {
+    let told = trace.header.policy.parameters.get("limit");
+    // Inspect reads no limit without a type and a number.
+    let is_read = |told: &&Value| told["type"].is_string() && told["limit"].is_number();
+    let told = told.filter(is_read).cloned();
+    told.unwrap_or_else(
+        || json!({"type": "custom", "limit": end.steps, "reason": "the horizon of the task"}),
+    )
 }
 
 fn said(role: &str, content: Content) -> Message {

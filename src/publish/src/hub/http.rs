@@ -11,10 +11,11 @@ use reel_http::ureq::{
     self, Agent, SendBody,
     http::{HeaderMap, Method, Request, StatusCode},
 };
+use reel_world::printable_line;
 use serde_json::Value;
 
 use super::token::{HubToken, endpoint};
-use crate::{PublishError, printable};
+use crate::PublishError;
 
 /// Longest answer that is read, in bytes: a page of a tree has a thousand files.
 const ANSWER_BYTES_MAX: u64 = 32 << 20;
@@ -172,7 +173,7 @@ impl Http {
             .as_ref()
             .map_or_else(|| text.to_owned(), |token| token.redact(text));
         let text: String = text.chars().take(300).collect();
-        printable(text.trim())
+        printable_line(text.trim())
     }
 
     fn excerpt(&self, body: &[u8]) -> String {
@@ -235,7 +236,7 @@ fn is_transient(status: StatusCode) -> bool {
 
 /// An address without its query, which may be a signature that gives access.
 fn bare(url: &str) -> String {
-    printable(url.split('?').next().unwrap_or_default())
+    printable_line(url.split('?').next().unwrap_or_default())
 }
 
 /// What a person does about a status.

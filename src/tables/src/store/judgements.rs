@@ -261,6 +261,16 @@ impl Store {
         self.traces_where(|row| row.success == Some(false) && !row.target.is_empty())
     }
 
+    /// How many episodes failed as somebody told, of tasks without a goal: nothing is measured there.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn count_failed_without_goal(&self) -> Result<usize, StoreError> {
+        let traces =
+            self.traces_where(|row| row.success == Some(false) && row.target.is_empty())?;
+        Ok(traces.len())
+    }
+
     fn traces_where(
         &self,
         wanted: impl Fn(&OutcomeRow) -> bool,

@@ -54,7 +54,7 @@ pub const ELLIPSIS: char = '…';
 pub fn clean(text: &str) -> String {
     let words: Vec<&str> = text.split_whitespace().collect();
     let shown = |c: char| {
-        if c.is_control() || is_format(c) {
+        if reel_world::is_invisible(c) {
             '\u{fffd}'
         } else {
             c
@@ -135,11 +135,6 @@ pub fn share(part: u64, whole: u64) -> String {
     } else {
         format!("{percent:.1}%")
     }
-}
-
-/// Marks of direction, joiners of nothing, and what XML forbids beyond the control characters.
-fn is_format(c: char) -> bool {
-    matches!(c, '\u{200b}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fffe}' | '\u{ffff}')
 }
 
 #[cfg(test)]

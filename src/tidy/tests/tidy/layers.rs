@@ -46,7 +46,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("lerobot", &["world", "trace", "replay", "annotate", "dataset", "view"]),
     ("otlp", &["http"]),
     // dataset: names of files, and the rows of JSON with their lines
-    ("publish", &["dataset", "http", "redact"]),
+    ("publish", &["world", "dataset", "http", "redact"]),
     ("import", &["world", "reward", "trace", "otlp"]),
     ("proxy", &["world", "reward", "trace", "import", "redact"]),
     ("taxonomy", &["world", "tables", "query", "llm"]),

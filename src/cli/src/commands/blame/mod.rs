@@ -155,6 +155,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         reel_export::check_failed_histories(store)?;
         if !arguments.json {
             print_summary(&measured);
+            let without_goal = store.count_failed_without_goal()?;
+            if without_goal > 0 {
+                println!(
+                    "{without_goal} more failed as told; their tasks have no goal to measure against"
+                );
+            }
             println!("kept in table `blame` of {}", store.location());
         }
         return Ok(if unreadable {

@@ -272,6 +272,7 @@ impl Tool {
             .collect();
         for (name, value) in arguments {
             match properties.get(name.as_str()) {
+                None if self.takes_others() => {}
                 None => faults.push((
                     "unknown argument",
                     format!("{} has no argument {name}", self.name),
@@ -300,6 +301,14 @@ impl Tool {
             }
         }
         faults
+    }
+
+    /// Whether the schema takes arguments that it does not name: it says so, or names none at all.
+    /// One that is silent is taken as closed: an invented argument is what models get wrong.
+    fn takes_others(&self) -> bool {
+        let others = self.parameters.get("additionalProperties");
+        others.is_some_and(|others| others.is_object() || others == true)
+            || self.parameters.get("properties").is_none()
     }
 }
 
