@@ -4,7 +4,7 @@ import { agent, assert, call, findings, onPage, sql, until, url, visit } from ".
 /** Rows of a training set as the model sees them, its card and what the linter says. */
 export async function training_sets(browser) {
   await onPage(browser, async (page) => {
-    await visit(page, "/datasets");
+    await visit(page, "/datasets?set=first");
     await page.locator("article .turn").first().waitFor();
     await page.locator("article img").first().waitFor();
     await page.getByRole("link", { name: "Episode", exact: true }).first().click();
@@ -153,6 +153,13 @@ export async function preferences_are_exported(browser) {
     const [{ failed }] = await sql("SELECT count(*) AS failed FROM episodes WHERE NOT success AND family = 'SUL'");
     const { report } = (await (await fetch(`${url}/api/jobs`)).json()).find(({ work }) => work.name === "corrected");
     assert(report.at(-1).failed === failed, `${JSON.stringify(report)} of ${failed} failed episodes of SUL`);
+    // The new set shows its pairs, and can be checked.
+    const rejected = page.locator("article").first().locator(".turn", { hasText: "rejected" });
+    await rejected.waitFor();
+    await page.getByText(/^2 rows · /).waitFor();
+    await page.getByRole("button", { name: "Findings" }).click();
+    await page.getByText(/Checking every row/).waitFor({ state: "detached" });
+    assert(!(await page.locator("[role=alert]").count()), "the findings cannot be shown");
   });
 }
 

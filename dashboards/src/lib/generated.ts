@@ -236,6 +236,7 @@ export type Example = {
   images?: (string | null)[];
   meta?: Record<string, unknown> | null;
   number: number;
+  rejected?: ExampleTurn[];
   split?: string | null;
   tools?: string | null;
   turns?: ExampleTurn[];

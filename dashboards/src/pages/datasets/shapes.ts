@@ -9,11 +9,12 @@ export type Export = Listed & { manifest: Manifest };
 export type Manifest = {
   format?: string; style?: string; table_version?: number; shards?: Record<string, { rows: number }[]>;
   tokens?: { examples: number; longest: number; over: number; budget: number }; excluded?: Record<string, number>;
+  counts?: Record<string, number>;
 };
 
 export function rowsOf({ manifest }: Export): number {
   const shards = Object.values(manifest.shards ?? {}).flat();
-  return shards.length ? shards.reduce((sum, { rows }) => sum + rows, 0) : (manifest.tokens?.examples ?? 0);
+  return shards.length ? shards.reduce((sum, { rows }) => sum + rows, 0) : (manifest.tokens?.examples ?? manifest.counts?.["pairs"] ?? 0);
 }
 
 export function size(bytes: number): string {

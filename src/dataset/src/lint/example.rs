@@ -31,6 +31,8 @@ pub struct Example {
     pub split: Option<String>,
     /// What is said, in order.
     pub turns: Vec<Turn>,
+    /// In a preference pair, the answer that is to become less likely; the chosen one ends `turns`.
+    pub rejected: Vec<Turn>,
     /// The tools that the row declares, as it does.
     pub tools: Option<Value>,
     /// The images, in the order of their tags.

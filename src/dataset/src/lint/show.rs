@@ -31,8 +31,10 @@ pub fn show(example: &Example) -> String {
     if let Some(tools) = &example.tools {
         let _ = writeln!(text, "\n== tools ==\n{tools:#}");
     }
-    for turn in &example.turns {
-        let _ = writeln!(text, "\n== {} ==", turn.role.as_str());
+    let turns = example.turns.iter().map(|turn| (turn, ""));
+    let rejected = example.rejected.iter().map(|turn| (turn, ", rejected"));
+    for (turn, verdict) in turns.chain(rejected) {
+        let _ = writeln!(text, "\n== {}{verdict} ==", turn.role.as_str());
         for part in &turn.parts {
             match part {
                 Part::Text(said) if turn.role.is_answer() => text.push_str(&laid_out(said)),

@@ -144,7 +144,7 @@ fn trl_in_its_three_ways() {
             (Format::Trl, seen_and_said())
         );
     }
-    let words = json!({ "prompt": "one and one", "completion": "two" });
+    let words = json!({ "prompt": "one and one", "completion": "two", "rejected": "three" });
     let example = only(&open(&folder.lines("b.jsonl", &[words])));
     assert_eq!(
         turns(&example),
@@ -153,6 +153,38 @@ fn trl_in_its_three_ways() {
             (Role::Assistant, "two".into())
         ]
     );
+}
+
+#[test]
+fn preference_pairs_with_and_without_a_prompt() {
+    let folder = Folder::new();
+    let said = |text: &str| json!({ "role": "assistant", "content": text });
+    let question = json!({ "role": "user", "content": "what is it?" });
+    let apart = json!({
+        "prompt": [question], "chosen": [said("a cup")], "rejected": [said("a jug")], "images": ["a.png"],
+    });
+    let whole = json!({
+        "chosen": [question, said("a cup")], "rejected": [question, said("a jug")], "images": ["a.png"],
+    });
+    for (row, before) in [(apart, 0), (whole, 1)] {
+        let example = only(&open(&folder.lines("a.jsonl", &[row])));
+        assert_eq!(
+            (example.format, turns(&example)),
+            (Format::Trl, seen_and_said())
+        );
+        assert_eq!(example.rejected.len(), before + 1);
+        let other = example.rejected.last().unwrap();
+        assert_eq!(other.parts, [Part::Text("a jug".into())]);
+        assert!(example.warnings.is_empty(), "{:?}", example.warnings);
+        assert!(show(&example).ends_with("== assistant, rejected ==\na jug\n"));
+    }
+    let words =
+        |chosen: &str| json!({ "prompt": "one and one", "chosen": chosen, "rejected": "three" });
+    let report = linted(&folder.lines("b.jsonl", &[words("two"), words("three")]));
+    assert_eq!(count(&report, "loader", "pair"), 1, "{report}");
+    let half = json!({ "prompt": "one and one", "chosen": "two" });
+    let report = linted(&folder.lines("c.jsonl", &[words("two"), half]));
+    assert_eq!((report.rows, report.unreadable), (1, 1), "{report}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use std::{
 
 use axum::{Json, extract::State};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use reel_dataset::lint::{Dataset, Example, Image, LintOptions, Part, image_bytes, lint};
+use reel_dataset::lint::{Dataset, Example, Image, LintOptions, Part, Turn, image_bytes, lint};
 use reel_live::check_name;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -220,15 +220,18 @@ fn shown(example: Example) -> Value {
         Part::Image(number) => json!({"image": number}),
         Part::Call(call) => json!({"call": {"name": call.name, "arguments": call.arguments}}),
     };
-    let turns: Vec<Value> = example
-        .turns
-        .iter()
-        .map(|turn| {
-            json!({"role": turn.role.as_str(), "learned": turn.role.is_answer(), "parts": turn.parts.iter().map(part).collect::<Vec<_>>()})
-        })
+    let shown = |turn: &Turn, learned: bool| {
+        let parts: Vec<Value> = turn.parts.iter().map(part).collect();
+        json!({"role": turn.role.as_str(), "learned": learned, "parts": parts})
+    };
+    let turns = example.turns.iter();
+    let turns: Vec<Value> = turns
+        .map(|turn| shown(turn, turn.role.is_answer()))
         .collect();
+    let rejected = example.rejected.iter();
+    let rejected: Vec<Value> = rejected.map(|turn| shown(turn, false)).collect();
     json!({
-        "number": example.location.index, "split": example.split, "turns": turns, "tools": example.tools,
+        "number": example.location.index, "split": example.split, "turns": turns, "rejected": rejected, "tools": example.tools,
         "images": example.images.iter().map(data_uri).collect::<Vec<_>>(), "meta": example.meta,
         "warnings": example.warnings.iter().map(|warning| &warning.message).collect::<Vec<_>>(),
     })

@@ -24,7 +24,7 @@ pub(crate) fn has_tags(format: Format) -> bool {
 }
 
 /// What is understood, for messages.
-pub(crate) const EXPECTED: &str = "rows with `conversations`, with `messages`, or with `prompt` and `completion`, as a JSON list, JSONL or Parquet";
+pub(crate) const EXPECTED: &str = "rows with `conversations`, with `messages`, with `prompt` and `completion`, or with `chosen` and `rejected`, as a JSON list, JSONL or Parquet";
 
 /// The format of a JSON row without a `dataset_info.json` beside it.
 pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
@@ -47,7 +47,8 @@ pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
     if let Some(Value::Array(turns)) = row.get("messages") {
         return Some(of_messages(row, turns));
     }
-    (row.contains_key("prompt") && row.contains_key("completion")).then_some(Format::Trl)
+    let has = |keys: [&str; 2]| keys.iter().all(|key| row.contains_key(*key));
+    (has(["prompt", "completion"]) || has(["chosen", "rejected"])).then_some(Format::Trl)
 }
 
 fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
@@ -112,21 +113,31 @@ pub(crate) fn example(
 ) -> Result<Example, String> {
     let mut reader = turns::Reader::new(source);
     let columns = source.columns;
+    let mut rejected = Vec::new();
     let mut turns = match row.remove(columns.messages.as_str()) {
         Some(messages) => reader.turns(&columns.messages, &messages)?,
-        None => match (row.remove("prompt"), row.remove("completion")) {
-            (Some(prompt), Some(completion)) => {
-                let mut turns = reader.side("prompt", &prompt, "user")?;
-                turns.extend(reader.side("completion", &completion, "assistant")?);
-                turns
-            }
-            _ => {
-                return Err(format!(
-                    "no turns: expected a list under `{}`",
-                    columns.messages
-                ));
-            }
-        },
+        None => {
+            let mut side = |key: &str, role: &str| match row.remove(key) {
+                Some(said) => reader.side(key, &said, role).map(Some),
+                None => Ok(None),
+            };
+            let prompt = side("prompt", "user")?;
+            let answer = match side("completion", "assistant")? {
+                Some(completion) => prompt.is_some().then_some(completion),
+                // A pair without a prompt has it in both of its sides.
+                None => match (side("chosen", "assistant")?, side("rejected", "assistant")?) {
+                    (Some(chosen), Some(other)) => {
+                        rejected = other;
+                        Some(chosen)
+                    }
+                    _ => None,
+                },
+            };
+            let key = &columns.messages;
+            let answer =
+                answer.ok_or_else(|| format!("no turns: expected a list under `{key}`"))?;
+            [prompt.unwrap_or_default(), answer].concat()
+        }
     };
     if let Some(system) = columns
         .system
@@ -163,7 +174,11 @@ pub(crate) fn example(
             turn.parts.splice(0..0, (0..images.len()).map(Part::Image));
         }
     }
-    let (own, warnings) = reader.finish();
+    let (own, mut warnings) = reader.finish();
+    if !rejected.is_empty() && turns.ends_with(&rejected) {
+        let message = "`chosen` and `rejected` are the same: nothing can be learned from the pair";
+        warnings.push(format_warning("pair", true, message));
+    }
     if !own.is_empty() {
         images = own;
     }
@@ -187,6 +202,7 @@ pub(crate) fn example(
         format: source.format,
         split,
         turns,
+        rejected,
         tools,
         images,
         meta,
