@@ -3,6 +3,7 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
+use reel_world::Family;
 use serde_json::{Map, Value, json};
 
 use crate::{DatasetError, Format, Manifest, Split, Style};
@@ -53,9 +54,14 @@ pub fn card(manifest: &Manifest) -> String {
     let mut text = front_matter(manifest);
     let _ = write!(
         text,
-        "\n# {}\n\nDecisions of household agents that call tools: what the agent was told and saw, and what it should answer. \
+        "\n# {}\n\nDecisions of {} that call tools: what the agent was told and saw, and what it should answer. \
          {} examples, {}, in the format `{}`: {}.\n",
         manifest.name,
+        if is_household(manifest) {
+            "household agents"
+        } else {
+            "agents"
+        },
         counts.examples,
         match manifest.style {
             Style::SingleTurn => "one user turn a decision with the latest images",
@@ -75,7 +81,12 @@ pub fn card(manifest: &Manifest) -> String {
             .map(|(split, count)| (split.as_str(), *count)),
     );
     table(&mut text, "Family", named(&counts.families));
-    table(&mut text, "Tool", named(&counts.tools));
+    // A row that is a whole episode has many calls, and is counted once.
+    let of_tools = match manifest.style {
+        Style::SingleTurn | Style::MultiTurnPrefix => "Tool",
+        Style::MultiTurn => "Tool of the last turn",
+    };
+    table(&mut text, of_tools, named(&counts.tools));
     let _ = write!(
         text,
         "\n## Provenance\n\nMade by\n\n```sh\n{}\n```\n\nfrom version {} of the tables{}. Every row names its trace (`trace_digest`), \
@@ -136,11 +147,28 @@ pub fn size_category(rows: u64) -> &'static str {
     }
 }
 
+/// Whether a row is of a household: tasks of other agents have a family of their own.
+fn is_household(manifest: &Manifest) -> bool {
+    let families = &manifest.counts.families;
+    families.is_empty()
+        || families
+            .keys()
+            .any(|family| family != Family::Other.as_str())
+}
+
 fn front_matter(manifest: &Manifest) -> String {
     let size = size_category(manifest.counts.examples);
+    let (categories, tags) = if is_household(manifest) {
+        (
+            "- image-text-to-text\n- robotics\n",
+            "- embodied-ai\n- tool-use\n- household\n",
+        )
+    } else {
+        ("- text-generation\n", "- tool-use\n")
+    };
     let mut text = format!(
-        "---\npretty_name: {name}\nlicense: {licence}\nlanguage:\n- en\ntask_categories:\n- image-text-to-text\n- robotics\n\
-         size_categories:\n- {size}\ntags:\n- embodied-ai\n- tool-use\n- household\nconfigs:\n- config_name: default\n  data_files:\n",
+        "---\npretty_name: {name}\nlicense: {licence}\nlanguage:\n- en\ntask_categories:\n{categories}\
+         size_categories:\n- {size}\ntags:\n{tags}configs:\n- config_name: default\n  data_files:\n",
         name = crate::json::quoted(&manifest.name),
         licence = crate::json::quoted(&manifest.licence.to_lowercase()),
     );

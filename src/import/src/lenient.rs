@@ -8,6 +8,9 @@ use serde_json::Value;
 /// The numbers that are none, as Python writes them into JSON, which has no word for them.
 const NO_NUMBERS: [&[u8]; 3] = [b"NaN", b"Infinity", b"-Infinity"];
 
+/// Most digits of an integer that a message shows.
+const DIGITS_SHOWN: usize = 40;
+
 /// A document in JSON as Python writes it: a number that is none is `null`.
 pub(crate) fn document<T: DeserializeOwned>(bytes: &[u8]) -> serde_json::Result<T> {
     serde_json::from_slice(bytes).or_else(|error| match with_nulls(bytes) {
@@ -42,7 +45,7 @@ fn without_value(bytes: &[u8]) -> impl Iterator<Item = Range<usize>> {
 }
 
 /// The integers of a document that 64 bits do not hold, which are read as the nearest fractions.
-pub(crate) fn long_integers(bytes: &[u8]) -> Vec<&str> {
+pub fn long_integers(bytes: &[u8]) -> Vec<&str> {
     let words = bare_words(bytes).filter_map(move |word| std::str::from_utf8(&bytes[word]).ok());
     let is_long = |word: &&str| {
         let digits = word.strip_prefix('-').unwrap_or(word);
@@ -51,6 +54,16 @@ pub(crate) fn long_integers(bytes: &[u8]) -> Vec<&str> {
             && word.parse::<i64>().is_err()
     };
     words.filter(is_long).collect()
+}
+
+/// What is lost of such integers, for people; `None` where there are none.
+pub(crate) fn long_integers_told(bytes: &[u8]) -> Option<String> {
+    let long = long_integers(bytes);
+    let example: String = long.first()?.chars().take(DIGITS_SHOWN).collect();
+    Some(format!(
+        "integers of more than 64 bits are read as the nearest number of 64: {}, such as {example}; write them as texts",
+        long.len(),
+    ))
 }
 
 /// Where the numbers and names of a document stand, outside of its texts.

@@ -57,6 +57,7 @@ use serde_json::{Map, Value};
 
 pub use error::ImportError;
 pub use layout::cut_debug_info;
+pub use lenient::long_integers;
 pub use mapping::{Entries, MappingError, MappingFile, Tools};
 pub use observe::{CallObservation, ObservedState, header, record, same_graph_for_both};
 pub use outcome::{outcome, reply};

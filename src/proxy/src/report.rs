@@ -30,6 +30,8 @@ pub struct Counts {
     /// Messages that are not JSON-RPC, and calls whose arguments are no object, which servers
     /// refuse unread: passed on.
     pub strange: u64,
+    /// Integers of more than 64 bits in calls and results: written as the nearest fraction.
+    pub rounded_integers: u64,
     /// Connections whose bytes are not HTTP/1.1: passed on without a look.
     pub opaque_connections: u64,
     /// Secrets that were replaced by labels in what was written.

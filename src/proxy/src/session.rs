@@ -164,6 +164,9 @@ impl Session {
             }
             FromAgent::Calls(calls) => calls,
         };
+        let arguments = calls.iter().map(|call| &call.call.arguments);
+        let rounded = arguments.map(|arguments| tap::rounded_integers(arguments, message));
+        self.count_rounded(rounded.max().unwrap_or_default());
         match calls.pop() {
             Some(call) if calls.is_empty() => self.agent_calls(call, came),
             _ => self.several_calls(&calls),
@@ -252,8 +255,17 @@ impl Session {
         else {
             return Ok(());
         };
+        let (tap::Answer::Result(value) | tap::Answer::Error(value)) = &answer;
+        self.count_rounded(tap::rounded_integers(value, message));
         let answer = answer.content(&mut inner.redactor);
         self.close(inner, answer, came)
+    }
+
+    fn count_rounded(&self, integers: u64) {
+        if integers > 0 {
+            let report = &self.setup.report;
+            report.count(|counts| counts.rounded_integers += integers);
+        }
     }
 
     /// Notes that the result of a call will not come the way it should have, if it has not come; where the stream can be

@@ -1,6 +1,7 @@
 //! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC, and the tasks in whose name
 //! results come later. Whatever else it is, it is not looked into.
 
+use reel_import::long_integers;
 use reel_redact::{Redactions, Redactor, Scope};
 use reel_world::ToolCall;
 use serde::Deserialize;
@@ -260,6 +261,27 @@ impl ServerMessage {
         let method = self.method.as_ref()?.as_str()?;
         (method.starts_with("notifications/tasks") && told.get("taskId")? == task_id)
             .then(|| told.clone())
+    }
+}
+
+/// How many integers of a message are none in its value, which was read from it: 64 bits do not
+/// hold them.
+pub(crate) fn rounded_integers(value: &Value, message: &[u8]) -> u64 {
+    fn is_rounded(value: &Value) -> bool {
+        match value {
+            Value::Number(number) => number
+                .as_f64()
+                .is_some_and(|size| number.is_f64() && size.abs() >= i64::MAX as f64),
+            Value::Array(items) => items.iter().any(is_rounded),
+            Value::Object(fields) => fields.values().any(is_rounded),
+            Value::Null | Value::Bool(_) | Value::String(_) => false,
+        }
+    }
+    // Few messages have such numbers: the others are not looked at once more.
+    if is_rounded(value) {
+        long_integers(message).len() as u64
+    } else {
+        0
     }
 }
 
@@ -572,5 +594,18 @@ mod tests {
         let short = refusal(&json!(1), &why, Some(120)).unwrap();
         assert!(short.len() <= 120 && short.contains("not recorded"));
         assert_eq!(refusal(&json!(1), &why, Some(20)), None);
+    }
+
+    #[test]
+    fn integers_that_no_64_bits_hold_are_counted() {
+        let count = |text: &str| {
+            let value: Value = serde_json::from_str(text).unwrap();
+            rounded_integers(&value, text.as_bytes())
+        };
+        let [fitting, long] = [
+            "[9223372036854775807, -9223372036854775808, 18446744073709551615, 1e30]",
+            r#"{"a": [18446744073709551616], "b": {"c": -12345678901234567890123}, "d": "99999999999999999999"}"#,
+        ];
+        assert_eq!([fitting, long].map(count), [0, 2]);
     }
 }

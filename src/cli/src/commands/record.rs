@@ -437,6 +437,10 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
             (counts.refused, "refused"),
             (counts.too_large, "messages over the limit"),
             (counts.strange, "messages not of the protocol"),
+            (
+                counts.rounded_integers,
+                "integers of more than 64 bits, written as the nearest fraction",
+            ),
             (counts.opaque_connections, "connections not understood"),
             (counts.images_rejected, "images left out"),
             (counts.open_rewards, "episodes with an open reward"),
@@ -464,6 +468,7 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Exi
         println!("{text}");
     }
     let lost = counts.unrecorded + counts.refused + counts.too_large + counts.images_rejected;
+    let lost = lost + counts.rounded_integers;
     Ok(if lost > 0 {
         ExitStatus::Partial
     } else {

@@ -121,6 +121,17 @@ fn conversations_of_other_agents_become_training_rows() {
         );
         assert!(told.starts_with("2 examples"), "{format}: {told}");
         reel!(here, "dataset lint {format}");
+        let card = fs::read_to_string(here.join(format).join("README.md")).unwrap();
+        assert!(
+            card.contains("\nDecisions of agents that call tools"),
+            "{card}"
+        );
+        assert!(
+            card.contains("task_categories:\n- text-generation\n"),
+            "{card}"
+        );
+        assert!(card.contains("tags:\n- tool-use\nconfigs:"), "{card}");
+        assert!(card.contains("| Tool of the last turn |"), "{card}");
     }
     let words = "export sft --store store --style multi-turn --format llama-factory --allow-unverified --out words";
     let left_out = expect(here, 0, words);

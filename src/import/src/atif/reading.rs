@@ -31,8 +31,6 @@ use crate::{
 
 /// Tells folders of unfinished traces apart.
 static NEXT: AtomicU64 = AtomicU64::new(0);
-/// Most digits of an integer that a message shows.
-const DIGITS_SHOWN: usize = 40;
 /// Largest document that is read.
 const BYTES_MAX: u64 = 1 << 30;
 
@@ -108,23 +106,19 @@ pub fn import(
             result => results.push(result),
         }
     }
-    let (without_value, long) = (
-        lenient::numbers_without_value(&bytes),
-        lenient::long_integers(&bytes),
-    );
+    let without_value = lenient::numbers_without_value(&bytes);
     if let (1.., Some(first)) = (without_value, results.iter_mut().flatten().next()) {
         first.notes.push(format!(
             "numbers that are NaN or Infinity are read as null: {without_value}"
         ));
     }
-    if let (Some(example), Some(first)) = (long.first(), results.iter_mut().flatten().next()) {
+    if let (Some(what), Some(first)) = (
+        lenient::long_integers_told(&bytes),
+        results.iter_mut().flatten().next(),
+    ) {
         first.losses.push(ImportLoss {
             file: source.to_owned(),
-            message: format!(
-                "integers of more than 64 bits are read as the nearest number of 64: {}, such as {}; write them as texts",
-                long.len(),
-                example.chars().take(DIGITS_SHOWN).collect::<String>()
-            ),
+            message: what,
         });
     }
     Ok(results)

@@ -119,11 +119,20 @@ impl Episode<'_> {
         if ids.is_empty() {
             decisions.push(Decision::new(ToolCall::new(SPOKEN_TURN, json!({}))));
         }
+        let mut is_answered = vec![false; ids.len()];
         for result in turn.observation.into_iter().flat_map(|seen| seen.results) {
             let of = result.source_call_id.clone();
-            let number = of
-                .as_ref()
-                .and_then(|id| ids.iter().position(|known| known == id));
+            // Calls with the same id have their results in turn.
+            let number = of.as_ref().and_then(|id| {
+                let mut named = (0..ids.len()).filter(|number| ids[*number] == *id);
+                let first = named.next()?;
+                let next = [first]
+                    .into_iter()
+                    .chain(named)
+                    .find(|number| !is_answered[*number]);
+                Some(next.unwrap_or(first))
+            });
+            number.inspect(|number| is_answered[*number] = true);
             if let (Some(id), None) = (&of, number) {
                 let id = id.escape_debug();
                 self.notes.push(format!("{place}: a result names call {id}, which is none of this turn; it goes to the last one"));

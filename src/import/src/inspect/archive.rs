@@ -40,8 +40,11 @@ impl Archive {
         self.zip.index_for_name(name).is_some()
     }
 
-    /// One of its documents.
-    pub(super) fn read<T: DeserializeOwned>(&mut self, name: &str) -> Result<T, String> {
+    /// One of its documents, and what no value of it can hold.
+    pub(super) fn read<T: DeserializeOwned>(
+        &mut self,
+        name: &str,
+    ) -> Result<(T, Option<String>), String> {
         let named = |why: &dyn std::fmt::Display| format!("{}: {why}", name.escape_debug());
         let entry = self.zip.by_name(name).map_err(|error| named(&error))?;
         let mut bytes = Vec::new();
@@ -52,7 +55,8 @@ impl Archive {
                 "larger than {BYTES_MAX} bytes, which are read at most"
             )));
         }
-        lenient::document(&bytes).map_err(|error| named(&error))
+        let document = lenient::document(&bytes).map_err(|error| named(&error))?;
+        Ok((document, lenient::long_integers_told(&bytes)))
     }
 }
 

@@ -13,7 +13,7 @@ use super::{
     model::{Content, Header, Message, Part, Sample, Spec, Usage},
 };
 use crate::{
-    ImportError, ImportOptions, ImportedEpisode, SuccessRule,
+    ImportError, ImportLoss, ImportOptions, ImportedEpisode, SuccessRule,
     atif::{
         Agent, Call, CallResult, Content as Words, Episode, LogFacts, Media, OURS, Observation,
         Part as WordsPart, Source, Step, StepMetrics, Trajectory, VERSION, read_file,
@@ -79,21 +79,33 @@ pub fn import(
         rule,
     };
     let mut results = Vec::new();
-    let mut keep = |sample: Result<ImportedEpisode, ImportError>| match sample {
-        Err(ImportError::Trace(error)) => Err(ImportError::Trace(error)),
-        result => {
-            results.push(result);
-            Ok(())
+    let mut keep = |sample: Result<ImportedEpisode, ImportError>, lost: Option<String>| {
+        let lost = lost.map(|message| ImportLoss {
+            file: source.to_owned(),
+            message,
+        });
+        match sample {
+            Err(ImportError::Trace(error)) => return Err(ImportError::Trace(error)),
+            Ok(mut imported) => {
+                imported.losses.extend(lost);
+                results.push(Ok(imported));
+            }
+            refused => results.push(refused),
         }
+        Ok(())
     };
     if source.extension().is_some_and(|end| end == "json") {
         let bytes = read_file(source, BYTES_MAX).map_err(&refuse)?;
         let header: Header = lenient::document(&bytes)
             .map_err(|error| refuse(format!("not a log of Inspect: {error}")))?;
+        // The document is read at once: the first sample tells what is lost of any.
+        let mut lost = lenient::long_integers_told(&bytes);
         for (number, sample) in (1..).zip(header.samples.unwrap_or_default()) {
             let sample = serde_json::from_value(sample)
                 .map_err(|error| refuse(format!("sample {number} is not understood: {error}")));
-            keep(sample.and_then(|sample| log.sample(&header.eval, sample)))?;
+            let sample = sample.and_then(|sample| log.sample(&header.eval, sample));
+            let lost = if sample.is_ok() { lost.take() } else { None };
+            keep(sample, lost)?;
         }
     } else {
         let mut archive = Archive::open(source).map_err(&refuse)?;
@@ -101,10 +113,12 @@ pub fn import(
         let names = ["header.json", "_journal/start.json"];
         let name = names.iter().find(|name| archive.has(name));
         let name = name.ok_or_else(|| refuse("no log of Inspect: it has no header".to_owned()))?;
-        let header: Header = archive.read(name).map_err(&refuse)?;
+        let (header, _): (Header, _) = archive.read(name).map_err(&refuse)?;
         for name in archive.samples() {
-            let sample = archive.read(&name).map_err(&refuse);
-            keep(sample.and_then(|sample| log.sample(&header.eval, sample)))?;
+            match archive.read(&name).map_err(&refuse) {
+                Ok((sample, lost)) => keep(log.sample(&header.eval, sample), lost)?,
+                Err(error) => keep(Err(error), None)?,
+            }
         }
     }
     if results.is_empty() {
@@ -298,8 +312,8 @@ fn number_of(label: &str) -> Option<f64> {
     }
 }
 
-/// The tools that were declared to the model, each as it was declared first. A log names them with
-/// every inference.
+/// The tools that were declared to the model, each as it was declared first: a log names all of
+/// them with every inference of the model.
 fn tools(sample: &Sample) -> Vec<Value> {
     let mut names = BTreeSet::new();
     let declared = sample.events.iter().flat_map(|event| &event.tools);
@@ -334,8 +348,10 @@ fn turns(sample: Sample) -> (Vec<Step>, Vec<String>) {
         steps: Vec::new(),
         left_out: Vec::new(),
     };
-    let asked = |message: &Message| message.role == "user";
-    if let (false, Value::String(input)) = (sample.messages.iter().any(asked), &sample.input) {
+    let before = |message: &&Message| message.role != "assistant";
+    let mut opening = sample.messages.iter().take_while(before);
+    let is_asked = opening.any(|message| message.role == "user");
+    if let (false, Value::String(input)) = (is_asked, &sample.input) {
         reader.say(Source::User, Words::Text(input.clone()));
     }
     for message in sample.messages {

@@ -1,11 +1,15 @@
 //! Traces are written as the samples of a log.
 
-use std::{collections::BTreeMap, io, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io,
+    path::Path,
+};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_trace::Trace;
 use reel_world::{
-    Task,
+    ErrorCode, Task,
     record::{EndReason, EndRecord, Score, StepRecord},
 };
 use serde::Serialize;
@@ -41,8 +45,8 @@ fn json_of(document: &impl Serialize) -> serde_json::Result<Vec<u8>> {
 pub struct LogWriter {
     archive: ArchiveWriter,
     policy: String,
-    /// How often each task was played.
-    epochs: BTreeMap<String, u32>,
+    /// The epochs of each task that are written.
+    epochs: BTreeMap<String, BTreeSet<u32>>,
     summaries: Vec<Value>,
     /// Sum and number of each score that is a number.
     scores: BTreeMap<String, (f64, u32)>,
@@ -65,15 +69,26 @@ impl LogWriter {
         })
     }
 
-    /// Adds an episode as a sample, with its images. The second episode of a task is its second
-    /// epoch.
+    /// Adds an episode as a sample, with its images. Its epoch is its number among the rollouts of
+    /// its group, if none of the task has that; else the next one that is free.
     ///
     /// # Errors
     /// When a record cannot be written as JSON, or the file not at all.
     pub fn add(&mut self, trace: &Trace) -> io::Result<()> {
-        let epoch = self.epochs.entry(trace.task.task_id.clone()).or_default();
-        *epoch += 1;
-        let sample = sample(trace, *epoch)?;
+        let epochs = self.epochs.entry(trace.task.task_id.clone()).or_default();
+        let numbered = trace
+            .header
+            .rollout_index
+            .and_then(|index| index.checked_add(1));
+        let numbered = numbered.filter(|epoch| !epochs.contains(epoch));
+        let free = || {
+            (1..)
+                .find(|epoch| !epochs.contains(epoch))
+                .unwrap_or_default()
+        };
+        let epoch = numbered.unwrap_or_else(free);
+        epochs.insert(epoch);
+        let sample = sample(trace, epoch)?;
         let usage = sample.output.usage.unwrap_or_default();
         self.tokens.input_tokens += usage.input_tokens;
         self.tokens.output_tokens += usage.output_tokens;
@@ -116,7 +131,8 @@ impl LogWriter {
             let mean = json!({"name": "mean", "value": sum / f64::from(*count), "params": {}});
             json!({"name": name, "scorer": name, "params": {}, "metrics": {"mean": mean}})
         });
-        let epochs = self.epochs.values().max().copied().unwrap_or(1);
+        let epochs = self.epochs.values().filter_map(BTreeSet::last).max();
+        let epochs = epochs.copied().unwrap_or(1);
         let id = reel_world::Digest::of_json(&self.summaries).to_string();
         let ids: Vec<&String> = self.epochs.keys().collect();
         let header = json!({
@@ -317,7 +333,11 @@ fn decision(
             function: Some(record.input.call.name.clone()),
             error: record.outcome.error.map(|code| CallError {
                 kind: "unknown".to_owned(),
-                message: code.as_str().to_owned(),
+                // Which code it has tells more than words, but for agents with tools of their own.
+                message: match &record.outcome.text {
+                    text if code == ErrorCode::BackendError && !text.is_empty() => text.clone(),
+                    _ => code.as_str().to_owned(),
+                },
             }),
             ..said("tool", words)
         });

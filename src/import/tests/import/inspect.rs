@@ -187,3 +187,98 @@ fn faults_and_missing_scores_are_written_as_inspect_reads_them() {
     let scores = |result| trace(result).end.unwrap().reported.scores;
     assert_eq!(scores(&again[1]).len(), 3);
 }
+
+/// The samples of a log that Reel writes of these results, by their names in the archive.
+fn written(results: &[Result<ImportedEpisode, ImportError>], path: &Path) -> Vec<(String, Value)> {
+    let mut writer = LogWriter::create(path, "some/model").unwrap();
+    for result in results {
+        writer.add(&trace(result)).unwrap();
+    }
+    writer.finish("2026-01-01T00:00:00+00:00").unwrap();
+    let mut zip = ZipArchive::new(File::open(path).unwrap()).unwrap();
+    let names: Vec<String> = zip.file_names().map(str::to_owned).collect();
+    let samples = names
+        .into_iter()
+        .filter(|name| name.starts_with("samples/"));
+    samples
+        .map(|name| {
+            let value = serde_json::from_reader(zip.by_name(&name).unwrap()).unwrap();
+            (name, value)
+        })
+        .collect()
+}
+
+#[test]
+fn epochs_keep_their_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("log.json"), folder.path().join("out"));
+    let of_epoch = |epoch: u32| {
+        format!(
+            r#"{{"id": "build", "epoch": {epoch}, "input": "Mend it.",
+                "messages": [{{"role": "assistant", "content": "answer {epoch}"}}]}}"#
+        )
+    };
+    let header = r#""eval": {"task": "builds", "model": "m", "config": {"epochs": 3}}"#;
+    let samples: Vec<String> = [3, 1, 2].map(of_epoch).into();
+    let text = format!(r#"{{{header}, "samples": [{}]}}"#, samples.join(", "));
+    fs::write(&log, text).unwrap();
+    let samples = written(&results(&log, &out), &folder.path().join("written.eval"));
+    assert_eq!(samples.len(), 3);
+    for (name, sample) in samples {
+        let epoch = sample["epoch"].as_u64().unwrap();
+        assert_eq!(name, format!("samples/builds/build_epoch_{epoch}.json"));
+        let said = sample["messages"].to_string();
+        assert!(said.contains(&format!("answer {epoch}")), "{said}");
+    }
+}
+
+#[test]
+fn what_others_rarely_write_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, other) = (
+        folder.path().join("log.json"),
+        folder.path().join("log.eval"),
+    );
+    let call = |function: &str, count: &str| {
+        format!(r#"{{"id": "same", "function": "{function}", "arguments": {{"count": {count}}}}}"#)
+    };
+    let long = "12345678901234567890123";
+    // The agent speaks first, two of its calls have one name, and one of them cannot be kept.
+    let sample = format!(
+        r#"{{"id": "rare", "epoch": 1, "input": "Mend it.", "messages": [
+            {{"role": "assistant", "content": "", "tool_calls": [{}, {}]}},
+            {{"role": "tool", "tool_call_id": "same", "content": "first"}},
+            {{"role": "tool", "tool_call_id": "same", "content": "", "error": {{"type": "timeout", "message": "too slow"}}}},
+            {{"role": "user", "content": "And?"}}]}}"#,
+        call("read", long),
+        call("write", "1")
+    );
+    document(&one, std::slice::from_ref(&sample));
+    archive(&other, &[sample]);
+    for (log, out) in [(&one, "of-json"), (&other, "of-eval")] {
+        let results = results(log, &folder.path().join(out));
+        let losses = &results[0].as_ref().unwrap().losses;
+        assert_eq!(losses.len(), 1, "{losses:?}");
+        assert!(losses[0].message.contains(long), "{losses:?}");
+        let read = trace(&results[0]);
+        assert_eq!(read.task.instruction, "Mend it.");
+        let texts: Vec<&str> = read
+            .steps
+            .iter()
+            .map(|it| it.outcome.text.as_str())
+            .collect();
+        assert_eq!(texts, ["first", "too slow\nAnd?"]);
+        let again = folder.path().join(format!("{out}.eval"));
+        let [(_, sample)] = &written(&results, &again)[..] else {
+            panic!("one sample")
+        };
+        let errors = sample["messages"].as_array().unwrap().iter();
+        let errors: Vec<&str> = errors
+            .filter_map(|message| message["error"]["message"].as_str())
+            .collect();
+        assert!(
+            errors.iter().any(|error| error.starts_with("too slow")),
+            "{errors:?}"
+        );
+    }
+}
