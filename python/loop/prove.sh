@@ -86,6 +86,8 @@ done
 # shellcheck disable=SC2086
 stage reinforce "$PYTHON" "$here/gspo.py" "$data/seeing" --tasks "$data/train" --out "$data/gspo" --steps "$STEPS" --reel "$REEL" $GSPO
 last="$data/gspo/step_$(printf %03d "$STEPS")"
+# A step in the middle once more, from its weights and its traces: the same weights, bit for bit.
+stage repeat-step "$PYTHON" "$here/gspo.py" --replay-step $(((STEPS + 1) / 2)) --out "$data/gspo" --reel "$REEL"
 stage play-learned play "$last" learned
 # As it was trained: with draws. The same seeds give the same draws.
 stage play-seeing-sampled play "$data/seeing" seeing-sampled --temperature 1

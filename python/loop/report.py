@@ -9,6 +9,7 @@ import html
 import json
 import math
 import pathlib
+import resource
 import typing
 
 import evaluate
@@ -112,6 +113,14 @@ def throughput(steps: list[Json]) -> Json:
     }
 
 
+def executed_share(reel: str, training: pathlib.Path, step: Json) -> float:
+    """The share of CPU that simulator and frames had in the play of a step: what a replay of its rollouts, which needs no model, takes of it."""
+    children = lambda: sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+    began = children()
+    rollouts.run([reel, "replay", str(training / "rollouts" / f"step_{step['step']:03}" / "traces"), "--jobs", "1"])
+    return (children() - began) / (step["seconds"]["play"]["model"] + step["seconds"]["play"]["reel"])
+
+
 def rewards_checked(reel: str, stores: list[pathlib.Path]) -> int:
     """How many stores hold rewards that are, recomputed, equal bit for bit. Fails on the first that differs."""
     for store in stores:
@@ -142,7 +151,7 @@ def main() -> None:
             "largest_difference_of_log_and_traces": max(step["apart"] for step in log["steps"]),
             "largest_difference_of_sampled_and_scored": max(step["sampled_to_scored"] for step in steps),
         },
-        "throughput": throughput(steps),
+        "throughput": {**throughput(steps), "cpu_share_simulator_and_frames": executed_share(reel, folder / "gspo", steps[-1])},
         "seconds": {path.name.removeprefix("done."): int(path.read_text()) for path in sorted(folder.glob("done.*"))},
         "steps": [{"success": step["success"], "return": step["return"]} for step in steps],
     }

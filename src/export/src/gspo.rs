@@ -231,8 +231,8 @@ struct StepRow {
 /// An episode that is in a group.
 struct Rollout {
     worth: GroupReturn,
-    /// The decision with which the preset is done with the episode; `None` if the rewards are those
-    /// that were recorded.
+    /// The decision with which the preset is done with the episode; `None` if that goes on to its
+    /// end.
     last: Option<u32>,
     decisions: Vec<StepRow>,
 }
@@ -275,12 +275,11 @@ fn grouped(
     }
     rollouts::group(&mut chosen, &options.rollouts, options.seed, left_out)?;
     let rollout = |candidate: select::Candidate| {
-        let calls = candidate.decisions.iter().map(|decision| decision.call);
         Some((
             candidate.episode_id,
             Rollout {
                 worth: candidate.worth?,
-                last: preset.and_then(|_| calls.max()),
+                last: candidate.paid_until,
                 decisions: Vec::new(),
             },
         ))

@@ -81,7 +81,8 @@ pub(crate) fn rescore(
             // an episode that breaks off before the preset is done has no return
             let ended = candidate.discounted_return.is_some() || reward.ending().is_some();
             candidate.discounted_return = ended.then(|| reward.discounted_return());
-            if let Some((last, _)) = reward.ending() {
+            candidate.paid_until = reward.ending().map(|(last, _)| last);
+            if let Some(last) = candidate.paid_until {
                 let before = candidate.decisions.len();
                 candidate.decisions.retain(|decision| decision.call <= last);
                 later += before - candidate.decisions.len();

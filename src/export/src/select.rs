@@ -94,6 +94,9 @@ pub(crate) struct Candidate {
     pub discounted_return: Option<f64>,
     /// What each step pays: as recorded, or under the preset of the export.
     pub rewards: Arc<[f64]>,
+    /// The call with which the preset of the export is done with the episode; none where the record
+    /// goes on to its end.
+    pub paid_until: Option<u32>,
     /// What it was worth in its group, once that is known.
     pub worth: Option<GroupReturn>,
 }
@@ -118,6 +121,7 @@ impl Candidate {
             group_id: None,
             discounted_return: None,
             rewards: Arc::new([]),
+            paid_until: None,
             worth: None,
         }
     }
@@ -311,6 +315,7 @@ fn candidate(
         group_id: row.group_id.map(str::to_owned),
         discounted_return: row.discounted_return,
         rewards: row.steps.iter().map(|step| step.reward).collect(),
+        paid_until: None,
         worth: None,
     })
 }

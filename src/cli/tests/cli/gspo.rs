@@ -651,3 +651,43 @@ fn decisions_after_the_preset_is_done_are_left_out() {
         );
     }
 }
+
+/// A preset that goes on to the end of an episode counts every answer of it, also those at the end
+/// that no call could be read from.
+#[test]
+fn unreadable_answers_at_the_end_count_under_a_preset() {
+    const READ: &str =
+        "<think>Look.</think>\n{\"next action\":{\"args\":{},\"tool_name\":\"show_receptacles\"}}";
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "1");
+    let mut first = None;
+    let url = answering(move |request| {
+        let prompt = request["messages"].clone();
+        let text = match *first.get_or_insert_with(|| prompt.clone()) == prompt {
+            true => READ,
+            false => "<think>Hm.\n",
+        };
+        let token = |word: &str| serde_json::json!({ "token": word, "logprob": -0.5 });
+        let content: Vec<Value> = text.split_inclusive(' ').map(token).collect();
+        let mut answer = completion(text);
+        answer["choices"][0]["logprobs"] = serde_json::json!({ "content": content });
+        answer
+    });
+    let bench = "bench --tasks tasks --agent real-agent --model old --no-images --repeat 2 --logprobs --out played";
+    let mut arguments: Vec<&str> = bench.split(' ').collect();
+    arguments.extend(["--endpoint", &url]);
+    expect(here, 0, &arguments);
+    reel!(here, "ingest played --store store");
+    let tokens = |preset: &str| -> Value {
+        let command = "dataset gspo --store store --new old --advantage ngrpo --json";
+        let told: Value = serde_json::from_str(&reel!(here, "{command} {preset}")).unwrap();
+        told["report"]["tokens"].clone()
+    };
+    let printed = reel!(here, "trace logprobs list played");
+    let all: usize = listed(&printed).values().map(Vec::len).sum();
+    assert!(all > 3, "{printed}");
+    for preset in ["", "--preset paper", "--preset real-trainer"] {
+        assert_eq!(tokens(preset), all, "{preset}");
+    }
+}
