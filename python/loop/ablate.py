@@ -4,13 +4,16 @@
     python ablate.py gspo --preset real-trainer --trained gspo-real-trainer     # and whether it came true in a training under that preset
 
 Rewards are computed again from the traces, and with them returns and advantages of the same groups. `rank` is the mean over groups of Spearman's
-correlation of the advantages. To first order, a step changes a behaviour by its covariance with the advantage within groups (policy gradient
-theorem). So the other reward should lead to more of what varies more with its advantages: that is the forecast. A second training with the same
-seed has the same tasks at each step, so the two differ in pairs; the later half of the steps is compared, with a bootstrap interval over steps.
+correlation of the advantages. A step that makes answers likelier by their advantage changes a behaviour by its covariance with the advantage within
+groups, so the other reward should lead to more of what varies more with its advantages. That is the forecast, a rule of thumb: GSPO also divides by
+the length of an episode, and behaviours share weights. A second training with the same seed has the same tasks at each step, so the two differ in
+pairs of rollouts of a task. The first half of the steps that both have gives the forecast, the second half is compared, with a bootstrap interval
+over tasks; where it holds 0, nothing is decided.
 """
 
 import argparse
 import collections
+import dataclasses
 import json
 import math
 import pathlib
@@ -24,6 +27,7 @@ BEHAVIOURS = {
     "questions": "(SELECT count(*) FROM steps s WHERE s.episode_id = e.episode_id AND s.tool = 'ask')",
     "failed calls": "(SELECT count(*) FROM steps s WHERE s.episode_id = e.episode_id AND s.error_code IS NOT NULL)",
 }
+ROUNDING = 1e-9  # advantages nearer to 0 than this have no sign
 Json = dict[str, typing.Any]
 Groups = dict[str, dict[str, float]]  # advantages by group and episode
 
@@ -41,11 +45,19 @@ def advantages(reel: str, store: pathlib.Path, objective: Json, preset: str | No
     return found
 
 
-def behaviour(reel: str, store: pathlib.Path) -> dict[str, dict[str, float]]:
+@dataclasses.dataclass(frozen=True)
+class Did:
+    """What an episode did."""
+
+    task: str
+    values: dict[str, float]
+
+
+def behaviour(reel: str, store: pathlib.Path) -> dict[str, Did]:
     """What each episode of a store did."""
     columns = ", ".join(f'{expression} AS "{name}"' for name, expression in BEHAVIOURS.items())
-    told = rollouts.run([reel, "query", "--store", str(store), "--json", f"SELECT e.episode_id, {columns} FROM episodes e"])
-    return {row["episode_id"]: {name: float(row[name] or 0) for name in BEHAVIOURS} for row in json.loads(told)}
+    told = rollouts.run([reel, "query", "--store", str(store), "--json", f"SELECT e.episode_id, e.task_id, {columns} FROM episodes e"])
+    return {row["episode_id"]: Did(row["task_id"], {name: float(row[name] or 0) for name in BEHAVIOURS}) for row in json.loads(told)}
 
 
 def ranks(values: list[float]) -> list[float]:
@@ -69,7 +81,7 @@ def mean(values: list[float]) -> float:
     return sum(values) / len(values) if values else math.nan
 
 
-def forecast(steps: list[tuple[Groups, Groups, dict[str, dict[str, float]]]]) -> Json:
+def forecast(steps: list[tuple[Groups, Groups, dict[str, Did]]]) -> Json:
     """Rank correlation of the advantages of two rewards, and the covariance of each behaviour with both, over the groups of some steps."""
     correlations, flipped, count = list[float](), 0, 0
     covariances: dict[str, tuple[list[float], list[float]]] = {name: ([], []) for name in BEHAVIOURS}
@@ -81,26 +93,34 @@ def forecast(steps: list[tuple[Groups, Groups, dict[str, dict[str, float]]]]) ->
             one, two = [known[name] for name in episodes], [other[group][name] for name in episodes]
             found = correlation(ranks(one), ranks(two))
             correlations += [found] if found is not None else []
-            flipped += sum(a * b < 0 for a, b in zip(one, two))
+            flipped += sum(a * b < 0 and min(abs(a), abs(b)) > ROUNDING for a, b in zip(one, two))
             count += len(episodes)
             for name, (first, second) in covariances.items():
-                values = [did[episode][name] for episode in episodes]
+                values = [did[episode].values[name] for episode in episodes]
                 first.append(covariance(one, values))
                 second.append(covariance(two, values))
     return {
-        "groups": len(covariances["success"][0]), "rollouts": count, "rank": mean(correlations), "signs_flipped": flipped / max(1, count),
+        "groups": len(covariances["success"][0]), "groups_ranked": len(correlations), "rollouts": count, "rank": mean(correlations), "signs_flipped": flipped / max(1, count),
         "behaviours": {name: {"recorded": mean(first), "other": mean(second)} for name, (first, second) in covariances.items()},
     }
 
 
-def came_true(told: Json, recorded: list[Json], trained: list[Json]) -> None:
-    """Adds what a training under the other reward did more of, at the same tasks, in the later half of the steps."""
-    later = range(min(len(recorded), len(trained)) // 2, min(len(recorded), len(trained)))
-    for name, one in told["behaviours"].items():
-        differences = [trained[step][name] - recorded[step][name] for step in later]
-        one["difference"], one["interval"] = mean(differences), evaluate.interval(differences)
-        sign = (one["other"] - one["recorded"]) * one["difference"]
-        one["held"] = sign > 0 if sign else None  # nothing was forecast, or nothing differs
+def by_task(step: dict[str, Did], name: str) -> dict[str, float]:
+    """The mean of a behaviour over the rollouts of each task."""
+    values: dict[str, list[float]] = collections.defaultdict(list)
+    for one in step.values():
+        values[one.task].append(one.values[name])
+    return {task: mean(some) for task, some in values.items()}
+
+
+def came_true(behaviours: Json, recorded: list[dict[str, Did]], trained: list[dict[str, Did]]) -> None:
+    """Adds to a forecast what a training under the other reward did more of, in some steps with the same tasks."""
+    for name, one in behaviours.items():
+        pairs = [(by_task(base, name), by_task(other, name)) for base, other in zip(recorded, trained)]
+        differences = [other[task] - base[task] for base, other in pairs for task in sorted(base.keys() & other.keys())]
+        one["difference"], one["interval"] = mean(differences), evaluate.interval(differences, [str(place) for place in range(len(differences))])
+        decided = one["interval"][0] > 0 or one["interval"][1] < 0
+        one["held"] = (one["other"] - one["recorded"]) * one["difference"] > 0 if decided else None
 
 
 def main() -> None:
@@ -114,15 +134,18 @@ def main() -> None:
     objective = json.loads((chosen.training / "training.json").read_text())["objective"]
     stores = lambda folder: [folder / json.loads(line)["store"] for line in (folder / "steps.jsonl").read_text().splitlines()]
     did = lambda folder: [behaviour(chosen.reel, store) for store in stores(folder)]
-    by_step = lambda some: [{name: mean([one[name] for one in step.values()]) for name in BEHAVIOURS} for step in some]
     recorded = did(chosen.training)
-    told = forecast([
+    steps = [
         (advantages(chosen.reel, store, objective, objective["preset"]), advantages(chosen.reel, store, objective, chosen.preset), known)
         for store, known in zip(stores(chosen.training), recorded)
-    ])
+    ]
+    told: Json = {"preset": chosen.preset, **forecast(steps)}
     if chosen.trained:
-        came_true(told, by_step(recorded), by_step(did(chosen.trained)))
-    told["preset"] = chosen.preset
+        trained = did(chosen.trained)
+        both = min(len(recorded), len(trained))
+        half = max(1, both // 2)
+        told["behaviours"], told["steps_of_forecast"], told["steps_compared"] = forecast(steps[:half])["behaviours"], half, both - half
+        came_true(told["behaviours"], recorded[half:both], trained[half:both])
     print(json.dumps(told, indent=1))
     if chosen.out:
         chosen.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

@@ -4,21 +4,22 @@
     python evaluate.py play checkpoint --reel reel --tasks held-out --out played/seeing --max-minutes 20   # further options go to reel bench
     python evaluate.py compare played/seeing played/blind --reel reel
 
-Differences are paired by task and seed: success with the exact test of McNemar, completion with a sign-flip test, both with a bootstrap
-interval over tasks.
+Differences are paired by task and seed: success with the exact test of McNemar, completion with a sign-flip test, both over episodes. Their
+intervals are by bootstrap over homes, which episodes share.
 """
 
 import argparse
+import collections
 import dataclasses
 import json
 import math
 import pathlib
 import random
-import subprocess
 import typing
 
 import checkpoint
 import play
+import rollouts
 import server
 
 DRAWS = 10_000
@@ -42,16 +43,24 @@ def played(chosen: argparse.Namespace) -> play.Spent:
 def episodes(reel: str, traces: pathlib.Path) -> dict[tuple[str, int], dict[str, typing.Any]]:
     """Success and completion by task and seed, from a store of the traces."""
     store = traces.with_suffix(".store")
-    subprocess.run([reel, "ingest", str(traces), "--store", str(store)], check=True, capture_output=True)
-    query = "SELECT task_id, seed, family, success, completion, total_reward, length FROM episodes ORDER BY task_id, seed"
-    said = subprocess.run([reel, "query", "--store", str(store), "--json", query], check=True, capture_output=True, text=True).stdout
-    return {(row["task_id"], row["seed"]): row for row in json.loads(said)}
+    rollouts.run([reel, "ingest", str(traces), "--store", str(store)])
+    query = "SELECT task_id, seed, scene_id, family, success, completion, total_reward, length FROM episodes ORDER BY task_id, seed"
+    said = json.loads(rollouts.run([reel, "query", "--store", str(store), "--json", query]))
+    return {(row["task_id"], row["seed"]): row for row in said}
 
 
-def interval(differences: list[float], seed: int = 0) -> tuple[float, float]:
-    """The 95% interval of the mean, by bootstrap."""
-    rng, count = random.Random(seed), len(differences)
-    means = sorted(sum(rng.choices(differences, k=count)) / count for _ in range(DRAWS))
+def interval(differences: list[float], groups: list[str], seed: int = 0) -> tuple[float, float]:
+    """The 95% interval of the mean, by bootstrap over groups of differences that may depend on each other."""
+    members: dict[str, list[float]] = collections.defaultdict(list)
+    for difference, group in zip(differences, groups):
+        members[group].append(difference)
+    sums, rng = [(sum(some), len(some)) for some in members.values()], random.Random(seed)
+
+    def mean() -> float:
+        total, count = map(sum, zip(*rng.choices(sums, k=len(sums))))
+        return total / count
+
+    means = sorted(mean() for _ in range(DRAWS))
     return means[int(0.025 * DRAWS)], means[int(0.975 * DRAWS) - 1]
 
 
@@ -80,15 +89,16 @@ def compare(one: dict[tuple[str, int], dict[str, typing.Any]], other: dict[tuple
     if not shared:
         raise SystemExit("the two share no task and seed; play the same tasks with the same --seed")
     gains = [int(one[key]["success"]) - int(other[key]["success"]) for key in shared]
+    homes = [one[key]["scene_id"] for key in shared]
     completion = [one[key]["completion"] - other[key]["completion"] for key in shared]
     mean = lambda values: sum(values) / len(shared)
     return {
         "episodes": len(shared),
         "success": [mean([int(side[key]["success"]) for key in shared]) for side in (one, other)],
         "completion": [mean([side[key]["completion"] for key in shared]) for side in (one, other)],
-        "success_difference": mean(gains), "success_interval": interval([float(gain) for gain in gains]),
+        "success_difference": mean(gains), "success_interval": interval([float(gain) for gain in gains], homes),
         "flips": [gains.count(1), gains.count(-1)], "mcnemar_p": mcnemar(gains.count(1), gains.count(-1)),
-        "completion_difference": mean(completion), "completion_interval": interval(completion), "completion_p": sign_flip(completion),
+        "completion_difference": mean(completion), "completion_interval": interval(completion, homes), "completion_p": sign_flip(completion),
     }
 
 

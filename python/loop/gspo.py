@@ -6,7 +6,8 @@
 A step plays groups of rollouts with the weights of that moment (`reel bench`), exports them as rows with their advantages (`reel export rl`,
 which replays every episode and refuses one that is not exact), and updates the weights a few times, each time over groups of its own. What an
 update scored stands in the traces afterwards: policies `new` (the weights before its update) and `ref` (the policy that training began with).
-`reel dataset gspo` computes ratio, clip shares, KL and loss from the traces alone, and a step fails if they differ from what it used.
+`reel dataset gspo` computes ratio, clip shares, KL and loss from the traces alone, and a step that differs from them is not kept. Rollouts are
+drawn at temperature 1, at which their log-probabilities are. The KL is estimated by `k3` and differentiated as it stands, as trainers of GRPO do.
 
 Log-probabilities are scored in 32 bits, as in the server. Gradients go through products in 16 bits, each token weighted by the derivative of
 the objective at the scored values. `steps.jsonl` has a line for each step, `step_N/` the weights after it. What was broken off goes on.
@@ -54,10 +55,9 @@ class Options:
     advantage: str = "paper"
     returns: str = "paper"
     preset: str = ""  # rewards; the recorded ones if empty
-    temperature: float = 1.0
     max_tokens: int = 100  # the longest answer of the training set has 74
     tokens: int = 6144  # most tokens in a batch
-    bf16: bool = True  # products of matrices in gradients in 16 bits
+    bf16: bool = True  # products of matrices in gradients in 16 bits (default: where the processor has them)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +167,7 @@ def resume(folder: pathlib.Path, options: Options, threads: int) -> tuple[Learne
     policy, tokenizer = checkpoint.load(folder)
     learner = Learner(policy, options, threads)
     kept = checkpoint.training(folder)
-    if kept and "optimizer" in kept and "updates" not in kept:
+    if kept:
         learner.steps.load_state_dict(kept["optimizer"])
     return learner, tokenizer
 
@@ -195,7 +195,7 @@ def step(number: int, learner: Learner, tokenizer: Tokenizer, ref: model.Policy,
     with server.Server(learner.policy, tokenizer, play.NAME, 0, chosen.batch, chosen.threads) as served:
         served.begin()
         what = play.Play(
-            chosen.reel, rollouts.gather(drawn, here / "tasks"), here / "traces", options.temperature, options.seed + 1000 * number, options.size,
+            chosen.reel, rollouts.gather(drawn, here / "tasks"), here / "traces", 1.0, options.seed + 1000 * number, options.size,
             options.max_tokens, chosen.jobs, True, ("--run", f"{chosen.out.name}-step-{number}"),
         )
         spent = play.bench(served, what, quiet=True)
@@ -246,6 +246,10 @@ def train(chosen: argparse.Namespace, options: Options) -> None:
     start = time.monotonic()
     while done < chosen.steps and (chosen.minutes is None or time.monotonic() - start < 60 * chosen.minutes):
         line = step(done + 1, learner, tokenizer, ref, tasks, chosen)
+        if line["log_to_traces"] > CLOSE or line["sampled_to_scored"] > CLOSE:
+            raise SystemExit(
+                f"step {done + 1} is not kept: the traces do not give what the update used (log to traces {line['log_to_traces']}, sampled to scored {line['sampled_to_scored']})"
+            )
         done += 1
         save(chosen.out / f"step_{done:03}", learner, tokenizer)
         with log.open("a", encoding="utf-8") as file:
@@ -257,8 +261,6 @@ def train(chosen: argparse.Namespace, options: Options) -> None:
             f"log to traces {line['log_to_traces']:.1e}, {line['episodes']} episodes, seconds {json.dumps(seconds)}",
             flush=True,
         )
-        if line["log_to_traces"] > CLOSE or line["sampled_to_scored"] > CLOSE:
-            raise SystemExit(f"step {done}: the traces do not give what the update used (log to traces {line['log_to_traces']}, sampled to scored {line['sampled_to_scored']})")
 
 
 def replay_step(chosen: argparse.Namespace) -> None:
@@ -292,14 +294,14 @@ def main() -> None:
     for field in dataclasses.fields(Options):
         if field.type is not bool:
             parser.add_argument(f"--{field.name.replace('_', '-')}", type=field.type, default=field.default)
-    parser.add_argument("--fp32", action="store_true", help="gradients in 32 bits")
+    parser.add_argument("--fp32", action="store_true", help="gradients in 32 bits, also where the processor multiplies in 16")
     chosen = parser.parse_args()
     if chosen.replay_step:
         replay_step(chosen)
         return
     if not chosen.checkpoint or not chosen.tasks:
         parser.error("name the checkpoint to begin with, and --tasks")
-    train(chosen, Options(**{field.name: getattr(chosen, field.name) for field in dataclasses.fields(Options) if field.type is not bool}, bf16=not chosen.fp32))
+    train(chosen, Options(**{field.name: getattr(chosen, field.name) for field in dataclasses.fields(Options) if field.type is not bool}, bf16=model.multiplies_16_bits() and not chosen.fp32))
 
 
 if __name__ == "__main__":

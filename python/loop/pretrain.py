@@ -204,7 +204,7 @@ def train(config: model.Config, batches: Batches, updates: int, rate: float, siz
         for group in steps.param_groups:
             group["lr"] = rate * min(1.0, (update + 1) / 50, 0.02 + (updates - update) / (0.4 * updates))
         pixels, labels, filled = batches.get(chosen)
-        with model.products_in_16_bits(True):
+        with model.products_in_16_bits(model.multiplies_16_bits()):
             grids = encoder.grids(pixels)
         value = loss(heads(grids), labels, filled)
         steps.zero_grad(set_to_none=True)

@@ -1,10 +1,11 @@
-"""Writes the report of a loop, `report.html` and `report.json`, from what `prove.sh` left in a folder, and prints its tables.
+"""Writes the report of a loop, `report.html`, `report.svg` and `report.json`, from what `prove.sh` left in a folder, and prints its tables.
 
     python report.py loop-data --reel reel
 """
 
 import argparse
 import collections.abc
+import dataclasses
 import html
 import json
 import math
@@ -16,7 +17,7 @@ import evaluate
 import rollouts
 
 POLICIES = {
-    "untrained": "random weights", "blind": "SFT, images replaced by zeros", "seeing": "SFT", "learned": "SFT, then GSPO",
+    "untrained": "random weights, 10 tokens an answer", "blind": "SFT, images replaced by zeros", "seeing": "SFT", "learned": "SFT, then GSPO",
     "seeing-sampled": "SFT, temperature 1", "learned-sampled": "SFT, then GSPO, temperature 1",
 }
 PAIRS = [("seeing", "untrained"), ("seeing", "blind"), ("learned", "seeing"), ("learned-sampled", "seeing-sampled")]
@@ -53,21 +54,58 @@ class Page:
         self.html.append(f"<pre>{html.escape(text)}</pre>")
         self.text.append(text)
 
-    def curve(self, title: str, values: list[float]) -> None:
-        """A line over the steps of a training, as SVG."""
-        width, height, left, top, bottom = 640, 240, 56, 34, 28
-        low, high = min([0.0, *values]), max(values) or 1.0
-        x = lambda step: left + (width - left - 16) * (step / max(1, len(values) - 1))
-        y = lambda value: height - bottom - (height - bottom - top) * (value - low) / ((high - low) or 1.0)
-        parts = [f'<text x="{left}" y="18" font-weight="bold">{html.escape(title)}</text>']
-        for value in (low, (low + high) / 2, high):
-            parts.append(f'<line x1="{left}" x2="{width - 16}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#ccc"/>')
-            parts.append(f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
-        for step in (1, len(values)):
-            parts.append(f'<text x="{x(step - 1):.1f}" y="{height - 8}" text-anchor="middle">{step}</text>')
-        points = " ".join(f"{x(step):.1f},{y(value):.1f}" for step, value in enumerate(values))
-        parts.append(f'<polyline points="{points}" fill="none" stroke="#1f6feb" stroke-width="2"/>')
-        self.html.append(f'<svg viewBox="0 0 {width} {height}" width="{width}" font-family="sans-serif" font-size="12">{"".join(parts)}</svg>')
+    def picture(self, drawn: "Picture") -> None:
+        self.html.append(drawn.svg())
+
+
+WIDTH, HEIGHT = 640, 240
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """A drawing as wide as the page."""
+
+    body: str
+    height: int = HEIGHT
+
+    def svg(self) -> str:
+        head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {self.height}" width="{WIDTH}" font-family="sans-serif" font-size="12">'
+        return f'{head}<rect width="{WIDTH}" height="{self.height}" fill="#fff"/>{self.body}</svg>'
+
+    def above(self, other: "Picture") -> "Picture":
+        return Picture(f'{self.body}<g transform="translate(0 {self.height})">{other.body}</g>', self.height + other.height)
+
+
+def curve(title: str, values: list[float]) -> Picture:
+    """A line over the steps of a training."""
+    left, top, bottom = 56, 34, 28
+    low, high = min([0.0, *values]), max(values) or 1.0
+    x = lambda step: left + (WIDTH - left - 16) * (step / max(1, len(values) - 1))
+    y = lambda value: HEIGHT - bottom - (HEIGHT - bottom - top) * (value - low) / ((high - low) or 1.0)
+    parts = [f'<text x="{left}" y="18" font-weight="bold">{html.escape(title)}</text>']
+    for value in (low, (low + high) / 2, high):
+        parts.append(f'<line x1="{left}" x2="{WIDTH - 16}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#ccc"/>')
+        parts.append(f'<text x="{left - 6}" y="{y(value) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
+    for step in (1, len(values)):
+        parts.append(f'<text x="{x(step - 1):.1f}" y="{HEIGHT - 8}" text-anchor="middle">{step}</text>')
+    points = " ".join(f"{x(step):.1f},{y(value):.1f}" for step, value in enumerate(values))
+    parts.append(f'<polyline points="{points}" fill="none" stroke="#1f6feb" stroke-width="2"/>')
+    return Picture("".join(parts))
+
+
+def bars(title: str, shares: list[tuple[str, int, int]]) -> Picture:
+    """A bar for each (name, hits, count), with its 95% interval."""
+    left, top, row = 250, 30, 26
+    x = lambda share: left + (WIDTH - left - 70) * share / most
+    most = max(wilson(hits, count)[1] for _, hits, count in shares) or 1.0
+    parts = [f'<text x="8" y="18" font-weight="bold">{html.escape(title)}</text>']
+    for place, (name, hits, count) in enumerate(shares):
+        y, (low, high) = top + row * place, wilson(hits, count)
+        parts.append(f'<text x="{left - 8}" y="{y + 15}" text-anchor="end">{html.escape(name)}</text>')
+        parts.append(f'<rect x="{left}" y="{y + 3}" width="{x(hits / count) - left:.1f}" height="16" fill="#9cc2f5"/>')
+        parts.append(f'<line x1="{x(low):.1f}" x2="{x(high):.1f}" y1="{y + 11}" y2="{y + 11}" stroke="#1f3a63" stroke-width="2"/>')
+        parts.append(f'<text x="{x(high) + 8:.1f}" y="{y + 15}">{hits / count:.1%}</text>')
+    return Picture("".join(parts), top + row * len(shares) + 8)
 
 
 def smooth(values: list[float], span: int = 5) -> list[float]:
@@ -121,6 +159,12 @@ def executed_share(reel: str, training: pathlib.Path, step: Json) -> float:
     return (children() - began) / (step["seconds"]["play"]["model"] + step["seconds"]["play"]["reel"])
 
 
+def replayed(reel: str, training: pathlib.Path) -> int:
+    """How many rollouts replay exactly, with the log-probabilities that training added to them. Fails if one does not."""
+    traces = sorted(training.glob("rollouts/step_*/traces"))
+    return sum(json.loads(line)["verdict"] == "exact" for line in rollouts.run([reel, "replay", "--json", *map(str, traces)]).splitlines())
+
+
 def rewards_checked(reel: str, stores: list[pathlib.Path]) -> int:
     """How many stores hold rewards that are, recomputed, equal bit for bit. Fails on the first that differs."""
     for store in stores:
@@ -146,7 +190,7 @@ def main() -> None:
         "policies": {name: {"episodes": len(rows), "success": sum(bool(row["success"]) for row in rows.values())} for name, rows in played.items()},
         "comparisons": compared,
         "rollouts": {
-            "steps": len(steps), "episodes": sum(step["episodes"] for step in steps), "replayed_exactly": sum(step["episodes"] for step in steps),
+            "steps": len(steps), "episodes": sum(step["episodes"] for step in steps), "replayed_exactly": replayed(reel, chosen.folder / "gspo"),
             "stores_with_rewards_equal_bit_for_bit": rewards_checked(reel, stores),
             "largest_difference_of_log_and_traces": max(step["apart"] for step in log["steps"]),
             "largest_difference_of_sampled_and_scored": max(step["sampled_to_scored"] for step in steps),
@@ -163,15 +207,25 @@ def main() -> None:
         ["paired", "episodes", "success, points", "won : lost", "p (McNemar)", "completion, points", "p (sign flip)"],
         [comparison(name, found) for name, found in compared.items()],
     )
+    counts = [(POLICIES[name], sum(bool(row["success"]) for row in rows.values()), len(rows)) for name, rows in played.items()]
+    pictures = [
+        bars("success in homes never seen, 95 %", counts),
+        curve("success of the rollouts of GSPO by step, mean of five", smooth([step["success"] for step in steps])),
+        curve("return of the rollouts by step, mean of five", smooth([step["return"] for step in steps])),
+        curve("KL from the SFT policy", [sum(update["kl"] for update in step["updates"]) / len(step["updates"]) for step in steps]),
+    ]
+    (folder / "report.svg").write_text(pictures[0].above(pictures[1]).svg() + "\n", encoding="utf-8")
+    page.picture(pictures[0])
     page.heading("Rollouts of GSPO")
-    page.curve("success of the rollouts by step, mean of five", smooth([step["success"] for step in steps]))
-    page.curve("return of the rollouts by step, mean of five", smooth([step["return"] for step in steps]))
-    page.curve("KL from the SFT policy", [sum(update["kl"] for update in step["updates"]) / len(step["updates"]) for step in steps])
+    for drawn in pictures[1:]:
+        page.picture(drawn)
     page.table(["", ""], [*((name.replace("_", " "), value) for name, value in report["rollouts"].items()), *((name.replace("_", " "), f"{value:.3g}") for name, value in report["throughput"].items())])
     page.heading(f"Under the reward {ablated['preset']}")
     page.table(["", ""], [
         ["rank correlation of the advantages, mean over groups", f"{ablated['rank']:.2f}"],
-        ["rollouts whose advantage changes its sign", f"{ablated['signs_flipped']:.1%}"], ["groups", ablated["groups"]],
+        ["rollouts whose advantage changes its sign", f"{ablated['signs_flipped']:.1%}"],
+        ["groups, and those whose advantages vary under both", f"{ablated['groups']}, {ablated['groups_ranked']}"],
+        ["steps of the forecast, and steps compared", f"{ablated['steps_of_forecast']}, {ablated['steps_compared']}"],
     ])
     page.table(
         ["behaviour", "covariance with the advantage", "under the other reward", "trained under it, difference at the same tasks", "95 %", "as forecast"],

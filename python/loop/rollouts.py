@@ -136,5 +136,4 @@ def add_logprobs(reel: str, here: pathlib.Path, decisions: list[Decision], score
 def figures(told: dict[str, typing.Any]) -> dict[str, float]:
     """The figures of `reel dataset gspo --json` that an update logs."""
     report = told["report"]
-    ratios = [one["ratio"] for one in report["sequences"]]
-    return {"loss": report["loss"], "ratio": sum(ratios) / len(ratios), "low": report["clipped"]["low"], "high": report["clipped"]["high"], "kl": report["kl"]}
+    return {"loss": report["loss"], "ratio": report["ratio"][1], "low": report["clipped"]["low"], "high": report["clipped"]["high"], "kl": report["kl"]}

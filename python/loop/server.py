@@ -11,6 +11,7 @@ vLLM does, so that a trainer scores exactly the tokens that were drawn.
 import argparse
 import base64
 import binascii
+import contextlib
 import dataclasses
 import hashlib
 import http.server
@@ -72,8 +73,9 @@ class Writer:
         while True:
             some = [self.waiting.get()]
             time.sleep(0.003)
-            while len(some) < self.most and not self.waiting.empty():
-                some.append(self.waiting.get())
+            with contextlib.suppress(queue.Empty):  # another thread may take the last one
+                while len(some) < self.most:
+                    some.append(self.waiting.get_nowait())
             began = time.monotonic()
             try:
                 for one, answer in zip(some, generate.answers(self.policy, [one.question for one in some])):

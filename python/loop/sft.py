@@ -155,7 +155,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--layers", type=int, default=4)
     parser.add_argument("--tokens", type=int, default=6144, help="most tokens in a batch")
-    parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits")
+    parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits, also where the processor has those in 16")
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
     chosen = parser.parse_args()
 
@@ -165,7 +165,7 @@ def main() -> None:
     config = model.Config(len(tokenizer), width=chosen.width, layers=chosen.layers, blind=chosen.blind)
     encoder = torch.load(chosen.encoder, weights_only=True) if chosen.encoder else None
     name = hashlib.blake2b(chosen.encoder.read_bytes(), digest_size=16).hexdigest() if chosen.encoder else ""
-    options = Options(chosen.updates, chosen.comparisons, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=not chosen.fp32, encoder=name)
+    options = Options(chosen.updates, chosen.comparisons, chosen.seed, chosen.rate, tokens=chosen.tokens, bf16=model.multiplies_16_bits() and not chosen.fp32, encoder=name)
     rows = [data.row(tokenizer, config, one) for one in examples]
     mean = lambda counts: round(sum(counts) / len(rows), 1)
     prompts, answers = mean([len(one.prompt) for one in rows]), mean([len(one.answer) for one in rows])

@@ -361,19 +361,26 @@ class Forecasting(unittest.TestCase):
 
     def test_the_reward_that_pays_for_a_behaviour_leads_to_more_of_it(self) -> None:
         names = ["a", "b", "c", "d"]
-        did = {name: {**dict.fromkeys(ablate.BEHAVIOURS, 0.0), "questions": float(index), "success": float(index % 2)} for index, name in enumerate(names)}
-        pays_success = {"g": {name: did[name]["success"] - 0.5 for name in names}}
-        pays_questions = {"g": {name: did[name]["questions"] - 1.5 for name in names}}
+        values = lambda **known: {**dict.fromkeys(ablate.BEHAVIOURS, 0.0), **known}
+        did = {name: ablate.Did("t", values(questions=float(index), success=float(index % 2))) for index, name in enumerate(names)}
+        pays_success = {"g": {name: did[name].values["success"] - 0.5 for name in names}}
+        pays_questions = {"g": {name: did[name].values["questions"] - 1.5 for name in names}}
         told = ablate.forecast([(pays_success, pays_questions, did)])
-        self.assertEqual((told["groups"], told["rollouts"]), (1, 4))
+        self.assertEqual((told["groups"], told["groups_ranked"], told["rollouts"]), (1, 1, 4))
         self.assertGreater(told["behaviours"]["questions"]["other"], told["behaviours"]["questions"]["recorded"])
         self.assertAlmostEqual(told["signs_flipped"], 0.5)
-        steps = lambda questions: [dict(dict.fromkeys(ablate.BEHAVIOURS, 0.0), questions=questions)] * 4
-        ablate.came_true(told, steps(1.0), steps(2.0))
-        self.assertTrue(told["behaviours"]["questions"]["held"])
-        self.assertEqual(told["behaviours"]["questions"]["interval"], (1.0, 1.0))
-        ablate.came_true(told, steps(2.0), steps(1.0))
-        self.assertFalse(told["behaviours"]["questions"]["held"])
+        step = lambda *asked: {str(index): ablate.Did(f"t{index % 2}", values(questions=count)) for index, count in enumerate(asked)}
+        few, more, mixed = [[step(*asked)] * 4 for asked in ((1.0, 1.0, 1.0, 1.0), (1.0, 3.0, 3.0, 3.0), (2.0, 0.0, 2.0, 0.0))]
+        for base, other, held in ((few, more, True), (more, few, False), (few, mixed, None)):
+            ablate.came_true(told["behaviours"], base, other)
+            self.assertIs(told["behaviours"]["questions"]["held"], held)
+        ablate.came_true(told["behaviours"], few, more)
+        self.assertEqual(told["behaviours"]["questions"]["difference"], 1.5)
+
+    def test_advantages_that_are_rounding_have_no_sign(self) -> None:
+        did = {name: ablate.Did("t", dict.fromkeys(ablate.BEHAVIOURS, 0.0)) for name in "ab"}
+        told = ablate.forecast([({"g": {"a": 1.0, "b": -1.0}}, {"g": {"a": -1e-11, "b": 1e-11}}, did)])
+        self.assertEqual(told["signs_flipped"], 0)
 
 
 class Serving(unittest.TestCase):
@@ -451,8 +458,12 @@ class Statistics(unittest.TestCase):
         self.assertAlmostEqual(evaluate.mcnemar(3, 2), 1.0)
         self.assertLess(evaluate.sign_flip([1.0] * 10), 0.01)
         self.assertGreater(evaluate.sign_flip([1.0, -1.0] * 5), 0.5)
-        low, high = evaluate.interval([0.0, 1.0] * 50)
+        alone, homes = [str(index) for index in range(100)], [str(index // 10) for index in range(100)]
+        low, high = evaluate.interval([0.0, 1.0] * 50, alone)
         self.assertTrue(0.3 < low < 0.5 < high < 0.7)
+        self.assertEqual(evaluate.interval([0.0, 1.0] * 50, homes), (0.5, 0.5))  # all homes are alike
+        wide = evaluate.interval([float(index // 10 % 2) for index in range(100)], homes)
+        self.assertGreater(wide[1] - wide[0], 2 * (high - low))
 
 
 if __name__ == "__main__":
