@@ -34,13 +34,9 @@ Groups = dict[str, dict[str, float]]  # advantages by group and episode
 
 def advantages(reel: str, store: pathlib.Path, objective: Json, preset: str | None) -> Groups:
     """Advantages of a step's rollouts by group and episode, under a preset or as recorded."""
-    command = [
-        reel, "dataset", "gspo", "--store", str(store), "--new", objective["old"], "--returns", objective["returns"],
-        "--advantage", objective["advantage"], "--group-size", str(objective["group_size"]), "--json",
-    ]
-    told = json.loads(rollouts.run([*command, *(["--preset", preset] if preset else [])]))
+    told = rollouts.gspo(reel, store, {**objective, "new": objective["old"], "reference": None, "beta": 0.0, "preset": preset})
     found: Groups = collections.defaultdict(dict)
-    for one in told["report"]["sequences"]:
+    for one in told["sequences"]:
         found[one["group"]][one["episode_id"]] = one["advantage"]
     return found
 

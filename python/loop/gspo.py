@@ -59,6 +59,13 @@ class Options:
     tokens: int = 6144  # most tokens in a batch
     bf16: bool = True  # products of matrices in gradients in 16 bits (default: where the processor has them)
 
+    def objective(self) -> dict[str, typing.Any]:
+        """What `reel train log` reads: the objective in the names of `reel dataset gspo`."""
+        return {
+            "old": "old", "new": "new", "reference": "ref", "epsilon": self.epsilon, "epsilon_high": self.epsilon_high, "beta": self.beta,
+            "returns": self.returns, "advantage": self.advantage, "group_size": self.size, "preset": self.preset or None,
+        }
+
 
 @dataclasses.dataclass(frozen=True)
 class Metrics:
@@ -174,13 +181,7 @@ def resume(folder: pathlib.Path, options: Options, threads: int) -> tuple[Learne
 
 def compare(reel: str, store: pathlib.Path, lines: list[dict[str, typing.Any]], options: Options) -> float:
     """The largest difference between what the step used and what `reel dataset gspo` computes from the traces."""
-    command = [
-        reel, "dataset", "gspo", "--store", str(store), "--new", "new", "--ref", "ref", "--beta", str(options.beta), "--epsilon", str(options.epsilon),
-        "--epsilon-high", str(options.epsilon_high), "--returns", options.returns, "--advantage", options.advantage, "--group-size", str(options.size), "--json",
-    ]
-    if options.preset:
-        command += ["--preset", options.preset]
-    found = rollouts.figures(json.loads(rollouts.run(command)))
+    found = rollouts.figures(rollouts.gspo(reel, store, options.objective()))
     episodes = sum(line["episodes"] for line in lines)
     used = {name: math.fsum(line[name] * line["episodes"] for line in lines) / episodes for name in found}
     return max(abs(found[name] - used[name]) for name in found)
@@ -226,12 +227,7 @@ def train(chosen: argparse.Namespace, options: Options) -> None:
     """All steps that are not done."""
     chosen.out.mkdir(parents=True, exist_ok=True)
     about = chosen.out / "training.json"
-    # What `reel train log` reads: the objective in the names of `reel dataset gspo`.
-    objective = {
-        "old": "old", "new": "new", "reference": "ref", "epsilon": options.epsilon, "epsilon_high": options.epsilon_high, "beta": options.beta,
-        "returns": options.returns, "advantage": options.advantage, "group_size": options.size, "preset": options.preset or None,
-    }
-    known = {"start": str(chosen.checkpoint), "tasks": str(chosen.tasks), "options": dataclasses.asdict(options), "objective": objective}
+    known = {"start": str(chosen.checkpoint), "tasks": str(chosen.tasks), "options": dataclasses.asdict(options), "objective": options.objective()}
     if about.exists() and json.loads(about.read_text()) != known:
         raise SystemExit(f"{chosen.out} holds a training with other options; name another folder or remove it")
     about.write_text(json.dumps(known, indent=1))

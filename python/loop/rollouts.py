@@ -133,7 +133,15 @@ def add_logprobs(reel: str, here: pathlib.Path, decisions: list[Decision], score
     run([reel, "ingest", str(here / "traces"), "--store", str(here / "store")])
 
 
-def figures(told: dict[str, typing.Any]) -> dict[str, float]:
-    """The figures of `reel dataset gspo --json` that an update logs."""
-    report = told["report"]
+def gspo(reel: str, store: pathlib.Path, objective: dict[str, typing.Any]) -> dict[str, typing.Any]:
+    """What `reel dataset gspo` reports of a store; the objective is that of `training.json`."""
+    command = [reel, "dataset", "gspo", "--store", str(store), "--json"]
+    for name, value in objective.items():
+        if value is not None:
+            command += ["--" + {"reference": "ref"}.get(name, name).replace("_", "-"), str(value)]
+    return json.loads(run(command))["report"]
+
+
+def figures(report: dict[str, typing.Any]) -> dict[str, float]:
+    """The figures of a report that an update logs."""
     return {"loss": report["loss"], "ratio": report["ratio"][1], "low": report["clipped"]["low"], "high": report["clipped"]["high"], "kl": report["kl"]}

@@ -8,6 +8,7 @@ use reel_counterfactual::{
     attribution::clustered_interval,
     regression::{Flip, Pairing, RunEpisode, flips, pair, read_run},
 };
+use reel_query::statistics::mcnemar;
 use serde_json::json;
 
 use super::Arguments;
@@ -176,7 +177,8 @@ impl Summary {
             failed_in_both: is([false, false]),
             difference: share(recovered) - share(regressed),
             interval: interval.or((discordant == 0).then_some([0.0, 0.0])),
-            p: mcnemar(regressed, recovered),
+            p: mcnemar(regressed as f64, recovered as f64)
+                .expect("counts of pairs are whole numbers below ten million"),
         }
     }
 
@@ -202,18 +204,6 @@ impl Summary {
             self.failed_in_both
         );
     }
-}
-
-/// The two-sided p-value of McNemar's exact test: twice the smaller tail of Binomial(n, 1/2).
-fn mcnemar(regressed: usize, recovered: usize) -> f64 {
-    let n = regressed + recovered;
-    let mut log_term = -(n as f64) * std::f64::consts::LN_2;
-    let mut tail = log_term.exp();
-    for k in 1..=regressed.min(recovered) {
-        log_term += ((n - k + 1) as f64 / k as f64).ln();
-        tail += log_term.exp();
-    }
-    (2.0 * tail).min(1.0)
 }
 
 fn print(summary: &Summary, all: &[Flip], pairing: &Pairing, arguments: &Arguments) {
@@ -270,16 +260,4 @@ fn example(flip: &Flip) {
         }
     }
     println!("    reel diff {} {}", a.trace.display(), b.trace.display());
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_p_value_is_the_binomial_tail() {
-        assert!((mcnemar(9, 1) - 22.0 / 1024.0).abs() < 1e-12);
-        assert!((mcnemar(0, 0) - 1.0).abs() < 1e-12);
-        assert!((mcnemar(5, 5) - 1.0).abs() < 1e-12);
-    }
 }
