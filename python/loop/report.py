@@ -172,6 +172,23 @@ def rewards_checked(reel: str, stores: list[pathlib.Path]) -> int:
     return len(stores)
 
 
+def other_reward(page: Page, ablated: Json) -> None:
+    """What another reward would have led to, and did."""
+    page.heading(f"Under the reward {ablated['preset']}")
+    page.table(["", ""], [
+        ["rank correlation of the advantages, mean over groups", f"{ablated['rank']:.2f}"],
+        ["rollouts whose advantage changes its sign", f"{ablated['signs_flipped']:.1%}"],
+        ["groups, and those whose advantages vary under both", f"{ablated['groups']}, {ablated['groups_ranked']}"],
+    ])
+    head = ["behaviour", "covariance with the advantage", "under the other reward"]
+    rows = [[name, f"{one['recorded']:+.3f}", f"{one['other']:+.3f}"] for name, one in ablated["behaviours"].items()]
+    if "steps_compared" in ablated:
+        head += [f"trained under it: difference in {ablated['steps_compared']} steps", "95 %", "as forecast"]
+        for row, one in zip(rows, ablated["behaviours"].values()):
+            row += [f"{one['difference']:+.3f}", "[{:+.3f}, {:+.3f}]".format(*one["interval"]), {True: "yes", False: "no", None: "-"}[one["held"]]]
+    page.table(head, rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=pathlib.Path)
@@ -184,7 +201,7 @@ def main() -> None:
     stores = sorted((folder / "gspo" / "rollouts").glob("step_*/store"))
     log = json.loads(rollouts.run([reel, "train", "log", str(folder / "gspo"), "--json"]))
     changes = rollouts.run([reel, "train", "changes", str(folder / "played/seeing.store"), str(folder / "played/learned.store")])
-    ablated = json.loads((folder / "ablated.json").read_text())
+    ablated = json.loads((folder / "ablated.json").read_text()) if (folder / "ablated.json").exists() else None
     report = {
         "ablation": ablated,
         "policies": {name: {"episodes": len(rows), "success": sum(bool(row["success"]) for row in rows.values())} for name, rows in played.items()},
@@ -220,20 +237,8 @@ def main() -> None:
     for drawn in pictures[1:]:
         page.picture(drawn)
     page.table(["", ""], [*((name.replace("_", " "), value) for name, value in report["rollouts"].items()), *((name.replace("_", " "), f"{value:.3g}") for name, value in report["throughput"].items())])
-    page.heading(f"Under the reward {ablated['preset']}")
-    page.table(["", ""], [
-        ["rank correlation of the advantages, mean over groups", f"{ablated['rank']:.2f}"],
-        ["rollouts whose advantage changes its sign", f"{ablated['signs_flipped']:.1%}"],
-        ["groups, and those whose advantages vary under both", f"{ablated['groups']}, {ablated['groups_ranked']}"],
-        ["steps of the forecast, and steps compared", f"{ablated['steps_of_forecast']}, {ablated['steps_compared']}"],
-    ])
-    page.table(
-        ["behaviour", "covariance with the advantage", "under the other reward", "trained under it, difference at the same tasks", "95 %", "as forecast"],
-        [
-            [name, f"{one['recorded']:+.3f}", f"{one['other']:+.3f}", f"{one['difference']:+.3f}", "[{:+.3f}, {:+.3f}]".format(*one["interval"]), {True: "yes", False: "no", None: "-"}[one["held"]]]
-            for name, one in ablated["behaviours"].items()
-        ],
-    )
+    if ablated:
+        other_reward(page, ablated)
     page.heading("What GSPO changed")
     page.preformatted(changes)
     page.heading("Seconds by stage")
