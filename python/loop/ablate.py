@@ -139,7 +139,9 @@ def main() -> None:
     if chosen.trained:
         trained = did(chosen.trained)
         both = min(len(recorded), len(trained))
-        half = max(1, both // 2)
+        if both < 2:
+            raise SystemExit(f"{chosen.training} and {chosen.trained} share {both} steps; a forecast and its check need one each at least")
+        half = both // 2
         told["behaviours"], told["steps_of_forecast"], told["steps_compared"] = forecast(steps[:half])["behaviours"], half, both - half
         came_true(told["behaviours"], recorded[half:both], trained[half:both])
     print(json.dumps(told, indent=1))
