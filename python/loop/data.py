@@ -12,7 +12,7 @@ from torch import Tensor
 
 import images
 from model import Config, Policy, Sequences
-from notes import compared, weighed
+from notes import lacking
 from tokenizer import ANSWER, END, IMAGE, Tokenizer
 
 MARK = "<image>"  # stands for the image in the text of a prompt
@@ -21,7 +21,7 @@ RECEPTACLE = re.compile(r"\b([a-z]+(?:_[a-z]+)*)_(\d+)\b")
 DESTINATION = re.compile(r'"receptacle_name": ?"([^"]+)"')
 NAMED_ROOM = re.compile(r"\b(?:at|want|bring it to) [^;<]*? in the ([a-z ]+?)(?:;|</think>)")
 HISTORY = re.compile(r'"History": ?"\d+\) ([^"]*)"')
-JUDGED = re.compile(r"want ([^;<]+); (([a-z_]+_\d+) in [^;<]+); (?:[a-z]+ )*?(yes|no(?: [a-z]+)?)</think>")
+JUDGED = re.compile(r"want ([^;<]+); (([a-z_]+_\d+) in [^;<]+); (yes|no[^;<]*)</think>")
 SAW = re.compile(r"saw ([^0-9]+) (\d+: .+)")
 OBSERVED = "Last observation: "  # where the part of a prompt begins that the image is in
 
@@ -79,7 +79,7 @@ def is_noted(one: Example) -> bool:
 def contradicts_named_room(one: Example) -> bool:
     """Whether the expert goes to another room than the task names: the oracle's plan visits look-alikes wherever they stand."""
     goes, wanted = DESTINATION.search(one.answer), NAMED_ROOM.search(one.answer)
-    if not goes or not wanted or one.answer.partition("</think>")[0].endswith(" yes"):
+    if not goes or not wanted or "; yes" in one.answer:
         return False
     rooms = {room.split("/")[0] for room, listed in ROOM.findall(one.prompt) if goes[1] in listed.split(", ")}
     return wanted[1] not in rooms
@@ -116,25 +116,25 @@ class Comparisons:
         """A comparison for the image of a decision."""
         judged = JUDGED.search(one.answer)
         if judged:
-            wanted, fits = self.receptacle(one.scene, judged, rng)
-            told = f"{judged[2]}; {compared(wanted, category(judged[3]), judged[2], fits)}"
+            wanted, verdict = self.receptacle(one.scene, judged, rng)
+            seen = judged[2]
         else:
             sought, objects = self.saw(one) or ("", {})
             wanted, verdict = self.thing(sought, objects, rng)
-            told = f"{weighed(wanted, sought, objects)}; {verdict}"
+            seen = "; ".join(f"{number}: {look}" for number, look in objects.items())
         prompt = f"want {wanted}\n{one.prompt[one.prompt.index(OBSERVED) :]}"
-        return dataclasses.replace(one, prompt=prompt, answer=f"want {wanted}; {told}")
+        return dataclasses.replace(one, prompt=prompt, answer=f"want {wanted}; {seen}; {verdict}")
 
-    def receptacle(self, home: str, judged: re.Match[str], rng: random.Random) -> tuple[str, bool]:
-        """What is wanted of a receptacle, and whether the one that is seen is it."""
+    def receptacle(self, home: str, judged: re.Match[str], rng: random.Random) -> tuple[str, str]:
         known = self.wanted.get((home, category(judged[3])), {})
         fitting = sorted(phrase for phrase, name in known.items() if name == judged[3])
         others = sorted(phrase for phrase, name in known.items() if name != judged[3])
         if fitting and (not others or rng.random() < 0.5):
-            return rng.choice(fitting), True
+            return rng.choice(fitting), "yes"
         if others:
-            return rng.choice(others), False
-        return judged[1], judged[4] == "yes"
+            wanted = rng.choice(others)
+            return wanted, "no" + lacking(wanted, judged[2])
+        return judged[1], judged[4]
 
     def thing(self, sought: str, objects: dict[str, str], rng: random.Random) -> tuple[str, str]:
         looks = list(objects.values())

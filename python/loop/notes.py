@@ -40,24 +40,11 @@ def phrase(instruction: str, captions: collections.abc.Iterable[str], fallback: 
     return instruction[start : start + len(longest)] or fallback
 
 
-def compared(wanted: str, category: str, seen: str, fits: bool | None = None) -> str:
-    """What is wanted held against what is seen, a word at a time: the words that both have, then `yes`, or `no` and the first that is lacking.
-
-    `black no bedroom`, `black handles yes`. `fits` is the verdict where the expert knows it; the words decide otherwise. A small model finds one
-    word among others much more surely than it judges a whole phrase at once.
-    """
+def lacking(wanted: str, seen: str) -> str:
+    """The first word of what is wanted that what is seen does not have, with a space before it; empty if there is none."""
     words, bare = lambda text: re.findall(r"[a-z]+", text.lower()), lambda word: word.removesuffix("s")
-    there, kind = {*map(bare, words(seen))}, re.sub("[^a-z]", "", category.lower())
-    asked = [word for word in words(wanted) if word not in LITTLE and not kind.startswith(bare(word)) and not kind.endswith(bare(word))]
-    missing = next((index for index, word in enumerate(asked) if bare(word) not in there), len(asked))
-    if fits if fits is not None else missing == len(asked):
-        return " ".join([*(word for word in asked if bare(word) in there), "yes"])
-    return " ".join([*asked[:missing], "no", *asked[missing : missing + 1]])
-
-
-def weighed(wanted: str, category: str, looks: dict[str, str]) -> str:
-    """Each of several numbered things, held against what is wanted: `1: red, no white; 2: white glass, white yes`."""
-    return "; ".join(f"{number}: {one}, {compared(wanted, category, one)}" for number, one in looks.items())
+    there = {*map(bare, words(seen)), *LITTLE}
+    return next((f" {word}" for word in words(wanted) if bare(word) not in there and word not in LITTLE), "")
 
 
 def described(category: str, attributes: dict[str, list[str]], room: str = "") -> list[str]:
@@ -168,14 +155,13 @@ class Episode:
             here = last["input"]["call"]["arguments"]["receptacle_name"]
             wanted, place = (self.destination, self.task["dest"]) if held else (self.source, self.task["src"])
             fits = here == place or (not held and tool == "show_object_by_category")
-            return f"want {wanted}; {seen}; {compared(wanted, self.places[here]['category'], seen, fits)}"
+            return f"want {wanted}; {seen}; {'yes' if fits else 'no' + lacking(wanted, seen)}"
         if held:
             return f"bring it to {self.destination}"
         if last.get("tool") in ("show_object_by_category", "gaze_at") and seen:
             chosen = str((step["input"]["call"]["arguments"] or {}).get("marker_id", ""))
             verdict = f"{chosen} fits" if tool in ("gaze_at", "pick") and chosen else "unclear" if tool == "ask" else "no"
-            looks = dict(part.split(": ", 1) for part in seen.split("; "))
-            return f"want {self.wanted}; {weighed(self.wanted, self.objects[self.task['target']]['category'], looks)}; {verdict}"
+            return f"want {self.wanted}; {seen}; {verdict}"
         if last.get("tool") == "ask":
             return f"want {self.told}"
         return f"want {self.wanted}"

@@ -153,17 +153,14 @@ class Comparing(unittest.TestCase):
     def arrival(self, wanted: str, seen: str, verdict: str, home: str = "home") -> data.Example:
         return self.decision(home, f'<think>want {wanted}; {seen}; {verdict}</think>\n{{"summary":{{"History":"1) at {seen}"}}}}')
 
-    def test_what_is_wanted_is_held_against_what_is_seen_word_by_word(self) -> None:
-        for wanted, seen, fits, said in [
-            ("gray cabinet", "cabinet_2 in toilet: oak, silver handles", None, "no gray"),
-            ("cabinet with brass handles in the study", "cabinet_2 in study: oak, brass handle", None, "brass handles study yes"),
-            ("black cabinet in the study", "cabinet_2 in toilet: black", None, "black no study"),
-            ("cabinet with the blue door", "cabinet_2 in study: oak", True, "yes"),  # the expert knows what no image shows
-            ("oak cabinet", "cabinet_2 in study: oak", False, "oak no"),
+    def test_the_first_word_that_lacks_is_named(self) -> None:
+        for wanted, seen, word in [
+            ("gray cabinet", "cabinet_2 in toilet: oak, silver handles", " gray"),
+            ("cabinet with brass handles in the study", "cabinet_2 in study: oak, brass handle", ""),
+            ("cabinet in the study", "cabinet_2 in toilet: oak", " study"),
+            ("table with a glass top", "table_1 in hall: walnut top", " glass"),
         ]:
-            self.assertEqual(notes.compared(wanted, "cabinet", seen, fits), said)
-        self.assertEqual(notes.compared("shoe cabinet in the hall", "shoecabinet", "shoecabinet_1 in hall: oak"), "hall yes")
-        self.assertEqual(notes.weighed("white mug", "mug", {"1": "red", "2": "white glass"}), "1: red, no white; 2: white glass, white yes")
+            self.assertEqual(notes.lacking(wanted, seen), word)
 
     def test_what_no_look_has_is_left_out(self) -> None:
         looks = [{"colour": ["pink", "dark red"], "material": ["leather"], "shape": ["round"]}]
@@ -177,7 +174,7 @@ class Comparing(unittest.TestCase):
         known = [self.arrival("gray cabinet", gray, "yes"), self.arrival("oak cabinet", oak, "yes"), self.arrival("gray cabinet", oak, "no gray")]
         known.append(self.arrival("red cabinet", "cabinet_1 in hall: red", "yes", "other home"))
         drawn = collections.Counter(data.Comparisons(known).draw(known[2], random.Random(seed)).answer for seed in range(200))
-        self.assertEqual(set(drawn), {f"want oak cabinet; {oak}; oak yes", f"want gray cabinet; {oak}; no gray"})
+        self.assertEqual(set(drawn), {f"want oak cabinet; {oak}; yes", f"want gray cabinet; {oak}; no gray"})
         self.assertTrue(all(60 < count < 140 for count in drawn.values()), drawn)
 
     def test_objects_are_compared_by_their_look(self) -> None:
@@ -187,10 +184,7 @@ class Comparing(unittest.TestCase):
         known = [shown("1: red; 2: white glass"), shown("1: blue"), shown("4: red; 5: red")]
         comparisons = data.Comparisons(known)
         drawn = {comparisons.draw(known[0], random.Random(seed)).answer for seed in range(100)}
-        self.assertEqual(drawn, {
-            "want red mug; 1: red, red yes; 2: white glass, no red; 1 fits", "want white glass mug; 1: red, no white; 2: white glass, white glass yes; 2 fits",
-            "want blue mug; 1: red, no blue; 2: white glass, no blue; no",
-        })
+        self.assertEqual(drawn, {f"want {wanted} mug; 1: red; 2: white glass; {verdict}" for wanted, verdict in [("red", "1 fits"), ("white glass", "2 fits"), ("blue", "no")]})
         for seed in range(20):  # two alike: neither is asked for
             self.assertTrue(comparisons.draw(known[2], random.Random(seed)).answer.endswith("; no"))
         one = comparisons.draw(known[0], random.Random(0))

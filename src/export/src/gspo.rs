@@ -231,8 +231,8 @@ struct StepRow {
 /// An episode that is in a group.
 struct Rollout {
     worth: GroupReturn,
-    /// The decision with which the preset is done with the episode; `None` if that goes on to its
-    /// end.
+    /// The decision with which the preset is done with the episode; `None` if it goes on to the
+    /// end of the record.
     last: Option<u32>,
     decisions: Vec<StepRow>,
 }
