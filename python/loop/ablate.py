@@ -115,8 +115,9 @@ def came_true(behaviours: Json, recorded: list[dict[str, Did]], trained: list[di
         pairs = [(by_task(base, name), by_task(other, name)) for base, other in zip(recorded, trained)]
         differences = [other[task] - base[task] for base, other in pairs for task in sorted(base.keys() & other.keys())]
         one["difference"], one["interval"] = mean(differences), evaluate.interval(differences, [str(place) for place in range(len(differences))])
-        decided = one["interval"][0] > 0 or one["interval"][1] < 0
-        one["held"] = (one["other"] - one["recorded"]) * one["difference"] > 0 if decided else None
+        more = one["other"] - one["recorded"]
+        decided = more and (one["interval"][0] > 0 or one["interval"][1] < 0)
+        one["held"] = more * one["difference"] > 0 if decided else None  # nothing was forecast, or nothing is decided
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """Tests of the learning loop that need no binary: `python -m unittest discover python/loop/tests`."""
 
+import argparse
 import base64
 import collections
 import dataclasses
@@ -10,7 +11,9 @@ import random
 import sys
 import tempfile
 import threading
+import types
 import unittest
+import unittest.mock
 import urllib.error
 import urllib.request
 
@@ -28,6 +31,7 @@ import gspo
 import images
 import model
 import notes
+import play
 import pretrain
 import rollouts
 import score
@@ -344,6 +348,25 @@ class Reinforcing(unittest.TestCase):
         self.assertEqual(learned(1), learned(1))
         self.assertEqual(learned(1), learned(3))
 
+    def test_a_step_that_the_traces_do_not_bear_out_is_not_kept(self) -> None:
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        checkpoint.save(folder / "first", self.policy, self.tokenizer)
+        (folder / "home/tasks").mkdir(parents=True)
+        (folder / "home/tasks/t.yaml").touch()
+        chosen = argparse.Namespace(out=folder / "out", checkpoint=folder / "first", tasks=folder, steps=1, minutes=None, threads=1)
+        line = {
+            "step": 1, "success": 0.0, "return": 0.0, "updates": [{"kl": 0.0, "low": 0.0}], "episodes": 1, "seconds": {}, "log_to_traces": 0.0, "sampled_to_scored": 0.0,
+        }
+        for wrong, kept in (({"log_to_traces": 1e-3}, 0), ({"sampled_to_scored": 1e-3}, 0), ({}, 1)):
+            with unittest.mock.patch.object(gspo, "step", return_value=line | wrong):
+                if wrong:
+                    self.assertRaisesRegex(SystemExit, "step 1 is not kept", gspo.train, chosen, gspo.Options())
+                else:
+                    gspo.train(chosen, gspo.Options())
+            log = folder / "out/steps.jsonl"
+            self.assertEqual(len(log.read_text().splitlines()) if log.exists() else 0, kept)
+            self.assertEqual((folder / "out/step_001").exists(), bool(kept))
+
     def test_tasks_of_steps_come_around(self) -> None:
         tasks = [pathlib.Path(f"t{index}") for index in range(10)]
         drawn = [rollouts.tasks_of_step(tasks, step, 5, 0) for step in (1, 2, 3)]
@@ -376,11 +399,29 @@ class Forecasting(unittest.TestCase):
             self.assertIs(told["behaviours"]["questions"]["held"], held)
         ablate.came_true(told["behaviours"], few, more)
         self.assertEqual(told["behaviours"]["questions"]["difference"], 1.5)
+        told["behaviours"]["questions"]["other"] = told["behaviours"]["questions"]["recorded"]
+        ablate.came_true(told["behaviours"], few, more)
+        self.assertIsNone(told["behaviours"]["questions"]["held"], "nothing was forecast")
 
     def test_advantages_that_are_rounding_have_no_sign(self) -> None:
         did = {name: ablate.Did("t", dict.fromkeys(ablate.BEHAVIOURS, 0.0)) for name in "ab"}
         told = ablate.forecast([({"g": {"a": 1.0, "b": -1.0}}, {"g": {"a": -1e-11, "b": 1e-11}}, did)])
         self.assertEqual(told["signs_flipped"], 0)
+
+
+class Playing(unittest.TestCase):
+    def test_an_episode_that_broke_off_is_no_failure_of_the_policy(self) -> None:
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        reel, served = folder / "reel", types.SimpleNamespace(endpoint="http://127.0.0.1:1/v1")
+        for status in (0, 1, 3):
+            reel.write_text(f"#!/bin/sh\nexit {status}\n")
+            reel.chmod(0o755)
+            what = play.Play(str(reel), folder, folder / "out")
+            if status:
+                with self.assertRaisesRegex(SystemExit, f"ended with {status}"):
+                    play.bench(served, what)
+            else:
+                self.assertGreater(play.bench(served, what).wall, 0)
 
 
 class Serving(unittest.TestCase):
