@@ -88,16 +88,19 @@ def contradicts_named_room(one: Example) -> bool:
 class Comparisons:
     """What is seen in an image, compared with what some instruction wants: short examples from which a policy learns to see and to compare.
 
-    Receptacles are compared with what the instructions of the same home want, a half of them the one that is seen; objects with the look of
-    one of them, or with one that is not among them.
+    Receptacles are compared with what instructions want of the same category, half of these from the same home and half from all homes, and a
+    half of them the one that is seen; objects with the look of one of them, or with one that is not among them.
     """
 
     def __init__(self, examples: Sequence[Example]) -> None:
         self.wanted: dict[tuple[str, str], dict[str, str]] = {}  # by home and category: phrases, and which receptacle each means
+        self.phrases: dict[str, set[str]] = {}  # of all homes, by category
         self.looks: dict[str, set[str]] = {}  # of objects, by category
         self.examples: list[Example] = []
         for one in examples:
             judged, saw = JUDGED.search(one.answer), self.saw(one)
+            if judged:
+                self.phrases.setdefault(category(judged[3]), set()).add(judged[1])
             if judged and judged[4] == "yes":
                 self.wanted.setdefault((one.scene, category(judged[3])), {})[judged[1]] = judged[3]
             if saw:
@@ -116,7 +119,7 @@ class Comparisons:
         """A comparison for the image of a decision."""
         judged = JUDGED.search(one.answer)
         if judged:
-            wanted, verdict = self.receptacle(one.scene, judged, rng)
+            wanted, verdict = self.receptacle(one.scene, judged, rng) if rng.random() < 0.5 else self.foreign(judged, rng)
             seen = judged[2]
         else:
             sought, objects = self.saw(one) or ("", {})
@@ -135,6 +138,14 @@ class Comparisons:
             wanted = rng.choice(others)
             return wanted, "no" + lacking(wanted, judged[2])
         return judged[1], judged[4]
+
+    def foreign(self, judged: re.Match[str], rng: random.Random) -> tuple[str, str]:
+        """A phrase of any home, which fits if all its words stand in what is seen."""
+        missing = {phrase: lacking(phrase, judged[2]) for phrase in sorted(self.phrases[category(judged[3])])}
+        fitting = [phrase for phrase, word in missing.items() if not word]
+        others = [phrase for phrase, word in missing.items() if word]
+        wanted = rng.choice(fitting if fitting and (not others or rng.random() < 0.5) else others)
+        return wanted, f"no{missing[wanted]}" if missing[wanted] else "yes"
 
     def thing(self, sought: str, objects: dict[str, str], rng: random.Random) -> tuple[str, str]:
         looks = list(objects.values())

@@ -34,7 +34,7 @@ class Options:
     """What a training is a function of, besides the examples."""
 
     updates: int
-    comparisons: int = 0  # updates before them, which learn to see and to compare
+    comparisons: float = 0.0  # share of the tokens of a batch that teaches to see and to compare
     seed: int = 0
     rate: float = 1e-3
     warmup: float = 0.05  # share of the updates
@@ -46,9 +46,8 @@ class Options:
 
 def rate(options: Options, update: int) -> float:
     """The learning rate of an update: it rises, is held, and falls."""
-    whole = options.comparisons + options.updates
-    rising = update / max(1, options.warmup * whole)
-    left = (whole - update) / max(1, options.decay * whole)
+    rising = update / max(1, options.warmup * options.updates)
+    left = (options.updates - update) / max(1, options.decay * options.updates)
     return options.rate * min(1.0, rising, 0.05 + 0.95 * left)
 
 
@@ -69,22 +68,28 @@ def renamed(one: data.Example, rng: random.Random) -> data.Example:
     return data.renamed(one, rng) if rng.random() < 0.7 else one
 
 
+def epochs(
+    examples: list[data.Example], draw: collections.abc.Callable[[data.Example, random.Random], data.Example], tokenizer: Tokenizer,
+    config: model.Config, seed: str, tokens: int,
+) -> collections.abc.Iterator[list[data.Row]]:
+    """Batches of at most `tokens` tokens without end, each epoch with examples drawn anew."""
+    for number in itertools.count():
+        rng = random.Random(f"{seed} {number}")
+        rows = [data.row(tokenizer, config, draw(one, rng)) for one in examples]
+        rng.shuffle(rows)
+        yield from ([rows[index] for index in some] for some in data.batches(rows, tokens))
+
+
 def planned(
     examples: list[data.Example], tokenizer: Tokenizer, config: model.Config, options: Options
-) -> collections.abc.Iterator[tuple[str, list[data.Row]]]:
-    """The batches of a training, each with the name of its epoch: first comparisons, then whole decisions."""
-    short = data.Comparisons(examples)
-    stages = (("comparisons", short.examples, short.draw, options.comparisons), ("decisions", examples, renamed, options.updates))
-    for stage, some, draw, count in stages:
-        number = 0
-        while count > 0:
-            name = f"{stage} {number}"
-            rng = random.Random(f"{options.seed}/{name}")
-            rows = [data.row(tokenizer, config, draw(one, rng)) for one in some]
-            rng.shuffle(rows)
-            batches = data.batches(rows, options.tokens)[:count]
-            yield from ((name, [rows[index] for index in some]) for some in batches)
-            count, number = count - len(batches), number + 1
+) -> collections.abc.Iterator[list[data.Row]]:
+    """The batches of a training: whole decisions, and with them comparisons from the start to the end."""
+    short, share = data.Comparisons(examples), int(options.tokens * options.comparisons)
+    decisions = epochs(examples, renamed, tokenizer, config, f"{options.seed}/decisions", options.tokens - share)
+    if not share or not short.examples:
+        return itertools.islice(decisions, options.updates)
+    comparisons = epochs(short.examples, short.draw, tokenizer, config, f"{options.seed}/comparisons", share)
+    return itertools.islice(map(list.__add__, decisions, comparisons), options.updates)
 
 
 def train(
@@ -96,7 +101,7 @@ def train(
     if encoder:
         policy.encoder.load_state_dict(encoder)
     steps, pictures = optimizer(policy, options), data.Pictures(policy)
-    done, whole = 0, options.comparisons + options.updates
+    done = 0
     if kept := checkpoint.training(out):
         if kept["options"] != dataclasses.asdict(options):
             raise SystemExit(f"{out} holds a training with other options; name another folder or remove it")
@@ -108,7 +113,7 @@ def train(
     start = time.monotonic()
     recent: list[tuple[float, int, float]] = []
     with (out / "log.jsonl").open("a", encoding="utf-8") as log:
-        for name, rows in itertools.islice(planned(examples, tokenizer, config, options), done, None):
+        for rows in itertools.islice(planned(examples, tokenizer, config, options), done, None):
             began = time.monotonic()
             for group in steps.param_groups:
                 group["lr"] = rate(options, done)
@@ -122,10 +127,10 @@ def train(
             done += 1
             recent.append((float(value.detach()), len(batch.tokens), time.monotonic() - began))
             spent = minutes is not None and time.monotonic() - start > 60 * minutes
-            if done % REPORT == 0 or done == whole or spent:
+            if done % REPORT == 0 or done == options.updates or spent:
                 losses, tokens, seconds = zip(*recent)
                 line = {
-                    "update": done, "epoch": name, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1), "tokens": sum(tokens),
+                    "update": done, "loss": sum(losses) / len(losses), "rate": rate(options, done - 1), "tokens": sum(tokens),
                     "seconds_an_update": sum(seconds) / len(seconds), "cpu_seconds": time.process_time(), "minutes": (time.monotonic() - start) / 60,
                 }
                 if not math.isfinite(line["loss"]):
@@ -148,7 +153,7 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of the checkpoint")
     parser.add_argument("--updates", type=int, default=600, help="with 0 the checkpoint is the untrained policy")
     parser.add_argument("--encoder", type=pathlib.Path, help="image encoder of pretrain.py to begin with")
-    parser.add_argument("--comparisons", type=int, default=0, help="updates before these, on images and whether they show what is wanted")
+    parser.add_argument("--comparisons", type=float, default=0.0, help="share of each batch, below 1, on images and whether they show what is wanted")
     parser.add_argument("--minutes", type=float, help="stop after this time; the same command goes on")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rate", type=float, default=1e-3)
@@ -158,6 +163,8 @@ def main() -> None:
     parser.add_argument("--fp32", action="store_true", help="products of matrices in 32 bits, also where the processor has those in 16")
     parser.add_argument("--blind", action="store_true", help="the text-only twin: zeros in place of the image tokens")
     chosen = parser.parse_args()
+    if not 0 <= chosen.comparisons < 1:
+        parser.error(f"--comparisons {chosen.comparisons} is no share below 1")
 
     everything = [one for folder in chosen.set for one in data.read(folder)]
     examples = [one for one in everything if data.is_noted(one) and not data.contradicts_named_room(one)]
