@@ -7,7 +7,7 @@ BENCH_ARGS ?=
 # The simulated service: built with a clock that can be held, and without tables, beside everything else.
 SIMULATE = cargo test --locked -p reel-server --no-default-features --features simulation --test simulate
 
-.PHONY: help demo test test-long pages wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft prove-loop eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
+.PHONY: help demo test test-long pages web test-web wheel test-python perf bench fuzz bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-preferences eval-insight eval-attribution eval-skills load prove-sft prove-loop eval-learned hostile-sql simulate kills agreement conformance service real-contract docs lint supply-chain reproducible release acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -34,6 +34,12 @@ test-python: ## build the wheel, install it into an empty environment, run all t
 
 pages: ## build the web pages that `reel serve` shows (needs Node, which it installs where it may)
 	dashboards/build.sh
+
+web: ## build the simulator for browsers, and the player around it, into web/dist (needs Node and clang, or root on Debian; ten minutes at first)
+	web/build.sh
+
+test-web: ## every golden trace in Node and Chromium, and 500 changed bytes, beside the native build (needs Node, Chromium)
+	tests/web/run.sh
 
 perf: ## measure what things cost in the lean release build, as ratios within one run (`reel dev perf`)
 	cargo run --locked --release -p reel-cli --no-default-features -- dev perf
@@ -175,6 +181,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/proxy/run.sh revisions.py
 	tests/viewers.sh
 	tests/pages/large.sh
+	tests/web/run.sh
 	tests/cluster/run.sh
 	FUZZ_TOTAL_S=3600 tests/fuzz.sh
 

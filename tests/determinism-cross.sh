@@ -4,8 +4,7 @@
 # recorded one. Needs root, a Debian machine with mmdebstrap, 4 GB and, at first, half an hour.
 #
 # REEL_TRACES  folder of traces (default: traces/golden)
-# REEL_CROSS   folder of the chroots and of what is built in them, kept for the next run (default: /var/tmp/reel-cross)
-# REEL_MIRROR  Debian mirror (default: the one in the machine's APT sources)
+# REEL_CROSS, REEL_MIRROR: see chroot.sh
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 for tool in mmdebstrap unshare chroot; do
@@ -19,44 +18,16 @@ fi
 . tests/determinism-table.sh
 
 traces=${REEL_TRACES:-traces/golden}
-cross=${REEL_CROSS:-/var/tmp/reel-cross}
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
 unset REEL_OFF_BY_ONE_ULP
-registry=${CARGO_HOME:-$HOME/.cargo}/registry
-mirror=${REEL_MIRROR:-$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Origin: Debian' | grep -v security | head -1)}
-security=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Label: Debian-Security' | head -1)
-mkdir -p "$cross"
+. tests/chroot.sh
 
-# made SUITE ARCHITECTURES PACKAGES SOURCE...: the chroot of that name, made once; fails with its log beside it.
-made() {
-  local suite=$1 architectures=$2 packages=$3
-  shift 3
-  if [[ ! -d $cross/$suite ]]; then
-    echo "== making the chroot $suite" >&2
-    rm -rf "$cross/$suite.new"
-    mmdebstrap --variant=apt --architectures="$architectures" --include="$packages" \
-      --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Check-Valid-Until "false"' \
-      "$suite" "$cross/$suite.new" "$@" >"$cross/$suite.log" 2>&1 || return 1
-    mkdir -p "$cross/$suite.new"/{source,target,cargo/registry}
-    mv "$cross/$suite.new" "$cross/$suite"
-  fi
-  mkdir -p "$cross/target/$suite"
-  mount --bind -o ro "$PWD" "$cross/$suite/source"
-  mount --bind -o ro "$registry" "$cross/$suite/cargo/registry"
-  mount --bind "$cross/target/$suite" "$cross/$suite/target"
-}
-within() {
-  local suite=$1
-  shift
-  chroot "$cross/$suite" /usr/bin/env -i PATH=/usr/bin:/bin HOME=/root CARGO_HOME=/cargo CARGO_TARGET_DIR=/target \
-    CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc CC_aarch64_unknown_linux_gnu=aarch64-linux-gnu-gcc \
-    CARGO_TARGET_WASM32_WASIP1_LINKER=wasm-ld "$@"
-}
 # build SUITE TARGET: the light program, optimised, from the sources that the machine has fetched.
 build() {
   local suite=$1 target=$2
   echo "== building for $target in $suite" >&2
-  within "$suite" cargo build --locked --offline --quiet --manifest-path /source/Cargo.toml -p reel-episode --example digests \
+  within "$suite" CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc CC_aarch64_unknown_linux_gnu=aarch64-linux-gnu-gcc \
+    CARGO_TARGET_WASM32_WASIP1_LINKER=wasm-ld cargo build --locked --offline --quiet --manifest-path /source/Cargo.toml -p reel-episode --example digests \
     --target "$target" --profile opt2 --config 'profile.opt2.inherits="release"' --config profile.opt2.opt-level=2 \
     --config 'profile.opt2.lto="off"' >"$cross/$suite-$target.log" 2>&1
 }
@@ -76,7 +47,7 @@ column "x86-64, glibc $(ldd --version | sed -n '1s/.* //p'), $here: this machine
 # Debian's Rust for browsers is newer than the suite's own, which is too old for the engine, and comes for arm64 too.
 old=bookworm
 arm="aarch64 under qemu"
-if made $old amd64,arm64 "ca-certificates rustc-web cargo-web libstd-rust-web-dev:arm64 gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static" \
+if made $old $old amd64,arm64 "ca-certificates rustc-web cargo-web libstd-rust-web-dev:arm64 gcc libc6-dev gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static" \
   "deb $mirror $old main" "deb ${security:-$mirror-security} $old-security main"; then
   if build $old aarch64-unknown-linux-gnu; then
     column "$arm, glibc $(glibc $old), rustc $(rust $old)" \
@@ -89,7 +60,7 @@ else
 fi
 
 new=forky
-if made $new amd64 "ca-certificates cargo rustc libstd-rust-dev-wasm32 lld wasi-libc gcc libc6-dev" "deb $mirror $new main"; then
+if made $new $new amd64 "ca-certificates cargo rustc libstd-rust-dev-wasm32 lld wasi-libc gcc libc6-dev" "deb $mirror $new main"; then
   cp "$work/digests" "$cross/$new/tmp/digests"
   column "x86-64, glibc $(glibc $new), the program of this machine" within $new /tmp/digests
   if build $new x86_64-unknown-linux-gnu; then

@@ -20,30 +20,12 @@ if [[ -z ${REEL:-} ]]; then
   cargo build --locked --workspace --all-targets
 fi
 reel=${REEL:-$CARGO_TARGET_DIR/debug/reel}
-cache=${REEL_NODE:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-node}
 
 skip() { # NEED WHY
   echo "skipped: $1: the web pages in a browser, because $2"
   exit 0
 }
-command -v npm >/dev/null || skip npm "there is no npm"
-if ! command -v chromium >/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
-  (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium) >/dev/null 2>&1 || true
-fi
-CHROMIUM=$(command -v chromium || command -v chromium-browser || command -v google-chrome) || skip chromium "there is no Chromium"
-export CHROMIUM
-
-packages=(playwright-core@1.65.1 axe-core@4.14.1)
-folder="$cache/pages-1.65.1-4.14.1"
-if [[ ! -d $folder ]]; then
-  mkdir -p "$cache" && fresh=$(mktemp -d "$cache/.fresh.XXXXXX")
-  if ! timeout 300 npm install --prefix "$fresh" --no-audit --no-fund --loglevel=error --fetch-retries=1 "${packages[@]}" >&2; then
-    rm -rf "$fresh"
-    skip npm "${packages[*]} cannot be installed"
-  fi
-  # Somebody else may have been faster.
-  mv -T "$fresh" "$folder" 2>/dev/null || rm -rf "$fresh"
-fi
+. tests/browser.sh
 
 work=$(mktemp -d)
 data=${PAGES_DATA:-$work/data}
@@ -81,7 +63,6 @@ over() {
   serve "$1" "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest "${@:3}"
   pids+=("$pid")
 }
-export PACKAGES=$folder
 if [[ ${1:-} == --large ]]; then
   store="${BENCH_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-bench}/synthetic-100000"
   if [[ ! -d $store/classes ]]; then

@@ -80,9 +80,17 @@ enum Command {
     Test(commands::test::Arguments),
     #[command(about = "Print a trace as a readable transcript")]
     Show(commands::show::Arguments),
+    #[command(about = "Write an episode as one web page that executes it again")]
+    Share(commands::share::Arguments),
     #[command(about = "Open an episode in Rerun, or in its web viewer")]
     #[cfg(feature = "rerun")]
     View(commands::view::Arguments),
+    #[command(about = "Put a benchmark run into one file that carries its proof")]
+    Bundle(commands::bundle::BundleArguments),
+    #[command(about = "Execute the episodes of bundles again: does what they claim hold?")]
+    Verify(commands::bundle::VerifyArguments),
+    #[command(about = "Make and show the keys that sign bundles")]
+    Key(commands::key::Arguments),
     #[command(about = "Execute traces again and compare every digest, frame and text")]
     Replay(commands::replay::Arguments),
     #[command(about = "Pack traces into one file of their inputs: some hundred bytes an episode")]
@@ -238,8 +246,12 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         #[cfg(feature = "service")]
         Command::Test(arguments) => commands::test::run(arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Share(arguments) => commands::share::run(&arguments),
         #[cfg(feature = "rerun")]
         Command::View(arguments) => commands::view::run(&arguments),
+        Command::Bundle(arguments) => commands::bundle::bundle(&arguments),
+        Command::Verify(arguments) => commands::bundle::verify(&arguments),
+        Command::Key(arguments) => commands::key::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Pack(arguments) => commands::pack::pack(&arguments),
         Command::Unpack(arguments) => commands::pack::unpack(&arguments),

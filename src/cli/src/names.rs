@@ -6,9 +6,10 @@ use clap::{Command, CommandFactory as _};
 
 /// The commands under their headings, as `reel --help` lists them.
 #[rustfmt::skip]
-const HEADINGS: [(&str, &[&str]); 6] = [
+const HEADINGS: [(&str, &[&str]); 7] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record", "test"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
+    ("Show and prove", &["share", "bundle", "verify", "key"]),
     ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export", "publish"]),
     (

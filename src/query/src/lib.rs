@@ -17,7 +17,6 @@ pub mod pattern;
 mod planning;
 mod session;
 mod sort_keys;
-pub mod statistics;
 mod tables;
 mod watched;
 

@@ -39,11 +39,21 @@ impl<'t> Fork<'t> {
         cache: Option<&SnapshotCache>,
     ) -> Result<Self, Verdict> {
         let replay = seek(parent, call, cache)?;
-        Self::here(parent, &replay).ok_or_else(|| Verdict::Refused {
+        Self::of(&replay).ok_or_else(|| Verdict::Refused {
             reason: format!(
                 "the episode ended with call {}: branch at one of the calls 0 to {0}",
                 call.saturating_sub(1)
             ),
+        })
+    }
+
+    /// The moment that a replay has come to; none where the episode is over.
+    pub fn of(replay: &Replay<'t>) -> Option<Self> {
+        let episode = replay.episode();
+        episode.ended().is_none().then(|| Self {
+            parent: replay.trace(),
+            call: replay.calls(),
+            snapshot: episode.snapshot(),
         })
     }
 
@@ -53,9 +63,9 @@ impl<'t> Fork<'t> {
     /// Why nothing can be executed, or the first difference.
     pub fn at_every_call(parent: &'t Trace) -> Result<Vec<Self>, Verdict> {
         let (mut replay, _) = Replay::start(parent, Detail::Geometry)?;
-        let mut forks: Vec<Self> = Self::here(parent, &replay).into_iter().collect();
+        let mut forks: Vec<Self> = Self::of(&replay).into_iter().collect();
         while replay.step()?.is_some() {
-            forks.extend(Self::here(parent, &replay));
+            forks.extend(Self::of(&replay));
         }
         Ok(forks)
     }
@@ -135,15 +145,6 @@ impl<'t> Fork<'t> {
             Verdict::Refused {
                 reason: error.to_string(),
             }
-        })
-    }
-
-    fn here(parent: &'t Trace, replay: &Replay<'t>) -> Option<Self> {
-        let episode = replay.episode();
-        episode.ended().is_none().then(|| Self {
-            parent,
-            call: replay.calls(),
-            snapshot: episode.snapshot(),
         })
     }
 }

@@ -155,16 +155,23 @@ pub fn verify_trace(trace: &Trace) -> Verdict {
 /// Replays a trace that was read, drawing so much of its images: without RGB nothing is said
 /// of the images' RGB.
 pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
-    if let Err(verdict) = player::config(trace) {
-        return verdict;
-    }
-    if detail == Detail::Full
-        && let Err(error) = trace.verify_images()
-    {
-        return refused(&error);
-    }
-    let replayed = Replay::start(trace, detail).and_then(|(replay, _)| replay.finish(|_, _| {}));
+    let replayed = check(trace, detail)
+        .and_then(|()| Replay::start(trace, detail))
+        .and_then(|(replay, _)| replay.finish(|_, _| {}));
     replayed.unwrap_or_else(|verdict| verdict)
+}
+
+/// What can be said of a trace before it is executed: that this simulator can, and that the images
+/// in it are those of its digests (with RGB).
+///
+/// # Errors
+/// The verdict, where it cannot be executed or an image is another.
+pub fn check(trace: &Trace, detail: Detail) -> Result<(), Verdict> {
+    player::config(trace)?;
+    if detail == Detail::Full {
+        trace.verify_images().map_err(|error| refused(&error))?;
+    }
+    Ok(())
 }
 
 /// Re-executes a trace and hands every image to `on_frame` (`None` is the start), whether or not

@@ -143,6 +143,11 @@ impl<'t> Replay<'t> {
         Ok(exact)
     }
 
+    /// What it is compared with.
+    pub fn trace(&self) -> &'t Trace {
+        self.trace
+    }
+
     /// How many of the recorded calls were executed or skipped.
     pub fn calls(&self) -> usize {
         self.calls

@@ -158,7 +158,7 @@ pub fn view_at(
         (_, Some(call)) if call < trace.steps.len() => call + 1,
         (_, Some(call)) => return Err(no_call(trace, call)),
     };
-    viewpoint.outside(seek(trace, calls, cache)?.episode().simulator())
+    viewpoint.draw(seek(trace, calls, cache)?.episode().simulator())
 }
 
 /// An episode after one of its calls, from a viewpoint.
@@ -190,8 +190,7 @@ pub fn views(
         let camera = viewpoint.camera(simulator)?;
         let frame = match (viewpoint, seen) {
             (Viewpoint::Head, Some(frame)) => frame,
-            (Viewpoint::Head, None) => simulator.render_from(&camera),
-            _ => simulator.render_external(&camera),
+            _ => viewpoint.draw(simulator)?,
         };
         show(View {
             step,
@@ -211,8 +210,17 @@ pub fn views(
 }
 
 impl Viewpoint {
-    fn outside(&self, simulator: &Simulator) -> Result<Frame, Verdict> {
-        Ok(simulator.render_external(&self.camera(simulator)?))
+    /// What is seen from here in the state that a simulator is in. The head's image has the marks
+    /// of that state.
+    ///
+    /// # Errors
+    /// When there is no such object.
+    pub fn draw(&self, simulator: &Simulator) -> Result<Frame, Verdict> {
+        let camera = self.camera(simulator)?;
+        Ok(match self {
+            Viewpoint::Head => simulator.render_from(&camera),
+            _ => simulator.render_external(&camera),
+        })
     }
 
     fn camera(&self, simulator: &Simulator) -> Result<Camera, Verdict> {

@@ -9,6 +9,7 @@ mod coco;
 mod contact_sheet;
 mod gltf_scene;
 mod image_difference;
+mod player_page;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
 mod scene_bodies;
@@ -23,6 +24,7 @@ pub use coco::{CocoCounts, CocoDataset, CocoError};
 pub use contact_sheet::contact_sheet;
 pub use gltf_scene::glb;
 pub use image_difference::image_difference;
+pub use player_page::PlayerPage;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
 pub use sheet::{SheetImage, sheet};

@@ -6,6 +6,7 @@ pub mod attribute;
 pub mod bench;
 pub mod blame;
 pub mod branch;
+pub mod bundle;
 #[cfg(feature = "analytics")]
 pub mod claims;
 #[cfg(feature = "cluster")]
@@ -24,6 +25,7 @@ pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
 pub mod isolation_check;
+pub mod key;
 pub mod pack;
 #[cfg(feature = "analytics")]
 pub mod publish;
@@ -42,6 +44,7 @@ pub mod serve;
 #[cfg(feature = "service")]
 pub mod server;
 pub mod setup;
+pub mod share;
 pub mod show;
 #[cfg(feature = "analytics")]
 pub mod store;

@@ -3,7 +3,6 @@
 
 use std::sync::Arc;
 
-use crate::statistics::{bootstrap, mcnemar, wilson};
 use arrow::{
     array::{Array, ArrayRef, AsArray, Float64Array, Float64Builder, ListBuilder, StructArray},
     datatypes::{DataType, Field, Fields, Float64Type, Int64Type},
@@ -12,6 +11,7 @@ use datafusion::{
     error::Result,
     logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
 };
+use reel_statistics::{bootstrap, mcnemar, wilson};
 
 use super::FunctionHelp;
 

@@ -4,7 +4,7 @@ use std::{
     collections::HashMap,
     ffi::OsStr,
     fs::File,
-    io::{self, Read, Seek, SeekFrom},
+    io::{self, Cursor, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -77,7 +77,7 @@ pub fn name_of_member(shard: &Path, number: u32) -> PathBuf {
 /// A shard that is open. Many threads may read it.
 pub struct Shard {
     path: PathBuf,
-    file: Mutex<File>,
+    file: Mutex<Box<dyn Source>>,
     chunks: Vec<ChunkIndex>,
     /// The entries of the index, sorted by their keys.
     index: Vec<u8>,
@@ -86,6 +86,11 @@ pub struct Shard {
     tasks: Documents<Task>,
     scenes: Documents<Scene>,
 }
+
+/// Where the bytes of a shard are.
+trait Source: Read + Seek + Send {}
+
+impl<T: Read + Seek + Send> Source for T {}
 
 /// The messages of a chunk.
 struct Chunk {
@@ -125,11 +130,6 @@ impl Shard {
             path: path.to_owned(),
             source,
         };
-        let damaged = |problem: String| TraceError::Damaged {
-            path: path.to_owned(),
-            offset: 0,
-            problem,
-        };
         if !Self::is_one(path).map_err(failed)? {
             return Err(TraceError::Packed {
                 path: path.to_owned(),
@@ -137,9 +137,37 @@ impl Shard {
                     .to_owned(),
             });
         }
-        let mut file = File::open(path).map_err(failed)?;
-        let read = summary(&mut file).and_then(|summary| {
-            let index = index(&mut file, &summary)?;
+        let file = File::open(path).map_err(failed)?;
+        Self::of_source(path, Box::new(file))
+    }
+
+    /// Opens a shard that is in memory; `path` says in messages where it came from.
+    ///
+    /// # Errors
+    /// When it is none.
+    pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, TraceError> {
+        if !begins_as_shard(&bytes) {
+            return Err(TraceError::Packed {
+                path: path.to_owned(),
+                problem: "these are no packed episodes".to_owned(),
+            });
+        }
+        Self::of_source(path, Box::new(Cursor::new(bytes)))
+    }
+
+    fn of_source(path: &Path, mut file: Box<dyn Source>) -> Result<Self, TraceError> {
+        let failed = |source| TraceError::Io {
+            action: "read",
+            path: path.to_owned(),
+            source,
+        };
+        let damaged = |problem: String| TraceError::Damaged {
+            path: path.to_owned(),
+            offset: 0,
+            problem,
+        };
+        let read = summary(&mut *file).and_then(|summary| {
+            let index = index(&mut *file, &summary)?;
             Ok((summary, index))
         });
         let (summary, index) = read.map_err(|error| match error {
@@ -334,7 +362,7 @@ impl Shard {
 }
 
 /// The summary, once its checksum holds.
-fn summary(file: &mut File) -> Result<Summary, McapError> {
+fn summary(file: &mut dyn Source) -> Result<Summary, McapError> {
     let limit = Limits::default().chunk_bytes;
     let options = SummaryReaderOptions::default().with_record_length_limit(limit);
     let mut reader = SummaryReader::new_with_options(options);
@@ -368,7 +396,7 @@ fn summary(file: &mut File) -> Result<Summary, McapError> {
 }
 
 /// The entries of the index, once the checksum of their attachment holds.
-fn index(file: &mut File, summary: &Summary) -> Result<Vec<u8>, McapError> {
+fn index(file: &mut dyn Source, summary: &Summary) -> Result<Vec<u8>, McapError> {
     let wrong = |problem: &str| McapError::from(io::Error::other(format!("{INDEX}: {problem}")));
     let mut indexes = summary.attachment_indexes.iter();
     let index = indexes

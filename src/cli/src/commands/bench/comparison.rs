@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use anyhow::bail;
 use reel_agents::EpisodeReport;
-use reel_query::statistics::{bootstrap, mcnemar};
+use reel_statistics::{bootstrap, mcnemar};
 use reel_world::record::EndReason;
 use serde_json::{Value, json};
 

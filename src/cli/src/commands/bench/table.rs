@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use reel_agents::EpisodeReport;
-use reel_query::statistics::wilson;
+use reel_statistics::wilson;
 use reel_world::Skills;
 use serde_json::{Value, json};
 

@@ -8,7 +8,7 @@ use reel_counterfactual::{
     attribution::clustered_interval,
     regression::{Flip, Pairing, RunEpisode, flips, pair, read_run},
 };
-use reel_query::statistics::mcnemar;
+use reel_statistics::mcnemar;
 use serde_json::json;
 
 use super::Arguments;

@@ -4,6 +4,7 @@
 use std::{collections::BTreeMap, fmt::Write as _};
 
 use reel_counterfactual::truth::{Failure, HarmKind, Label};
+use reel_statistics::wilson;
 use serde::Serialize;
 
 use super::{Played, ReelAnswer};
@@ -19,17 +20,12 @@ pub struct Share {
 
 impl Share {
     fn new(hits: usize, of: usize) -> Self {
-        // Wilson 1927, as in `reel_query::statistics`, which a lean build does not have
-        let (n, z2) = (of.max(1) as f64, 1.959_963_984_540_054_f64.powi(2));
-        let share = hits as f64 / n;
-        let centre = share + z2 / (2.0 * n);
-        let spread = (z2 * (share * (1.0 - share) / n + z2 / (4.0 * n * n))).sqrt();
-        let scale = 1.0 + z2 / n;
+        let (low, high) = wilson(hits as f64, of as f64).unwrap_or((0.0, 1.0));
         Self {
             hits,
             of,
-            low: ((centre - spread) / scale).max(0.0),
-            high: ((centre + spread) / scale).min(1.0),
+            low,
+            high,
         }
     }
 

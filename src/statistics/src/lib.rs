@@ -70,6 +70,12 @@ pub fn bootstrap(differences: &[f64], samples: usize, seed: u64) -> Option<[f64;
     ])
 }
 
+/// Whole numbers below a bound, each as likely as the others. Equal seeds give equal numbers.
+pub fn uniform(seed: u64) -> impl FnMut(u32) -> u32 {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    move |bound| ((u128::from(random.next_u64()) * u128::from(bound)) >> 64) as u32
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

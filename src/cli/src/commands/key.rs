@@ -1,0 +1,89 @@
+//! `reel key`: keys that sign bundles.
+
+use std::{
+    fs::{self, OpenOptions},
+    io::Write as _,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use reel_bundle::Key;
+
+use crate::ExitStatus;
+
+/// Make a key that signs bundles, or show one. A key is an Ed25519 key as OpenSSH writes it: `ssh-keygen`
+/// makes and reads such keys too.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Make a key: FILE holds the private half and is for nobody else, FILE.pub the public one
+    New {
+        /// Where to write it
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+        /// Whose it is, for people
+        #[arg(long, value_name = "TEXT", default_value = "")]
+        comment: String,
+    },
+    /// Print the public half of a key and its fingerprint, which `reel verify` tells
+    Show {
+        /// The private key
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
+}
+
+/// Makes or shows a key.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    match &arguments.command {
+        Command::New { file, comment } => {
+            let mut seed = [0; 32];
+            getrandom::fill(&mut seed).map_err(|error| {
+                anyhow::anyhow!("this machine gives no random numbers: {error}")
+            })?;
+            let key = Key::of_seed(&seed, comment);
+            let public = file.with_added_extension("pub");
+            write_private(file, &key.to_openssh())?;
+            fs::write(&public, key.signer().to_openssh() + "\n")
+                .with_context(|| format!("cannot write {}", public.display()))?;
+            println!(
+                "{}: keep it to yourself\n{}: give it to those who verify\n{}",
+                file.display(),
+                public.display(),
+                key.signer()
+            );
+        }
+        Command::Show { file } => {
+            let text = fs::read_to_string(file)
+                .with_context(|| format!("cannot read the key {}", file.display()))?;
+            let signer = Key::from_openssh(&text)
+                .with_context(|| file.display().to_string())?
+                .signer();
+            println!("{}\n{signer}", signer.to_openssh());
+        }
+    }
+    Ok(ExitStatus::Success)
+}
+
+/// For the owner's eyes. A key that is there stays.
+fn write_private(file: &Path, text: &str) -> anyhow::Result<()> {
+    if file.exists() {
+        bail!(
+            "{} is there already; a key is not written over",
+            file.display()
+        );
+    }
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
+        .open(file)
+        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .with_context(|| format!("cannot write {}", file.display()))
+}

@@ -1,0 +1,90 @@
+//! `reel share`: an episode as one page that executes it again in any browser.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::Context;
+use reel_replay::{RepackError, compact, verify_trace};
+use reel_trace::{Trace, trace_stem};
+use reel_view::PlayerPage;
+
+use crate::{ExitStatus, inputs};
+
+/// Write an episode as one web page with the simulator in it. Whoever opens it, from disk and without a
+/// network, sees the episode executed again and compared with its record, looks at it from any
+/// camera, and tries other calls. Images are left out where they can be drawn again.
+///
+/// Examples:
+///   reel share traces/FDP_home_0001--oracle--0.mcap --out episode.html
+///   reel share packed.mcap#12 --out episode.html
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The trace of the episode
+    #[arg(value_name = "TRACE")]
+    trace: PathBuf,
+    #[command(flatten)]
+    assets: inputs::Assets,
+    /// The page to write
+    #[arg(long, value_name = "FILE", default_value = "episode.html")]
+    out: PathBuf,
+    /// Keep the recorded images in it, so that they are compared too
+    #[arg(long)]
+    images: bool,
+    /// The player's page, as `make web` writes it, instead of the one in this build
+    #[arg(long, value_name = "FILE")]
+    player: Option<PathBuf>,
+}
+
+/// Writes the page; exit code 1 where the episode does not replay exactly here.
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
+    let player = player(arguments)?;
+    let files = arguments.assets.trace_files()?;
+    let trace = files.with_meshes(files.read(&arguments.trace)?);
+    let verdict = verify_trace(&trace);
+    let bytes = if arguments.images {
+        files.bytes(&arguments.trace)?
+    } else {
+        lean(&trace, arguments)?.map_or_else(|| files.bytes(&arguments.trace), Ok)?
+    };
+    let name = format!("{}.mcap", trace_stem(&arguments.trace));
+    let page = player.with_episode(&name, &bytes)?;
+    fs::write(&arguments.out, &page)
+        .with_context(|| format!("cannot write {}", arguments.out.display()))?;
+    println!(
+        "{} ({:.1} MB): open it in a browser",
+        arguments.out.display(),
+        page.len() as f64 / 1e6
+    );
+    if verdict.is_exact() {
+        println!("here it is {verdict}");
+        Ok(ExitStatus::Success)
+    } else {
+        eprintln!("reel: here it is {verdict}; the page will say so too");
+        Ok(ExitStatus::CheckFailed)
+    }
+}
+
+fn player(arguments: &Arguments) -> anyhow::Result<PlayerPage> {
+    match &arguments.player {
+        Some(path) => {
+            PlayerPage::read(path).with_context(|| format!("cannot read {}", path.display()))
+        }
+        None => PlayerPage::embedded().context(
+            "this build has no player: run `make web` and build again, or name a player's page by --player FILE",
+        ),
+    }
+}
+
+/// The trace without its images; none where it cannot do without.
+fn lean(trace: &Trace, arguments: &Arguments) -> anyhow::Result<Option<Vec<u8>>> {
+    let part = arguments.out.with_extension("mcap.part");
+    match compact(trace, &part, false) {
+        Ok(_) => {
+            let bytes = fs::read(&part);
+            fs::remove_file(&part)?;
+            Ok(Some(bytes?))
+        }
+        Err(RepackError::NotExact { .. }) => Ok(None),
+        Err(error) => Err(error).context("cannot leave the images out; --images keeps them"),
+    }
+}

@@ -1,0 +1,5 @@
+// The package: episodes in workers, and instances where the caller brings its own thread (Node).
+
+export { Episode, type ActResult, type VerifyResult, type Progress } from "./episode.ts";
+export { Instance } from "./instance.ts";
+export type * from "./types.ts";

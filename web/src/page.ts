@@ -1,0 +1,44 @@
+// The page: the module and perhaps an episode lie in the document itself, so it needs no network and no server.
+
+import { Player } from "./player.ts";
+
+/** The worker's program, put here by build.mjs. */
+declare const WORKER: string;
+
+const root = document.querySelector("main")!;
+
+/** The bytes in an element of the document: base64 of gzip. */
+async function embedded(element: Element): Promise<Uint8Array> {
+  const packed = Uint8Array.from(atob(element.textContent!.trim()), (character) => character.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Whether this browser multiplies several numbers at once in WebAssembly: a function that makes such a vector. */
+function hasVectors(): boolean {
+  return WebAssembly.validate(new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]));
+}
+
+async function begin(): Promise<void> {
+  const source = document.getElementById(hasVectors() ? "module-simd" : "module") ?? document.getElementById("module")!;
+  const module = await WebAssembly.compile((await embedded(source)) as BufferSource);
+  const address = URL.createObjectURL(new Blob([WORKER], { type: "text/javascript" }));
+  const player = new Player(root, { module, worker: () => new Worker(address) });
+  const read = async (file: File | undefined) => file && player.show(file.name, new Uint8Array(await file.arrayBuffer()));
+
+  const drop = document.querySelector<HTMLElement>(".drop")!;
+  drop.querySelector("input")!.onchange = (event) => read((event.target as HTMLInputElement).files?.[0]);
+  document.ondragover = (event) => event.preventDefault();
+  document.ondrop = (event) => {
+    event.preventDefault();
+    read(event.dataTransfer?.files[0]);
+  };
+
+  const episode = document.getElementById("episode");
+  if (episode) await player.show(episode.dataset.name ?? "episode", await embedded(episode));
+  else root.textContent = "";
+}
+
+begin().catch((error) => {
+  root.textContent = `This browser cannot run the simulator: ${error instanceof Error ? error.message : error}`;
+});

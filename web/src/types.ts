@@ -1,0 +1,91 @@
+// Requests and answers of a session, as src/web/src/session.rs reads and writes them.
+
+/** A call of a tool. */
+export interface ToolCall {
+  name: string;
+  arguments: unknown;
+}
+
+/** From where an image is drawn. `free` needs both points: x, y, z in metres in the scene's frame, z up. */
+export interface Camera {
+  name: "head" | "top-down" | "free" | `follow:${string}`;
+  eye?: Point;
+  look_at?: Point;
+}
+
+export type Point = [number, number, number];
+
+/** `at` counts calls: 0 is before the first. */
+export type Request =
+  | { request: "open"; name: string }
+  | { request: "verify" }
+  | { request: "view"; at: number; camera: Camera }
+  | { request: "branch"; at: number }
+  | { request: "act"; call: ToolCall }
+  | { request: "view_branch"; camera: Camera };
+
+export interface Size {
+  width: number;
+  height: number;
+}
+
+/** What a replay found, as `reel replay --json` prints it. */
+export type Verdict =
+  | { verdict: "exact"; calls: number; physics_steps: number; images: number }
+  | { verdict: "diverged"; [field: string]: unknown }
+  | { verdict: "other_simulator"; recorded: number; current: number; changes: string[] }
+  | { verdict: "not_replayable"; reason: string }
+  | { verdict: "refused"; reason: string };
+
+/** One call with what came of it; further fields as in the trace (docs/spec.md). */
+export interface Step {
+  step: number;
+  input: { call: ToolCall; policy?: { reasoning: string; raw: string } };
+  outcome: { text: string; error?: string };
+  changes: { physics: unknown[]; registry: unknown[] };
+  reward: { component: string; value: number; reason: string }[];
+  robot: { base: [number, number]; yaw: number; camera: Point };
+  held: string | null;
+}
+
+export interface End {
+  reason: string;
+  metrics: { length: number; completion: number; total_reward: number; asks: number };
+}
+
+export interface Tool {
+  name: string;
+  argument: string | null;
+  description: string;
+}
+
+/** What a trace says before anything is executed. */
+export interface Opened {
+  header: { episode_id: string; task_id: string; scene_id: string; family: string; seed: number; profile: string; reward_preset: string; sim_version: number; policy: { name: string } };
+  instruction: string;
+  steps: Step[];
+  end: End | null;
+  success: boolean | null;
+  /** Digest of the hash chain: what a verdict is about. */
+  trace: string;
+  /** BLAKE3 of the file. */
+  file: string;
+  tools: Tool[];
+  receptacles: string[];
+  /** Version of Reel and of the simulator in this module. */
+  build: string;
+}
+
+export type Answer =
+  | ({ answer: "opened" } & Opened)
+  | { answer: "verified"; calls: number; of: number; verdict: Verdict | null; text: string | null }
+  | ({ answer: "image" } & Size)
+  | { answer: "branched"; at: number }
+  | { answer: "acted"; step: Step; ended: string | null; image: Size | null }
+  | { answer: "failed"; reason: string };
+
+/** An answer with the bytes beside it: RGBA of an image. */
+export interface Answered {
+  answer: Answer;
+  bytes: Uint8Array;
+}
