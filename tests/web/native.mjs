@@ -12,9 +12,9 @@ const module = new WebAssembly.Module(readFileSync("web/dist/reel.wasm"));
 /** The verdict of the module on the bytes of a trace. */
 function inModule(path) {
   const instance = new Instance(module);
-  let { answer } = instance.request({ request: "open", name: path }, readFileSync(path));
-  while (answer.answer === "opened" || (answer.answer === "verified" && !answer.verdict)) ({ answer } = instance.request({ request: "verify" }));
-  return { verdict: answer.verdict ?? { verdict: "refused", reason: answer.reason }, memory: instance.memory };
+  let { response } = instance.request({ request: "open", name: path }, readFileSync(path));
+  while (response.response === "opened" || (response.response === "verified" && !response.verdict)) ({ response } = instance.request({ request: "verify" }));
+  return { verdict: response.verdict ?? { verdict: "refused", reason: response.reason }, memory: instance.memory };
 }
 
 /** The verdicts of the native build, in the order of the paths. */

@@ -1,7 +1,7 @@
 // An episode in a worker of its own.
 
-import type { Answer, Answered, Camera, Opened, Request, Step, ToolCall, Verdict } from "./types.ts";
-import type { ToWorker } from "./worker.ts";
+import { Session, expect } from "./session.ts";
+import type { Camera, Opened, Responded, Step, ToolCall, Verdict } from "./types.ts";
 
 export interface Progress {
   calls: number;
@@ -21,45 +21,37 @@ export interface ActResult {
   image: ImageData | null;
 }
 
-type Waiting = { resolve: (answered: Answered) => void; reject: (error: Error) => void };
-
 /** A recorded episode that can be verified, drawn and branched. */
 export class Episode {
-  readonly #worker: Worker;
-  readonly #waiting = new Map<number, Waiting>();
-  #last = 0;
+  readonly #session: Session;
   /** What the trace says. */
   readonly opened: Opened;
 
-  private constructor(worker: Worker, opened: Opened) {
-    this.#worker = worker;
+  private constructor(session: Session, opened: Opened) {
+    this.#session = session;
     this.opened = opened;
   }
 
   /**
-   * Reads a trace (MCAP, as Reel records it). `worker` makes a worker of `worker.js`.
+   * Reads a trace (MCAP, as Reel records it). `worker` is a new worker of `worker.js`.
    * Rejects with the reason where the bytes are no sound trace.
    */
   static async open(module: WebAssembly.Module, worker: Worker, name: string, bytes: Uint8Array): Promise<Episode> {
-    worker.postMessage({ module } satisfies ToWorker);
-    const episode = new Episode(worker, undefined as unknown as Opened);
-    worker.onmessage = ({ data }) => episode.#answered(data);
-    worker.onerror = (event) => episode.#broken(new Error(event.message || "the worker could not start"));
+    const session = new Session(module, worker);
     try {
-      const { answer } = await episode.#request({ request: "open", name }, bytes);
-      (episode as { opened: Opened }).opened = expect(answer, "opened");
+      const { response } = await session.request({ request: "open", name }, bytes);
+      return new Episode(session, expect(response, "opened"));
     } catch (error) {
-      worker.terminate();
+      session.close();
       throw error;
     }
-    return episode;
   }
 
   /** Executes every call again and compares each digest, text and image with the record. */
   async verify(onProgress: (progress: Progress) => void = () => {}): Promise<VerifyResult> {
     for (;;) {
-      const { answer } = await this.#request({ request: "verify" });
-      const { calls, of, verdict, text } = expect(answer, "verified");
+      const { response } = await this.#session.request({ request: "verify" });
+      const { calls, of, verdict, text } = expect(response, "verified");
       if (verdict) return { verdict, text: text ?? verdict.verdict };
       onProgress({ calls, of });
     }
@@ -67,60 +59,34 @@ export class Episode {
 
   /** What is seen from a camera after so many calls. */
   async view(at: number, camera: Camera): Promise<ImageData> {
-    return image(await this.#request({ request: "view", at, camera }));
+    return image(await this.#session.request({ request: "view", at, camera }));
   }
 
   /** Begins another future after so many calls. */
   async branch(at: number): Promise<void> {
-    expect((await this.#request({ request: "branch", at })).answer, "branched");
+    expect((await this.#session.request({ request: "branch", at })).response, "branched");
   }
 
   /** Makes a call in the other future. */
   async act(call: ToolCall): Promise<ActResult> {
-    const { answer, bytes } = await this.#request({ request: "act", call });
-    const { step, ended, image: size } = expect(answer, "acted");
+    const { response, bytes } = await this.#session.request({ request: "act", call });
+    const { step, ended, image: size } = expect(response, "acted");
     return { step, ended, image: size && pixels(bytes, size.width, size.height) };
   }
 
   /** What is seen from a camera in the other future. */
   async viewBranch(camera: Camera): Promise<ImageData> {
-    return image(await this.#request({ request: "view_branch", camera }));
+    return image(await this.#session.request({ request: "view_branch", camera }));
   }
 
   /** Ends the worker and frees its memory. */
   close(): void {
-    this.#broken(new Error("the episode was closed"));
-    this.#worker.terminate();
-  }
-
-  #request(request: Request, bytes?: Uint8Array): Promise<Answered> {
-    const id = ++this.#last;
-    return new Promise((resolve, reject) => {
-      this.#waiting.set(id, { resolve, reject });
-      this.#worker.postMessage({ id, request, ...(bytes && { bytes }) } satisfies ToWorker);
-    });
-  }
-
-  #answered({ id, answer, bytes }: { id: number } & Answered): void {
-    const waiting = this.#waiting.get(id);
-    this.#waiting.delete(id);
-    if (answer.answer === "failed") waiting?.reject(new Error(answer.reason));
-    else waiting?.resolve({ answer, bytes });
-  }
-
-  #broken(error: Error): void {
-    for (const { reject } of this.#waiting.values()) reject(error);
-    this.#waiting.clear();
+    this.#session.close();
   }
 }
 
-function expect<A extends Answer["answer"]>(answer: Answer, expected: A): Extract<Answer, { answer: A }> {
-  if (answer.answer !== expected) throw new Error(`the module answered ${answer.answer} instead of ${expected}`);
-  return answer as Extract<Answer, { answer: A }>;
-}
-
-function image({ answer, bytes }: Answered): ImageData {
-  const { width, height } = expect(answer, "image");
+function image({ response, bytes }: Responded): ImageData {
+  const { width, height } = expect(response, "image");
   return pixels(bytes, width, height);
 }
 

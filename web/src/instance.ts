@@ -1,6 +1,6 @@
 // An instance of the module: requests go in as JSON with bytes behind it, answers come out likewise.
 
-import type { Answered, Request } from "./types.ts";
+import type { Responded, Request } from "./types.ts";
 
 /** What the module exports (src/web/src/exports.rs). */
 interface Exports {
@@ -28,7 +28,7 @@ export class Instance {
     return this.#exports.memory.buffer.byteLength;
   }
 
-  request(request: Request, bytes: Uint8Array = new Uint8Array()): Answered {
+  request(request: Request, bytes: Uint8Array = new Uint8Array()): Responded {
     const { reel_input, reel_request, reel_json, reel_json_length, reel_bytes, reel_bytes_length } = this.#exports;
     const json = new TextEncoder().encode(JSON.stringify(request));
     const start = reel_input(json.length + bytes.length);
@@ -38,10 +38,10 @@ export class Instance {
     try {
       reel_request(json.length);
     } catch (error) {
-      return { answer: { answer: "failed", reason: `the module stopped: ${this.#panic() || error}` }, bytes: new Uint8Array() };
+      return { response: { response: "failed", reason: `the module stopped: ${this.#panic() || error}` }, bytes: new Uint8Array() };
     }
-    const answer = JSON.parse(this.#text(reel_json(), reel_json_length()));
-    return { answer, bytes: this.#copy(reel_bytes(), reel_bytes_length()) };
+    const response = JSON.parse(this.#text(reel_json(), reel_json_length()));
+    return { response, bytes: this.#copy(reel_bytes(), reel_bytes_length()) };
   }
 
   #panic(): string {

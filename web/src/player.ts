@@ -1,5 +1,7 @@
-// The player: an episode on a page, verified as it is read, with a camera that goes anywhere and another future to try.
+// The player: an episode on a page, verified as it is read, with a camera that goes anywhere and another future to try; or a bundle, executed
+// episode by episode, each of which can be opened.
 
+import { Bundle } from "./bundle.ts";
 import { Episode } from "./episode.ts";
 import type { Camera, Opened, Point, Step, Verdict } from "./types.ts";
 
@@ -14,29 +16,94 @@ const PROVEN =
   "Proven here: these calls, in this scene, with this seed, give every digest, image, text, reward and metric in the file. " +
   "Not proven: who wrote the calls and the words of the policy, and that no other episodes were left out.";
 
-/** Shows episodes in an element, one after the other. */
+/** Shows traces and bundles in an element, one after the other. */
 export class Player {
   readonly #root: HTMLElement;
   readonly #runtime: Runtime;
-  #shown: EpisodeView | undefined;
+  #shown: { close(): void } | undefined;
 
   constructor(root: HTMLElement, runtime: Runtime) {
     this.#root = root;
     this.#runtime = runtime;
   }
 
-  /** Opens a trace and verifies it; what was shown before is closed. */
+  /** Opens a trace or a bundle and verifies it; what was shown before is closed. */
   async show(name: string, bytes: Uint8Array): Promise<void> {
     this.#shown?.close();
     this.#shown = undefined;
     this.#root.replaceChildren(element("p", { className: "status" }, `Reading ${name} ...`));
     try {
-      const episode = await Episode.open(this.#runtime.module, this.#runtime.worker(), name, bytes);
-      this.#shown = new EpisodeView(this.#root, episode);
-      await this.#shown.begin();
+      // An archive begins with PK.
+      if (bytes[0] === 0x50 && bytes[1] === 0x4b) await this.#bundle(bytes);
+      else await this.#episode(name, bytes);
     } catch (error) {
       this.#root.replaceChildren(badge("refused", "REFUSED"), element("p", { className: "problem" }, message(error)));
     }
+  }
+
+  async #episode(name: string, bytes: Uint8Array, back?: () => void): Promise<void> {
+    const { module, worker } = this.#runtime;
+    const episode = await Episode.open(module, worker(), name, bytes);
+    this.#shown = episode;
+    await new EpisodeView(this.#root, episode, back).begin();
+  }
+
+  async #bundle(bytes: Uint8Array): Promise<void> {
+    const { module, worker } = this.#runtime;
+    const bundle = await Bundle.open(module, worker(), bytes);
+    this.#shown = bundle;
+    const view = new BundleView(this.#root, bundle, async (number) => {
+      view.stop();
+      const { name, bytes: trace } = await bundle.unpack(number);
+      bundle.close();
+      await this.#episode(name, trace, () => this.show("the bundle", bytes));
+    });
+    await view.begin();
+  }
+}
+
+/** A bundle that is shown. */
+class BundleView {
+  readonly #bundle: Bundle;
+  readonly #badge = badge("running", "");
+  readonly #rows: HTMLElement[];
+  #stopped = false;
+
+  constructor(root: HTMLElement, bundle: Bundle, open: (episode: number) => void) {
+    this.#bundle = bundle;
+    const { manifest } = bundle;
+    const { policy, profile, skills, preset } = manifest.settings;
+    const percent = (share: number) => (100 * share).toFixed(1);
+    const results = manifest.results.map((row) => element("tr", {}, cell(row.family), cell(`${row.played} of ${row.episodes}`), cell(`${percent(row.success_rate)} %`), cell(`${percent(row.success_low)} to ${percent(row.success_high)}`)));
+    this.#rows = manifest.episodes.map((episode, number) => {
+      const link = element("button", { type: "button", className: "link" }, `${episode.task} with seed ${episode.seed}`);
+      link.onclick = () => open(number);
+      return element("li", {}, link, element("span", { className: "outcome" }, episode.success ? "success" : "failure"), element("span", { className: "reward" }, episode.reward.toFixed(2)));
+    });
+    root.replaceChildren(
+      element("header", {}, element("h1", {}, `${manifest.name}: ${policy.name}`), element("p", { className: "about" }, `profile ${profile}, skills ${skills}, rewards of preset ${preset}; recorded by simulator ${manifest.simulator}, reel ${manifest.build}`), this.#badge,
+        element("details", {}, element("summary", {}, "What this proves, and what not"), element("p", {}, `${PROVEN} The tasks are those in the bundle: \`reel verify --tasks\` compares them with a benchmark's.`))),
+      element("table", {}, element("tr", {}, ...["family", "episodes", "success", "95 %"].map((name) => element("th", {}, name))), ...results),
+      element("aside", {}, element("ol", { className: "calls" }, ...this.#rows)),
+    );
+  }
+
+  async begin(): Promise<void> {
+    const of = this.#rows.length;
+    for (const [number, row] of this.#rows.entries()) {
+      this.#badge.textContent = `Executing episode ${number + 1} of ${of} ...`;
+      const findings = await this.#bundle.execute(number);
+      if (this.#stopped) return;
+      row.className = findings.length ? "error" : "equal";
+      row.append(...findings.map((finding) => element("span", { className: "outcome" }, finding.text)));
+    }
+    const { verification, text } = await this.#bundle.conclude();
+    this.#badge.className = `badge ${verification.holds ? "exact" : "refused"}`;
+    this.#badge.textContent = text;
+  }
+
+  stop(): void {
+    this.#stopped = true;
   }
 }
 
@@ -54,11 +121,14 @@ class EpisodeView {
   #orbit: { target: Point; distance: number; yaw: number; pitch: number } = { target: [0, 0, 0.8], distance: 3, yaw: 0.8, pitch: 0.6 };
   /** The other future: where it began and how many calls were made in it; none where the recorded one is shown. */
   #branch: { at: number; made: number } | undefined;
+  /** Leads back to the bundle that the episode is of. */
+  readonly #back: (() => void) | undefined;
   #drawing = false;
   #drawAgain = false;
 
-  constructor(root: HTMLElement, episode: Episode) {
+  constructor(root: HTMLElement, episode: Episode, back?: () => void) {
     this.#episode = episode;
+    this.#back = back;
     this.#opened = episode.opened;
     root.replaceChildren(this.#head(), this.#stage(), this.#side());
   }
@@ -66,7 +136,8 @@ class EpisodeView {
   async begin(): Promise<void> {
     const of = this.#opened.steps.length;
     this.#verdict("running", `Verifying call 0 of ${of} ...`);
-    this.go(of);
+    // The end can be drawn at once when it was executed; before, the start can.
+    this.go(0);
     const start = performance.now();
     try {
       const { verdict, text } = await this.#episode.verify(({ calls }) => {
@@ -74,14 +145,11 @@ class EpisodeView {
         for (const item of this.#calls.children) item.classList.toggle("equal", Number((item as HTMLElement).dataset.at) <= calls);
       });
       const seconds = ((performance.now() - start) / 1000).toFixed(1);
+      if (this.#slider.value === "0" && !this.#branch) this.go(of);
       this.#verdict(verdict.verdict, verdict.verdict === "exact" ? `EXACT: ${text.replace(/^exact: /, "")}, executed again in ${seconds} s` : text);
     } catch (error) {
       this.#verdict("refused", message(error));
     }
-  }
-
-  close(): void {
-    this.#episode.close();
   }
 
   /** Shows the recorded episode after so many calls. */
@@ -103,7 +171,9 @@ class EpisodeView {
     const { header, instruction, end, success, trace } = this.#opened;
     const result = success === null ? "not judged" : success ? "success" : "failure";
     const told = `${header.policy.name} · seed ${header.seed} · ${header.task_id} (${header.family}) in ${header.scene_id} · ${result}${end ? ` · reward ${end.metrics.total_reward.toFixed(2)} under ${header.reward_preset}` : ""}`;
-    return element("header", {}, element("h1", {}, instruction), element("p", { className: "about" }, told), this.#badge,
+    const back = element("button", { type: "button", className: "link", hidden: !this.#back }, "back to the bundle");
+    back.onclick = () => this.#back?.();
+    return element("header", {}, back, element("h1", {}, instruction), element("p", { className: "about" }, told), this.#badge,
       element("details", {}, element("summary", {}, "What this proves, and what not"), element("p", {}, PROVEN),
         element("p", {}, `Trace ${trace}, recorded by simulator ${header.sim_version}; this page is ${this.#opened.build}. File: BLAKE3 ${this.#opened.file}.`)));
   }
@@ -249,6 +319,10 @@ class EpisodeView {
     this.#badge.className = `badge ${kind}`;
     this.#badge.textContent = text;
   }
+}
+
+function cell(text: string): HTMLElement {
+  return element("td", {}, text);
 }
 
 function badge(kind: string, text: string): HTMLElement {

@@ -22,7 +22,11 @@ export type Request =
   | { request: "view"; at: number; camera: Camera }
   | { request: "branch"; at: number }
   | { request: "act"; call: ToolCall }
-  | { request: "view_branch"; camera: Camera };
+  | { request: "view_branch"; camera: Camera }
+  | { request: "open_bundle" }
+  | { request: "execute"; episode: number }
+  | { request: "conclude" }
+  | { request: "unpack"; episode: number };
 
 export interface Size {
   width: number;
@@ -76,16 +80,46 @@ export interface Opened {
   build: string;
 }
 
-export type Answer =
-  | ({ answer: "opened" } & Opened)
-  | { answer: "verified"; calls: number; of: number; verdict: Verdict | null; text: string | null }
-  | ({ answer: "image" } & Size)
-  | { answer: "branched"; at: number }
-  | { answer: "acted"; step: Step; ended: string | null; image: Size | null }
-  | { answer: "failed"; reason: string };
+/** Something that does not hold in a bundle. */
+export interface Finding {
+  kind: string;
+  /** Number of the episode in the bundle, where it is about one. */
+  episode: number | null;
+  text: string;
+}
 
-/** An answer with the bytes beside it: RGBA of an image. */
-export interface Answered {
-  answer: Answer;
+/** What a bundle claims; further fields as in its manifest.json (docs/proof.md). */
+export interface Manifest {
+  name: string;
+  build: string;
+  simulator: number;
+  settings: { policy: { name: string }; profile: string; skills: string; preset: string };
+  episodes: { task: string; seed: number; success: boolean; completion: number; reward: number; length: number }[];
+  results: { family: string; episodes: number; played: number; successes: number; success_rate: number; success_low: number; success_high: number }[];
+}
+
+/** Whether a bundle holds, as `reel verify --json` prints it. */
+export interface Verification {
+  holds: boolean;
+  signer: string | null;
+  findings: Finding[];
+  episodes: number;
+}
+
+export type SessionResponse =
+  | ({ response: "opened" } & Opened)
+  | { response: "verified"; calls: number; of: number; verdict: Verdict | null; text: string | null }
+  | ({ response: "image" } & Size)
+  | { response: "branched"; at: number }
+  | { response: "acted"; step: Step; ended: string | null; image: Size | null }
+  | { response: "opened_bundle"; manifest: Manifest; findings: Finding[] }
+  | { response: "executed"; findings: Finding[] }
+  | { response: "concluded"; verification: Verification; text: string }
+  | { response: "unpacked"; name: string }
+  | { response: "failed"; reason: string };
+
+/** A response with the bytes beside it: RGBA of an image. */
+export interface Responded {
+  response: SessionResponse;
   bytes: Uint8Array;
 }

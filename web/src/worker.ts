@@ -13,6 +13,6 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
     instance = new Instance(data.module);
     return;
   }
-  const { answer, bytes } = instance!.request(data.request, data.bytes);
-  self.postMessage({ id: data.id, answer, bytes }, { transfer: [bytes.buffer] });
+  const { response, bytes } = instance!.request(data.request, data.bytes);
+  self.postMessage({ id: data.id, response, bytes }, { transfer: [bytes.buffer] });
 };

@@ -12,6 +12,7 @@ use reel_world::{
     canonical_json,
     record::{EndRecord, EpisodeHeader},
 };
+use serde_json::json;
 
 use crate::{
     BundleError, Key,
@@ -35,7 +36,7 @@ pub struct BundleInputs<'a> {
     pub partial: bool,
     /// The log of the model calls.
     pub calls: Option<Vec<u8>>,
-    /// Signs the statement.
+    /// The key that signs the statement, if it is to be signed.
     pub key: Option<&'a Key>,
 }
 
@@ -128,9 +129,14 @@ pub fn make(made: BundleInputs<'_>, scratch: &Path) -> Result<Bundle, BundleErro
     Ok(Bundle::of(&manifest, packed, calls, key))
 }
 
+/// A random policy has the seed of its episode: what all have in common is left.
 pub(crate) fn settings(header: &EpisodeHeader) -> Settings {
+    let mut policy = header.policy.clone();
+    if policy.parameters.get("seed") == Some(&json!(header.seed)) {
+        policy.parameters.remove("seed");
+    }
     Settings {
-        policy: header.policy.clone(),
+        policy,
         profile: header.profile,
         skills: header.skills,
         preset: header.reward_preset.clone(),

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// Of this form of the manifest.
 pub(crate) const FORMAT: u32 = 1;
 
-/// What is claimed.
+/// What a bundle claims of its episodes.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -38,13 +38,13 @@ pub struct Manifest {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Who decided.
+    /// The policy that decided, without the seed that some have.
     pub policy: PolicyInfo,
     /// How the environment behaves where the paper and the published code differ.
     pub profile: Profile,
     /// How reliable the robot's skills are.
     pub skills: Skills,
-    /// The reward preset.
+    /// Name of the reward preset.
     pub preset: String,
 }
 
@@ -54,7 +54,7 @@ pub struct Settings {
 pub struct Grid {
     /// The tasks, by id.
     pub tasks: Vec<TaskEntry>,
-    /// The seeds, rising.
+    /// The seeds of every task, in rising order.
     pub seeds: Vec<u64>,
 }
 
@@ -62,9 +62,9 @@ pub struct Grid {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskEntry {
-    /// Its id.
+    /// Id of the task.
     pub id: String,
-    /// Its family.
+    /// Family of the task.
     pub family: Family,
     /// Digest of the whole task.
     pub task: Digest,
@@ -105,7 +105,7 @@ pub struct ClaimedEpisode {
     pub spl: Option<f64>,
     /// Sum of the rewards.
     pub reward: f64,
-    /// Number of decisions.
+    /// Number of decisions in the episode.
     pub length: u32,
     /// Number of `ask` calls.
     pub asks: u32,
@@ -145,13 +145,13 @@ pub struct ResultRow {
     pub episodes: usize,
     /// Those that were played to their end.
     pub played: usize,
-    /// Those that succeeded.
+    /// Those that reached their goal.
     pub successes: usize,
     /// Successes of all episodes, from 0 to 1.
     pub success_rate: f64,
     /// Lower end of Wilson's interval at 95 %.
     pub success_low: f64,
-    /// Its upper end.
+    /// Upper end of that interval.
     pub success_high: f64,
     /// Mean completion of all episodes; 0 for those that were not played.
     pub completion: f64,

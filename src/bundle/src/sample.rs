@@ -10,12 +10,12 @@ use serde::Serialize;
 pub struct Sample {
     /// Draws them: who forges must not know it before the bundle is handed in.
     pub seed: u64,
-    /// Their numbers, rising.
+    /// Their numbers in the shard, in rising order.
     pub episodes: Vec<u32>,
 }
 
 impl Sample {
-    /// All of them.
+    /// Every episode of a bundle.
     pub fn all(episodes: u32) -> Self {
         Self {
             seed: 0,

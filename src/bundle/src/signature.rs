@@ -11,7 +11,7 @@ use crate::BundleError;
 /// What signatures of bundles are for; one for something else does not hold.
 const NAMESPACE: &str = "reel-bundle";
 
-/// A private key.
+/// A private Ed25519 key.
 pub struct Key(PrivateKey);
 
 impl std::fmt::Debug for Key {
@@ -61,7 +61,7 @@ impl Key {
         text.expect("an Ed25519 pair can be written").to_string()
     }
 
-    /// Its public half.
+    /// The public half of the key.
     pub fn signer(&self) -> Signer {
         Signer(self.0.public_key().clone())
     }
@@ -77,7 +77,7 @@ impl Key {
     }
 }
 
-/// A public key.
+/// A public key, of whoever signed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Signer(PublicKey);
 

@@ -112,7 +112,7 @@ impl CheckedBundle {
         Ok(checked)
     }
 
-    /// What is claimed.
+    /// What the bundle claims.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -140,18 +140,27 @@ impl CheckedBundle {
         assets.meshes(&mut episode.header.meshes.keys())
     }
 
+    /// Executes an episode again and gives the trace that was packed, with the name of its file.
+    ///
+    /// # Errors
+    /// Why it cannot be executed, or that it gives another trace.
+    pub fn unpack(&self, number: u32, meshes: &Meshes) -> Result<(String, Vec<u8>), String> {
+        let episode = self
+            .shard
+            .episode(number)
+            .map_err(|error| error.to_string())?;
+        let bytes = unpack(&episode, meshes)?;
+        Ok((episode.name, bytes))
+    }
+
     /// Executes an episode again and compares it with what is claimed of it. Gives what differs.
     pub fn execute(&self, number: u32, meshes: &Meshes) -> Vec<Finding> {
         let differs = |text: String| vec![Finding::of_episode(FindingKind::Episode, number, text)];
-        let episode = match self.shard.episode(number) {
-            Ok(episode) => episode,
-            Err(error) => return differs(error.to_string()),
-        };
-        let bytes = match unpack(&episode, meshes) {
-            Ok(bytes) => bytes,
+        let (name, bytes) = match self.unpack(number, meshes) {
+            Ok(unpacked) => unpacked,
             Err(reason) => return differs(reason),
         };
-        let read = Trace::from_bytes(Path::new(&episode.name), &bytes, &Limits::default());
+        let read = Trace::from_bytes(Path::new(&name), &bytes, &Limits::default());
         let trace = match read {
             Ok(trace) => trace,
             Err(error) => return differs(error.to_string()),
@@ -168,8 +177,8 @@ impl CheckedBundle {
     }
 
     /// What came of it, once the episodes of a sample were executed.
-    pub fn finish(mut self, sample: Sample, found: Vec<Finding>) -> Verification {
-        self.findings.extend(found);
+    pub fn finish(&self, sample: Sample, found: Vec<Finding>) -> Verification {
+        let findings = [self.findings.clone(), found].concat();
         let episodes = self.len();
         let drawn = u32::try_from(sample.episodes.len()).unwrap_or(u32::MAX);
         let counts = [1, 2, 5, 10, 20, 50]
@@ -180,17 +189,17 @@ impl CheckedBundle {
             .map(|forged| (forged, miss_probability(episodes, drawn, forged)))
             .collect();
         Verification {
-            holds: self.findings.is_empty(),
+            holds: findings.is_empty(),
             run_digest: self.run_digest(),
-            name: self.manifest.name,
-            policy: self.manifest.settings.policy.name,
+            name: self.manifest.name.clone(),
+            policy: self.manifest.settings.policy.name.clone(),
             result: self.manifest.results.last().cloned(),
             episodes,
             executed: sample,
             miss_probability,
-            signer: self.signer.map(|signer| signer.to_string()),
-            benchmark: self.benchmark,
-            findings: self.findings,
+            signer: self.signer.as_ref().map(ToString::to_string),
+            benchmark: self.benchmark.clone(),
+            findings,
         }
     }
 
@@ -474,7 +483,11 @@ impl std::fmt::Display for Verification {
             all if all == self.episodes as usize => {
                 write!(f, "; all {all} episodes executed again")
             }
-            some => write!(f, "; {some} of {} episodes executed again", self.episodes),
+            some => write!(
+                f,
+                "; so far as {some} of {} episodes, drawn by lot and executed again, can tell",
+                self.episodes
+            ),
         }
     }
 }

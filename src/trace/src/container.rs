@@ -21,6 +21,17 @@ pub(crate) const RECORD_PREFIX: usize = 9;
 /// Footer record with its prefix.
 pub(crate) const FOOTER: usize = RECORD_PREFIX + 20;
 
+/// What is wrong with a chunk, in the same words everywhere: whether zstd notices a changed byte, or only the
+/// checksum does, depends on how zstd was built.
+fn problem_of_chunk(error: &McapError) -> String {
+    match error {
+        McapError::BadChunkCrc { .. } | McapError::DecompressionError(_) => {
+            "the content of a chunk was changed".to_owned()
+        }
+        other => other.to_string(),
+    }
+}
+
 /// A thing found in the data section.
 pub(crate) enum Item<'a> {
     /// A schema record, with its header and encoded data.
@@ -412,7 +423,7 @@ impl<'a> Walk<'a> {
                 visitor,
             )? {
                 Some((error, any)) if verify => {
-                    visitor.problem(self.damaged(offset, &error))?;
+                    visitor.problem(self.damaged(offset, &problem_of_chunk(&error)))?;
                     if any {
                         return Ok(());
                     }

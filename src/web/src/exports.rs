@@ -16,7 +16,7 @@ use crate::Session;
 thread_local! {
     static SESSION: RefCell<Session> = RefCell::default();
     static INPUT: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
-    static ANSWER: RefCell<Buffers> = RefCell::default();
+    static RESPONSE: RefCell<Buffers> = RefCell::default();
 }
 
 static PANIC: Mutex<String> = Mutex::new(String::new());
@@ -50,35 +50,35 @@ pub extern "C" fn reel_request(json_length: usize) {
     });
     let input = INPUT.take();
     let (json, bytes) = input.split_at(json_length.min(input.len()));
-    let answer = SESSION.with_borrow_mut(|session| session.answer_json(json, bytes));
-    ANSWER.set(Buffers {
-        json: answer.0,
-        bytes: answer.1,
+    let response = SESSION.with_borrow_mut(|session| session.respond_json(json, bytes));
+    RESPONSE.set(Buffers {
+        json: response.0,
+        bytes: response.1,
     });
 }
 
-/// Where the JSON of the last answer lies.
+/// Where the JSON of the last response lies.
 #[unsafe(no_mangle)]
 pub extern "C" fn reel_json() -> *const u8 {
-    ANSWER.with_borrow(|answer| answer.json.as_ptr())
+    RESPONSE.with_borrow(|response| response.json.as_ptr())
 }
 
-/// How many bytes the JSON of the last answer has.
+/// How many bytes the JSON of the last response has.
 #[unsafe(no_mangle)]
 pub extern "C" fn reel_json_length() -> usize {
-    ANSWER.with_borrow(|answer| answer.json.len())
+    RESPONSE.with_borrow(|response| response.json.len())
 }
 
-/// Where the bytes of the last answer lie.
+/// Where the bytes of the last response lie.
 #[unsafe(no_mangle)]
 pub extern "C" fn reel_bytes() -> *const u8 {
-    ANSWER.with_borrow(|answer| answer.bytes.as_ptr())
+    RESPONSE.with_borrow(|response| response.bytes.as_ptr())
 }
 
-/// How many bytes came with the last answer.
+/// How many bytes came with the last response.
 #[unsafe(no_mangle)]
 pub extern "C" fn reel_bytes_length() -> usize {
-    ANSWER.with_borrow(|answer| answer.bytes.len())
+    RESPONSE.with_borrow(|response| response.bytes.len())
 }
 
 /// Where the text of the panic lies that ended this instance.

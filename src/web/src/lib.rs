@@ -7,4 +7,4 @@
 mod exports;
 mod session;
 
-pub use session::{Answer, Request, Session};
+pub use session::{Request, Response, Session};

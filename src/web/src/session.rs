@@ -1,13 +1,17 @@
 //! One episode, from its file on: what was asked of it is answered by executing it.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
+use reel_bundle::{Bundle, CheckedBundle, Finding, Manifest, Sample, Verification};
 use reel_episode::Episode;
 use reel_replay::{Detail, Fork, Replay, Verdict, Viewpoint};
 use reel_sim::{SIM_VERSION, Snapshot};
 use reel_trace::{Limits, Trace};
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, ReceptacleId, ToolCall, ToolSpec,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Meshes, ReceptacleId, ToolCall, ToolSpec,
     record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StepInput, StepRecord},
 };
 use serde::{Deserialize, Serialize};
@@ -28,7 +32,7 @@ pub enum Request {
     View {
         /// How many calls came before.
         at: usize,
-        /// From where.
+        /// From where it is drawn.
         camera: Camera,
     },
     /// Begins another future after `at` calls; the one of before is forgotten.
@@ -38,13 +42,27 @@ pub enum Request {
     },
     /// Makes a call in the other future.
     Act {
-        /// The call.
+        /// A call as a policy makes it.
         call: ToolCall,
     },
     /// Draws the other future as it is now.
     ViewBranch {
-        /// From where.
+        /// From where it is drawn.
         camera: Camera,
+    },
+    /// Reads the bundle in the bytes and compares its parts with each other.
+    OpenBundle,
+    /// Executes an episode of the bundle again and compares it with what is claimed of it.
+    Execute {
+        /// Number of the episode in the bundle.
+        episode: u32,
+    },
+    /// Says whether the bundle holds, with what was executed until now.
+    Conclude,
+    /// Gives an episode of the bundle as the trace that was packed.
+    Unpack {
+        /// Number of the episode in the bundle.
+        episode: u32,
     },
 }
 
@@ -62,17 +80,17 @@ pub struct Camera {
 
 /// What a session answers.
 #[derive(Debug, Serialize)]
-#[serde(tag = "answer", rename_all = "snake_case")]
-pub enum Answer {
+#[serde(tag = "response", rename_all = "snake_case")]
+pub enum Response {
     /// The file was read.
     Opened(Box<Opened>),
     /// How far the comparison is; with a verdict it is over.
     Verified {
         /// Calls that were executed and are equal.
         calls: usize,
-        /// All calls.
+        /// How many calls the trace has.
         of: usize,
-        /// What was found.
+        /// What the comparison found, once it is over.
         verdict: Option<Verdict>,
         /// The verdict in words, as `reel replay` prints it.
         text: Option<String>,
@@ -88,6 +106,30 @@ pub enum Answer {
         /// Size of the image.
         image: Option<Size>,
     },
+    /// The bundle was read; the findings are those before any execution.
+    OpenedBundle {
+        /// What the bundle claims.
+        manifest: Box<Manifest>,
+        /// What does not hold so far.
+        findings: Vec<Finding>,
+    },
+    /// An episode of the bundle was executed.
+    Executed {
+        /// What differs from the claim.
+        findings: Vec<Finding>,
+    },
+    /// Whether the bundle holds.
+    Concluded {
+        /// The whole verification, as `reel verify --json` prints it.
+        verification: Box<Verification>,
+        /// The same in one line.
+        text: String,
+    },
+    /// The trace of an episode of the bundle is in the bytes.
+    Unpacked {
+        /// The name that its file had.
+        name: String,
+    },
     /// The other future begins here.
     Branched {
         /// How many calls came before.
@@ -95,7 +137,7 @@ pub enum Answer {
     },
     /// It cannot be done; the text says why and what to do.
     Failed {
-        /// Why.
+        /// Why it cannot be done.
         reason: String,
     },
 }
@@ -167,7 +209,7 @@ pub struct Size {
 }
 
 /// One episode and what is executed of it.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub struct Session {
     /// Kept as long as the session's process or worker: it reads one trace.
     trace: Option<&'static Trace>,
@@ -177,40 +219,48 @@ pub struct Session {
     /// The episode where it was looked at last.
     viewed: Option<(usize, Replay<'static>)>,
     branch: Option<Episode>,
+    bundle: Option<CheckedBundle>,
+    /// Of the bundle's episodes, those that were executed.
+    executed: BTreeSet<u32>,
+    findings: Vec<Finding>,
 }
 
-type Answered = (Answer, Vec<u8>);
+type Responded = (Response, Vec<u8>);
 
 impl Session {
     /// Answers a request in JSON with bytes beside it: the answer in JSON, and its bytes.
-    pub fn answer_json(&mut self, json: &[u8], bytes: &[u8]) -> (Vec<u8>, Vec<u8>) {
-        let (answer, bytes) = match serde_json::from_slice(json) {
-            Ok(request) => self.answer(request, bytes),
+    pub fn respond_json(&mut self, json: &[u8], bytes: &[u8]) -> (Vec<u8>, Vec<u8>) {
+        let (response, bytes) = match serde_json::from_slice(json) {
+            Ok(request) => self.respond(request, bytes),
             Err(error) => (
                 failed(format!("the request cannot be read: {error}")),
                 Vec::new(),
             ),
         };
         (
-            serde_json::to_vec(&answer).expect("an answer is always JSON"),
+            serde_json::to_vec(&response).expect("a response is always JSON"),
             bytes,
         )
     }
 
-    /// Answers a request.
-    pub fn answer(&mut self, request: Request, bytes: &[u8]) -> Answered {
-        let answered = match request {
+    /// Responds to one request, with bytes beside it.
+    pub fn respond(&mut self, request: Request, bytes: &[u8]) -> Responded {
+        let responded = match request {
             Request::Open { name } => self.open(&name, bytes),
             Request::Verify => self.verify(),
             Request::View { at, camera } => self.view(at, &camera),
             Request::Branch { at } => self.begin_branch(at),
             Request::Act { call } => self.act(call),
             Request::ViewBranch { camera } => self.view_branch(&camera),
+            Request::OpenBundle => self.open_bundle(bytes),
+            Request::Execute { episode } => self.execute(episode),
+            Request::Conclude => self.conclude(),
+            Request::Unpack { episode } => self.unpack(episode),
         };
-        answered.unwrap_or_else(|reason| (failed(reason), Vec::new()))
+        responded.unwrap_or_else(|reason| (failed(reason), Vec::new()))
     }
 
-    fn open(&mut self, name: &str, bytes: &[u8]) -> Result<Answered, String> {
+    fn open(&mut self, name: &str, bytes: &[u8]) -> Result<Responded, String> {
         if self.trace.is_some() {
             return Err("this session has an episode; open another session".to_owned());
         }
@@ -218,25 +268,25 @@ impl Session {
             .map_err(|error| error.to_string())?;
         let opened = Opened::of(&trace, bytes);
         self.trace = Some(Box::leak(Box::new(trace)));
-        Ok((Answer::Opened(Box::new(opened)), Vec::new()))
+        Ok((Response::Opened(Box::new(opened)), Vec::new()))
     }
 
     fn trace(&self) -> Result<&'static Trace, String> {
         self.trace.ok_or_else(|| "no episode is open".to_owned())
     }
 
-    fn verify(&mut self) -> Result<Answered, String> {
+    fn verify(&mut self) -> Result<Responded, String> {
         let trace = self.trace()?;
         let of = trace.steps.len();
         let told = |calls, verdict: Option<Verdict>| {
             let text = verdict.as_ref().map(ToString::to_string);
-            let answer = Answer::Verified {
+            let response = Response::Verified {
                 calls,
                 of,
                 verdict,
                 text,
             };
-            Ok((answer, Vec::new()))
+            Ok((response, Vec::new()))
         };
         let Some(mut replay) = self.replay.take() else {
             if let Err(verdict) = reel_replay::check(trace, Detail::Full) {
@@ -293,7 +343,7 @@ impl Session {
         Ok(&self.viewed.insert((at, replay)).1)
     }
 
-    fn view(&mut self, at: usize, camera: &Camera) -> Result<Answered, String> {
+    fn view(&mut self, at: usize, camera: &Camera) -> Result<Responded, String> {
         let viewpoint = camera.viewpoint(self.trace()?)?;
         let frame = viewpoint
             .draw(self.at(at)?.episode().simulator())
@@ -301,7 +351,7 @@ impl Session {
         Ok(image(&frame))
     }
 
-    fn begin_branch(&mut self, at: usize) -> Result<Answered, String> {
+    fn begin_branch(&mut self, at: usize) -> Result<Responded, String> {
         let fork = Fork::of(self.at(at)?).ok_or_else(|| {
             format!(
                 "the episode is over after call {}: begin earlier",
@@ -312,10 +362,10 @@ impl Session {
             .open(person(), Detail::Full)
             .map_err(|verdict| verdict.to_string())?;
         self.branch = Some(branch);
-        Ok((Answer::Branched { at }, Vec::new()))
+        Ok((Response::Branched { at }, Vec::new()))
     }
 
-    fn act(&mut self, call: ToolCall) -> Result<Answered, String> {
+    fn act(&mut self, call: ToolCall) -> Result<Responded, String> {
         let branch = self.branch.as_mut().ok_or("no other future was begun")?;
         if branch.ended().is_some() {
             return Err("that future is over; begin another".to_owned());
@@ -325,7 +375,7 @@ impl Session {
             Some(frame) => (Some(SIZE), rgba(frame)),
             None => (None, Vec::new()),
         };
-        let acted = Answer::Acted {
+        let acted = Response::Acted {
             step: Box::new(output.record),
             ended: branch.ended(),
             image: size,
@@ -333,13 +383,57 @@ impl Session {
         Ok((acted, bytes))
     }
 
-    fn view_branch(&mut self, camera: &Camera) -> Result<Answered, String> {
+    fn view_branch(&mut self, camera: &Camera) -> Result<Responded, String> {
         let viewpoint = camera.viewpoint(self.trace()?)?;
         let branch = self.branch.as_ref().ok_or("no other future was begun")?;
         let frame = viewpoint
             .draw(branch.simulator())
             .map_err(|verdict| verdict.to_string())?;
         Ok(image(&frame))
+    }
+}
+
+impl Session {
+    fn open_bundle(&mut self, bytes: &[u8]) -> Result<Responded, String> {
+        let bundle = Bundle::from_bytes(bytes).map_err(|error| error.to_string())?;
+        let checked = CheckedBundle::new(&bundle, None, None).map_err(|error| error.to_string())?;
+        let response = Response::OpenedBundle {
+            manifest: Box::new(checked.manifest().clone()),
+            findings: checked.findings().to_vec(),
+        };
+        self.bundle = Some(checked);
+        Ok((response, Vec::new()))
+    }
+
+    fn bundle(&self) -> Result<&CheckedBundle, String> {
+        self.bundle
+            .as_ref()
+            .ok_or_else(|| "no bundle is open".to_owned())
+    }
+
+    fn execute(&mut self, episode: u32) -> Result<Responded, String> {
+        let findings = self.bundle()?.execute(episode, &Meshes::default());
+        self.executed.insert(episode);
+        self.findings.extend_from_slice(&findings);
+        Ok((Response::Executed { findings }, Vec::new()))
+    }
+
+    fn conclude(&mut self) -> Result<Responded, String> {
+        let sample = Sample {
+            seed: 0,
+            episodes: self.executed.iter().copied().collect(),
+        };
+        let verification = self.bundle()?.finish(sample, self.findings.clone());
+        let response = Response::Concluded {
+            text: verification.to_string(),
+            verification: Box::new(verification),
+        };
+        Ok((response, Vec::new()))
+    }
+
+    fn unpack(&mut self, episode: u32) -> Result<Responded, String> {
+        let (name, trace) = self.bundle()?.unpack(episode, &Meshes::default())?;
+        Ok((Response::Unpacked { name }, trace))
     }
 }
 
@@ -366,8 +460,8 @@ const SIZE: Size = Size {
     height: FRAME_HEIGHT,
 };
 
-fn image(frame: &Frame) -> Answered {
-    (Answer::Image(SIZE), rgba(frame))
+fn image(frame: &Frame) -> Responded {
+    (Response::Image(SIZE), rgba(frame))
 }
 
 /// As a canvas takes it.
@@ -379,6 +473,6 @@ fn rgba(frame: &Frame) -> Vec<u8> {
         .collect()
 }
 
-fn failed(reason: String) -> Answer {
-    Answer::Failed { reason }
+fn failed(reason: String) -> Response {
+    Response::Failed { reason }
 }

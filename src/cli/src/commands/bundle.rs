@@ -79,7 +79,7 @@ pub struct BundleArguments {
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct VerifyArguments {
-    /// Bundles to verify
+    /// Bundles to verify, as `reel bundle` writes them
     #[arg(value_name = "BUNDLE", required = true)]
     bundles: Vec<PathBuf>,
     /// The tasks of the benchmark: a bundle with others, or without some, does not hold
@@ -106,7 +106,7 @@ pub struct VerifyArguments {
     json: bool,
 }
 
-/// `5%` or `0.05`.
+/// A share of the episodes: `5%` or `0.05`.
 fn share(text: &str) -> Result<f64, String> {
     let number = |text: &str| text.trim().parse::<f64>().ok();
     let share = match text.strip_suffix('%') {

@@ -32,7 +32,7 @@ enum Command {
     },
     /// Print the public half of a key and its fingerprint, which `reel verify` tells
     Show {
-        /// The private key
+        /// The private half of a key
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },

@@ -8,6 +8,7 @@ use reel_tidy::{crates, root};
 #[rustfmt::skip]
 const LAYERS: &[(&str, &[&str])] = &[
     ("world", &[]),
+    ("statistics", &[]),
     ("redact", &[]),
     ("http", &[]),
     ("reward", &["world"]),
@@ -21,10 +22,13 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("agents", &["world", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "episode", "trace"]),
+    // packed episodes of a run, and what their execution gives
+    ("bundle", &["world", "trace", "replay", "statistics"]),
+    ("web", &["world", "sim", "episode", "trace", "replay", "bundle"]),
     ("counterfactual", &["world", "sim", "episode", "trace", "agents", "replay"]),
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace"]),
-    ("query", &["world", "reward", "trace", "tables", "replay", "counterfactual"]),
+    ("query", &["world", "reward", "trace", "tables", "replay", "counterfactual", "statistics"]),
     ("cluster", &["tables", "query", "trace"]),
     // reward: what the published trainer reads in a result's texts
     // has one owner, `reel_reward::trainer`.
@@ -163,7 +167,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ),
     (
         "rand_chacha",
-        &["sim", "tasks", "agents", "annotate", "cli", "query", "server"],
+        &["sim", "tasks", "agents", "annotate", "cli", "statistics", "server"],
     ),
     ("rand_core", &["sim", "tasks", "agents", "annotate", "server"]),
     ("strsim", &["query", "reward"]),
@@ -172,7 +176,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("ureq", &["http"]),
     // vectors: the stub of a Hub
     ("sha1", &["publish", "vectors"]),
-    ("sha2", &["publish", "vectors"]),
+    ("sha2", &["bundle", "publish", "vectors"]),
+    ("ssh-key", &["bundle"]),
     ("rustix", &["publish"]),
     ("gltf*", &["tasks", "view"]),
     ("openusd", &["tasks"]),
