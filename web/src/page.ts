@@ -14,6 +14,13 @@ async function embedded(element: Element): Promise<Uint8Array> {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
+/** A file beside this page. */
+async function fetched(address: string): Promise<Uint8Array> {
+  const response = await fetch(new URL(address.split("/").map(encodeURIComponent).join("/"), location.href));
+  if (!response.ok) throw new Error(`${address}: ${response.status} ${response.statusText}`);
+  return new Uint8Array(await response.arrayBuffer());
+}
+
 /** Whether this browser multiplies several numbers at once in WebAssembly: a function that makes such a vector. */
 function hasVectors(): boolean {
   return WebAssembly.validate(new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]));
@@ -35,10 +42,12 @@ async function begin(): Promise<void> {
   };
 
   const episode = document.getElementById("episode");
+  const beside = decodeURIComponent(location.hash.slice(1));
   if (episode) await player.show(episode.dataset.name ?? "episode", await embedded(episode));
+  else if (beside) await player.show(beside, await fetched(beside));
   else root.textContent = "";
 }
 
 begin().catch((error) => {
-  root.textContent = `This browser cannot run the simulator: ${error instanceof Error ? error.message : error}`;
+  root.textContent = `This page cannot begin: ${error instanceof Error ? error.message : error}. It needs a browser with WebAssembly, and a web server where it opens files beside it.`;
 });

@@ -16,6 +16,7 @@ mod cluster_arguments;
 mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
+mod html;
 mod inputs;
 #[cfg(feature = "service")]
 mod match_arguments;
@@ -86,9 +87,11 @@ enum Command {
     #[cfg(feature = "rerun")]
     View(commands::view::Arguments),
     #[command(about = "Put a benchmark run into one file that carries its proof")]
-    Bundle(commands::bundle::BundleArguments),
+    Bundle(commands::bundle::Arguments),
     #[command(about = "Execute the episodes of bundles again: does what they claim hold?")]
-    Verify(commands::bundle::VerifyArguments),
+    Verify(commands::verify::Arguments),
+    #[command(about = "Make static pages that rank bundles, each of which visitors execute again")]
+    Leaderboard(commands::leaderboard::Arguments),
     #[command(about = "Make and show the keys that sign bundles")]
     Key(commands::key::Arguments),
     #[command(about = "Execute traces again and compare every digest, frame and text")]
@@ -249,8 +252,9 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Share(arguments) => commands::share::run(&arguments),
         #[cfg(feature = "rerun")]
         Command::View(arguments) => commands::view::run(&arguments),
-        Command::Bundle(arguments) => commands::bundle::bundle(&arguments),
-        Command::Verify(arguments) => commands::bundle::verify(&arguments),
+        Command::Bundle(arguments) => commands::bundle::run(&arguments),
+        Command::Verify(arguments) => commands::verify::run(&arguments),
+        Command::Leaderboard(arguments) => commands::leaderboard::run(&arguments),
         Command::Key(arguments) => commands::key::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Pack(arguments) => commands::pack::pack(&arguments),

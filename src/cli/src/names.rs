@@ -9,7 +9,7 @@ use clap::{Command, CommandFactory as _};
 const HEADINGS: [(&str, &[&str]); 7] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record", "test"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
-    ("Show and prove", &["share", "bundle", "verify", "key"]),
+    ("Show and prove", &["share", "bundle", "verify", "leaderboard", "key"]),
     ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export", "publish"]),
     (

@@ -30,6 +30,11 @@ impl PlayerPage {
         Self::of(&fs::read_to_string(path)?).ok_or_else(other)
     }
 
+    /// The page as it is, which opens what is dropped on it, or the file that its address names after `#`.
+    pub fn html(&self) -> &str {
+        &self.0
+    }
+
     fn of(page: &str) -> Option<Self> {
         page.contains(PLACE).then(|| Self(page.to_owned()))
     }

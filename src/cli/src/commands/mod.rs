@@ -26,6 +26,7 @@ pub mod import;
 pub mod ingest;
 pub mod isolation_check;
 pub mod key;
+pub mod leaderboard;
 pub mod pack;
 #[cfg(feature = "analytics")]
 pub mod publish;
@@ -56,5 +57,6 @@ pub mod test;
 pub mod trace;
 #[cfg(feature = "analytics")]
 pub mod train;
+pub mod verify;
 #[cfg(feature = "rerun")]
 pub mod view;

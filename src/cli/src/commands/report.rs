@@ -14,7 +14,7 @@ use reel_trace::{TraceFiles, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::Deserialize;
 
-use crate::{ExitStatus, commands::query::rows, inputs};
+use crate::{ExitStatus, commands::query::rows, html::escaped, inputs};
 
 /// Write one self-contained HTML file about the episodes of a store: a summary in sentences with its
 /// evidence, success rates with intervals, reasons of failure, decisive calls, the hardest tasks,
@@ -447,13 +447,6 @@ fn image(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
             .map(|frame| frame.rgb)
     })?;
     Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }
 
 const STYLE: &str = "body{margin:0;background:#fbfaf7;color:#1d2226;font:15px/1.5 system-ui,sans-serif}main{max-width:1080px;margin:0 auto;padding:32px 24px 64px}\

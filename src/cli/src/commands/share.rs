@@ -1,6 +1,9 @@
 //! `reel share`: an episode as one page that executes it again in any browser.
 
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context;
 use reel_replay::{RepackError, compact, verify_trace};
@@ -37,7 +40,9 @@ pub struct Arguments {
 
 /// Writes the page; exit code 1 where the episode does not replay exactly here.
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
-    let player = player(arguments)?;
+    let player = player(arguments.player.as_deref())?.context(
+        "this build has no player: run `make web` and build again, or name a player's page by --player FILE",
+    )?;
     let files = arguments.assets.trace_files()?;
     let trace = files.with_meshes(files.read(&arguments.trace)?);
     let verdict = verify_trace(&trace);
@@ -64,15 +69,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     }
 }
 
-fn player(arguments: &Arguments) -> anyhow::Result<PlayerPage> {
-    match &arguments.player {
-        Some(path) => {
-            PlayerPage::read(path).with_context(|| format!("cannot read {}", path.display()))
-        }
-        None => PlayerPage::embedded().context(
-            "this build has no player: run `make web` and build again, or name a player's page by --player FILE",
-        ),
-    }
+/// The player's page in a file, or the one in this build, where it has one.
+pub fn player(path: Option<&Path>) -> anyhow::Result<Option<PlayerPage>> {
+    let read = |path: &Path| {
+        PlayerPage::read(path).with_context(|| format!("cannot read {}", path.display()))
+    };
+    path.map_or_else(|| Ok(PlayerPage::embedded()), |path| read(path).map(Some))
 }
 
 /// The trace without its images; none where it cannot do without.

@@ -21,6 +21,8 @@ mod atif;
 mod attribution;
 mod blame;
 mod branches;
+#[cfg(feature = "service")]
+mod bundles;
 #[cfg(feature = "analytics")]
 mod claims;
 #[cfg(feature = "cluster")]
@@ -92,6 +94,7 @@ mod user_model;
 mod verdicts;
 #[cfg(feature = "analytics")]
 mod vocabulary;
+mod web;
 
 use std::{
     fs,
