@@ -19,7 +19,7 @@ demo: pages ## build reel; then record, replay, ask, export and draw episodes in
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
 test: pages ## build the tests and install what they compare Reel with, run every test of the workspace, list what was skipped
-	@status=0; tests/setup.sh & setup=$$!; cargo test --locked --workspace --no-run || status=$$?; wait $$setup || status=$$?; exit $$status
+	@status=0; tests/setup.sh & setup=$$!; web/build.sh --quick & web=$$!; cargo test --locked --workspace --no-run || status=$$?; wait $$setup || status=$$?; wait $$web || status=$$?; exit $$status
 	@tests/skips.sh --forget
 	@status=0; set -x; cargo test --locked --workspace -- $(TEST_ARGS) && $(SIMULATE) -- $(TEST_ARGS) || status=$$?; tests/skips.sh; exit $$status
 

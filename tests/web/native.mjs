@@ -7,7 +7,7 @@ import { Instance } from "../../web/dist/index.js";
 
 const { REEL, TRACES, WORK, FORM } = process.env;
 const short = FORM === "--short";
-const module = new WebAssembly.Module(readFileSync("web/dist/reel.wasm"));
+const module = new WebAssembly.Module(readFileSync("web/dist/reel-simd.wasm"));
 
 /** The verdict of the module on the bytes of a trace. */
 function inModule(path) {

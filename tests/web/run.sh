@@ -20,7 +20,9 @@ skip() { # NEED WHY
   echo "skipped: $1: the simulator in a browser, because $2"
   exit 0
 }
-web/build.sh 2>&1 | sed 's/^skipped: [a-z]*: the player.*because /building: /'
+quick=()
+[[ -z $FORM ]] || quick=(--quick)
+web/build.sh "${quick[@]}" 2>&1 | sed 's/^skipped: [a-z]*: the player.*because /building: /'
 [[ -f web/dist/player.html ]] || skip wasm "web/build.sh could not build it"
 WORK=$(mktemp -d)
 export WORK

@@ -27,7 +27,8 @@ function hasVectors(): boolean {
 }
 
 async function begin(): Promise<void> {
-  const source = document.getElementById(hasVectors() ? "module-simd" : "module") ?? document.getElementById("module")!;
+  const source = document.getElementById(hasVectors() ? "reel-simd" : "reel");
+  if (!source) throw new Error("this page has no module for browsers without vector instructions");
   const module = await WebAssembly.compile((await embedded(source)) as BufferSource);
   const address = URL.createObjectURL(new Blob([WORKER], { type: "text/javascript" }));
   const player = new Player(root, { module, worker: () => new Worker(address) });

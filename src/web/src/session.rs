@@ -11,7 +11,7 @@ use reel_replay::{Detail, Fork, Replay, Verdict, Viewpoint};
 use reel_sim::{SIM_VERSION, Snapshot};
 use reel_trace::{Limits, Trace};
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Meshes, ReceptacleId, ToolCall, ToolSpec,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Meshes, ReceptacleId, ToolCall, ToolSpec,
     record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StepInput, StepRecord},
 };
 use serde::{Deserialize, Serialize};
@@ -344,11 +344,17 @@ impl Session {
     }
 
     fn view(&mut self, at: usize, camera: &Camera) -> Result<Responded, String> {
-        let viewpoint = camera.viewpoint(self.trace()?)?;
-        let frame = viewpoint
-            .draw(self.at(at)?.episode().simulator())
-            .map_err(|verdict| verdict.to_string())?;
-        Ok(image(&frame))
+        let trace = self.trace()?;
+        let viewpoint = camera.viewpoint(trace)?;
+        match self.at(at) {
+            Ok(replay) => {
+                let drawn = viewpoint.draw(replay.episode().simulator());
+                Ok(image(&drawn.map_err(|verdict| verdict.to_string())?.rgb))
+            }
+            // What cannot be executed, of a robot for instance, has what was recorded.
+            Err(reason) if viewpoint == Viewpoint::Head => recorded(trace, at).ok_or(reason),
+            Err(reason) => Err(reason),
+        }
     }
 
     fn begin_branch(&mut self, at: usize) -> Result<Responded, String> {
@@ -372,7 +378,7 @@ impl Session {
         }
         let output = branch.step(StepInput::from_call(call));
         let (size, bytes) = match &output.frame {
-            Some(frame) => (Some(SIZE), rgba(frame)),
+            Some(frame) => (Some(SIZE), rgba(&frame.rgb)),
             None => (None, Vec::new()),
         };
         let acted = Response::Acted {
@@ -386,10 +392,8 @@ impl Session {
     fn view_branch(&mut self, camera: &Camera) -> Result<Responded, String> {
         let viewpoint = camera.viewpoint(self.trace()?)?;
         let branch = self.branch.as_ref().ok_or("no other future was begun")?;
-        let frame = viewpoint
-            .draw(branch.simulator())
-            .map_err(|verdict| verdict.to_string())?;
-        Ok(image(&frame))
+        let drawn = viewpoint.draw(branch.simulator());
+        Ok(image(&drawn.map_err(|verdict| verdict.to_string())?.rgb))
     }
 }
 
@@ -460,17 +464,23 @@ const SIZE: Size = Size {
     height: FRAME_HEIGHT,
 };
 
-fn image(frame: &Frame) -> Responded {
-    (Response::Image(SIZE), rgba(frame))
+/// The last image that the trace holds after so many calls.
+fn recorded(trace: &Trace, at: usize) -> Option<Responded> {
+    let steps = trace.steps[..at.min(trace.steps.len())].iter().rev();
+    let moments = steps.map(|step| Some(step.step)).chain([None]);
+    let mut images = moments.filter_map(|moment| trace.frame_rgb(moment).ok().flatten());
+    images.next().map(|rgb| image(&rgb))
 }
 
-/// As a canvas takes it.
-fn rgba(frame: &Frame) -> Vec<u8> {
-    let (pixels, _) = frame.rgb.as_chunks::<3>();
-    pixels
-        .iter()
-        .flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX])
-        .collect()
+fn image(rgb: &[u8]) -> Responded {
+    (Response::Image(SIZE), rgba(rgb))
+}
+
+/// Pixels as a canvas takes them.
+fn rgba(rgb: &[u8]) -> Vec<u8> {
+    let (pixels, _) = rgb.as_chunks::<3>();
+    let opaque = pixels.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]);
+    opaque.collect()
 }
 
 fn failed(reason: String) -> Response {

@@ -57,7 +57,7 @@ fn a_run_is_bundled_and_whoever_has_it_verifies_it() {
     reel!(folder, "key new other");
     let other = &verified(folder, 1, "planner.reel --signer other.pub")[0];
     assert_eq!(other["findings"][0]["kind"], "signature");
-    let refused = complaint(folder, 1, "key new lab");
+    let refused = complaint(folder, 2, "key new lab");
     assert!(refused.contains("a key is not written over"), "{refused}");
     by_ssh_keygen(folder);
 }
@@ -177,4 +177,55 @@ fn a_build_without_a_player_says_what_to_do() {
     assert!(
         page.starts_with("<main></main><script type=\"application/octet-stream\" id=\"episode\"")
     );
+}
+
+#[test]
+fn a_folder_of_bundles_becomes_ranked_pages() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    bundled(folder);
+    fs::create_dir(folder.join("all")).unwrap();
+    fs::copy(folder.join("planner.reel"), folder.join("all/planner.reel")).unwrap();
+    for (agent, flags) in [("explorer", ""), ("planner", "--run twin"), ("no-ask", "")] {
+        reel!(
+            folder,
+            "bench --tasks tasks --agent {agent} --out bench/{agent}-2 {flags}"
+        );
+        reel!(
+            folder,
+            "bundle bench/{agent}-2 --name <{agent}> --out all/{agent}-2.reel"
+        );
+    }
+    fs::write(folder.join("all/torn.reel"), b"PK").unwrap();
+    fs::write(folder.join("player.html"), "<!-- episode -->").unwrap();
+    let text = expect(
+        folder,
+        3,
+        "leaderboard all --tasks tasks --player player.html --out site",
+    );
+    assert!(text.contains("3 of 5 bundles ranked"), "{text}");
+    let results: Value =
+        serde_json::from_str(&fs::read_to_string(folder.join("site/results.json")).unwrap())
+            .unwrap();
+    let board = results["boards"][0].as_array().unwrap();
+    let rates: Vec<f64> = board
+        .iter()
+        .map(|row| row["result"]["success_rate"].as_f64().unwrap())
+        .collect();
+    assert!(
+        rates.len() == 3 && rates.is_sorted_by(|a, b| a >= b),
+        "{rates:?}"
+    );
+    let left: Vec<&str> = results["not_ranked"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|row| row["bundle"].as_str().unwrap())
+        .collect();
+    assert!(left.contains(&"torn.reel") && left.len() == 2, "{left:?}");
+    let page = fs::read_to_string(folder.join("site/index.html")).unwrap();
+    assert!(page.contains("&lt;explorer&gt;") && !page.contains("<explorer>"));
+    assert!(page.contains("href=\"player.html#bundles/explorer-2.reel\""));
+    assert!(folder.join("site/bundles/explorer-2.reel").is_file());
+    assert!(page.contains("under another name") && page.contains("Not proven: "));
 }
