@@ -1,5 +1,5 @@
 // Builds the package (dist/index.js, worker.js, types, modules) and the page that needs nothing else (dist/player.html).
-//   node build.mjs FOLDER/NAME...    modules are FOLDER/NAME.wasm: `reel-simd`, and `reel` for browsers without vectors
+//   node build.mjs FOLDER/NAME...    modules are FOLDER/NAME.wasm: `reel-simd`, which the page holds, and `reel` for browsers without vectors
 
 import { execFileSync } from "node:child_process";
 import { basename } from "node:path";
@@ -21,7 +21,7 @@ for (const module of modules) copyFileSync(`${module}.wasm`, `dist/${basename(mo
 
 const script = await text("src/page.ts", { define: { WORKER: JSON.stringify(worker) } });
 const embedded = (module) => `<script type="application/octet-stream" id="${basename(module)}">${gzipSync(readFileSync(`${module}.wasm`), { level: 9 }).toString("base64")}</script>`;
-const parts = { STYLE: readFileSync("src/page.css", "utf8").trim(), SCRIPT: script.trim().replaceAll("</script", "<\\/script"), MODULES: modules.map(embedded).join("\n") };
+const parts = { STYLE: readFileSync("src/page.css", "utf8").trim(), SCRIPT: script.trim().replaceAll("</script", "<\\/script"), MODULES: embedded(modules[0]) };
 const page = readFileSync("src/page.html", "utf8").replaceAll(/@(STYLE|SCRIPT|MODULES)@/g, (_, part) => parts[part]);
 writeFileSync("dist/player.html", page);
 const size = (path) => `${path} ${(readFileSync(path).length / 1e6).toFixed(2)} MB`;

@@ -3,4 +3,5 @@
 export { Episode, type ActResult, type VerifyResult, type Progress } from "./episode.ts";
 export { Bundle } from "./bundle.ts";
 export { Instance } from "./instance.ts";
+export { hasVectors, moduleName } from "./vectors.ts";
 export type * from "./types.ts";

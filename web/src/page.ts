@@ -1,6 +1,7 @@
 // The page: the module and perhaps an episode lie in the document itself, so it needs no network and no server.
 
 import { Player } from "./player.ts";
+import { hasVectors } from "./vectors.ts";
 
 /** The worker's program, put here by build.mjs. */
 declare const WORKER: string;
@@ -21,14 +22,9 @@ async function fetched(address: string): Promise<Uint8Array> {
   return new Uint8Array(await response.arrayBuffer());
 }
 
-/** Whether this browser multiplies several numbers at once in WebAssembly: a function that makes such a vector. */
-function hasVectors(): boolean {
-  return WebAssembly.validate(new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]));
-}
-
 async function begin(): Promise<void> {
-  const source = document.getElementById(hasVectors() ? "reel-simd" : "reel");
-  if (!source) throw new Error("this page has no module for browsers without vector instructions");
+  if (!hasVectors()) throw new Error("it needs a browser of 2023 or newer, with vector instructions in WebAssembly");
+  const source = document.getElementById("reel-simd")!;
   const module = await WebAssembly.compile((await embedded(source)) as BufferSource);
   const address = URL.createObjectURL(new Blob([WORKER], { type: "text/javascript" }));
   const player = new Player(root, { module, worker: () => new Worker(address) });
@@ -50,5 +46,5 @@ async function begin(): Promise<void> {
 }
 
 begin().catch((error) => {
-  root.textContent = `This page cannot begin: ${error instanceof Error ? error.message : error}. It needs a browser with WebAssembly, and a web server where it opens files beside it.`;
+  root.textContent = `This page cannot begin: ${error instanceof Error ? error.message : error}`;
 });
