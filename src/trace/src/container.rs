@@ -14,12 +14,15 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, image, limits::Limits, schema, sensors, unpack::Unpacked};
+use crate::{TraceError, image, lengths, limits::Limits, schema, sensors, unpack::Unpacked};
 
 /// Opcode and length in front of every record.
 pub(crate) const RECORD_PREFIX: usize = 9;
 /// Footer record with its prefix.
 pub(crate) const FOOTER: usize = RECORD_PREFIX + 20;
+
+/// What is wrong with a record whose lengths lead out of it.
+const SHORTER: &str = "a record is shorter than it says";
 
 /// What is wrong with a chunk, in the same words everywhere: whether zstd notices a changed byte, or only the
 /// checksum does, depends on how zstd was built.
@@ -366,6 +369,9 @@ impl<'a> Walk<'a> {
         if opcode != op::CHUNK {
             return self.record(at, opcode, body, visitor);
         }
+        if !lengths::fit(opcode, body) {
+            return visitor.problem(self.damaged(offset, &SHORTER));
+        }
         match mcap::parse_record(opcode, body) {
             Ok(Record::Chunk { header, data }) => {
                 visitor.item(at, Item::Chunk(&header))?;
@@ -489,6 +495,9 @@ impl<'a> Walk<'a> {
         let offset = at.offset as usize;
         if opcode == op::ATTACHMENT && !attachment_is_whole(body) {
             return visitor.problem(self.damaged(offset, &"an attachment is shorter than it says"));
+        }
+        if !lengths::fit(opcode, body) {
+            return visitor.problem(self.damaged(offset, &SHORTER));
         }
         let record = match mcap::parse_record(opcode, body) {
             Ok(record) => record,

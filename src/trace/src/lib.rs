@@ -26,6 +26,7 @@ mod error;
 mod files;
 mod image;
 mod journal;
+mod lengths;
 mod limits;
 mod logprobs;
 mod mcp_answer;
