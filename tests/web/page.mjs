@@ -2,26 +2,14 @@
 // and how long the verdict takes beside the native build in the same run.
 
 import { spawnSync } from "node:child_process";
-import { createRequire } from "node:module";
 import { readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 
-const { REEL, TRACES, WORK, CHROMIUM, PACKAGES, FORM } = process.env;
+import { assert, launch, PATIENCE_MS, reel } from "./browser.mjs";
+
+const { REEL, TRACES, WORK, FORM } = process.env;
 const short = FORM === "--short";
-const { chromium } = createRequire(`${PACKAGES}/package.json`)("playwright-core");
-const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 120_000);
-
-function assert(condition, message) {
-  if (!condition) throw new Error(message);
-}
-
-function reel(...args) {
-  const start = performance.now();
-  const ran = spawnSync(REEL, args, { encoding: "utf8" });
-  assert(ran.status === 0, `reel ${args.join(" ")}: ${ran.stderr}`);
-  return { stdout: ran.stdout, ms: performance.now() - start };
-}
 
 const golden = readdirSync(TRACES).filter((name) => name.endsWith(".mcap")).sort().map((name) => join(TRACES, name));
 const largest = golden.reduce((one, other) => (statSync(one).size > statSync(other).size ? one : other));
@@ -30,17 +18,7 @@ reel("share", largest, "--player", "web/dist/player.html", "--out", shared);
 const megabytes = statSync(shared).size / 1e6;
 assert(megabytes < 4, `the page has ${megabytes} MB`);
 
-const browser = await chromium.launch({
-  executablePath: CHROMIUM,
-  args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
-});
-const context = await browser.newContext({ offline: true, viewport: { width: 1280, height: 900 } });
-context.setDefaultTimeout(PATIENCE_MS);
-const page = await context.newPage();
-const said = [];
-page.on("console", (message) => said.push(message.text()));
-page.on("pageerror", (error) => said.push(error.message));
-page.on("request", (request) => /^(file|blob|data):/.test(request.url()) || said.push(`asked for ${request.url()}`));
+const { browser, page, said } = await launch({ offline: true, viewport: { width: 1280, height: 900 } });
 
 // How long the longest gap between two frames of the page was while it verified.
 await page.addInitScript(() => {

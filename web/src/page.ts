@@ -40,7 +40,10 @@ async function begin(): Promise<void> {
 
   const episode = document.getElementById("episode");
   const beside = decodeURIComponent(location.hash.slice(1));
-  if (episode) await player.show(episode.dataset.name ?? "episode", await embedded(episode));
+  if (episode) {
+    const { name = "episode", calls } = episode.dataset;
+    await player.show(name, await embedded(episode), calls === undefined ? undefined : Number(calls));
+  }
   else if (beside) await player.show(beside, await fetched(beside));
   else root.textContent = "";
 }

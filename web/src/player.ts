@@ -27,25 +27,25 @@ export class Player {
     this.#runtime = runtime;
   }
 
-  /** Opens a trace or a bundle and verifies it; what was shown before is closed. */
-  async show(name: string, bytes: Uint8Array): Promise<void> {
+  /** Opens a trace or a bundle and verifies it; what was shown before is closed. A trace that is verified is shown after so many calls, or at its end. */
+  async show(name: string, bytes: Uint8Array, at?: number): Promise<void> {
     this.#shown?.close();
     this.#shown = undefined;
     this.#root.replaceChildren(element("p", { className: "status" }, `Reading ${name} ...`));
     try {
       // An archive begins with PK.
       if (bytes[0] === 0x50 && bytes[1] === 0x4b) await this.#bundle(bytes);
-      else await this.#episode(name, bytes);
+      else await this.#episode(name, bytes, at);
     } catch (error) {
       this.#root.replaceChildren(badge("refused", "REFUSED"), element("p", { className: "problem" }, message(error)));
     }
   }
 
-  async #episode(name: string, bytes: Uint8Array, back?: () => void): Promise<void> {
+  async #episode(name: string, bytes: Uint8Array, at?: number, back?: () => void): Promise<void> {
     const { module, worker } = this.#runtime;
     const episode = await Episode.open(module, worker(), name, bytes);
     this.#shown = episode;
-    await new EpisodeView(this.#root, episode, back).begin();
+    await new EpisodeView(this.#root, episode, back).begin(at);
   }
 
   async #bundle(bytes: Uint8Array): Promise<void> {
@@ -56,7 +56,7 @@ export class Player {
       view.stop();
       const { name, bytes: trace } = await bundle.unpack(number);
       bundle.close();
-      await this.#episode(name, trace, () => this.show("the bundle", bytes));
+      await this.#episode(name, trace, undefined, () => this.show("the bundle", bytes));
     });
     await view.begin();
   }
@@ -133,7 +133,7 @@ class EpisodeView {
     root.replaceChildren(this.#head(), this.#stage(), this.#side());
   }
 
-  async begin(): Promise<void> {
+  async begin(at = this.#opened.steps.length): Promise<void> {
     const of = this.#opened.steps.length;
     this.#verdict("running", `Verifying call 0 of ${of} ...`);
     // The end can be drawn at once when it was executed; before, the start can.
@@ -145,7 +145,7 @@ class EpisodeView {
         for (const item of this.#calls.children) item.classList.toggle("equal", Number((item as HTMLElement).dataset.at) <= calls);
       });
       const seconds = ((performance.now() - start) / 1000).toFixed(1);
-      if (this.#slider.value === "0" && !this.#branch) this.go(of);
+      if (this.#slider.value === "0" && !this.#branch) this.go(Math.min(at, of));
       this.#verdict(verdict.verdict, verdict.verdict === "exact" ? `EXACT: ${text.replace(/^exact: /, "")}, executed again in ${seconds} s` : text);
     } catch (error) {
       this.#verdict("refused", message(error));

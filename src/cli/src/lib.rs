@@ -29,6 +29,8 @@ mod progress;
 #[cfg(feature = "service")]
 mod prompt;
 #[cfg(feature = "service")]
+mod recorded;
+#[cfg(feature = "service")]
 mod replay_server;
 mod settings;
 
@@ -106,6 +108,11 @@ enum Command {
         about = "Show two traces side by side, or say why one run succeeds where another fails"
     )]
     Diff(commands::diff::Arguments),
+    #[command(
+        about = "Find the first build, preset, prompt or checkpoint that flips an episode or a metric"
+    )]
+    #[cfg(feature = "analytics")]
+    Bisect(commands::bisect::Arguments),
     #[command(
         about = "Measure which call decided a failed episode, and what would have been better"
     )]
@@ -261,6 +268,8 @@ fn run(command: Command, settings: &settings::Settings) -> anyhow::Result<ExitSt
         Command::Unpack(arguments) => commands::pack::unpack(&arguments),
         Command::Branch(arguments) => commands::branch::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Bisect(arguments) => commands::bisect::run(&arguments),
         Command::Blame(arguments) => commands::blame::run(&arguments),
         Command::Attribute(arguments) => commands::attribute::run(&arguments),
         Command::Counterfactuals(arguments) => commands::counterfactuals::run(&arguments),

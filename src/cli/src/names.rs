@@ -10,7 +10,7 @@ const HEADINGS: [(&str, &[&str]); 7] = [
     ("Play and record", &["run", "bench", "demo", "serve", "mcp", "record", "test"]),
     ("Look and replay", &["show", "view", "replay", "branch", "diff", "pack", "unpack"]),
     ("Show and prove", &["share", "bundle", "verify", "leaderboard", "key"]),
-    ("Explain failures", &["blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
+    ("Explain failures", &["bisect", "blame", "attribute", "counterfactuals", "repair", "taxonomy", "claims", "report"]),
     ("Tables and training sets", &["import", "ingest", "query", "export", "publish"]),
     (
         "Groups of commands (`reel GROUP --help` lists them)",

@@ -24,7 +24,7 @@ pub use coco::{CocoCounts, CocoDataset, CocoError};
 pub use contact_sheet::contact_sheet;
 pub use gltf_scene::glb;
 pub use image_difference::image_difference;
-pub use player_page::PlayerPage;
+pub use player_page::{EmbeddedEpisode, OPEN_EPISODES, PlayerPage};
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
 pub use sheet::{SheetImage, sheet};

@@ -39,24 +39,59 @@ impl PlayerPage {
         page.contains(PLACE).then(|| Self(page.to_owned()))
     }
 
-    /// The page with a trace in it, which it opens at once. `name` is shown where the trace cannot
-    /// be read.
-    ///
-    /// # Errors
-    /// Never where there is memory.
-    pub fn with_episode(&self, name: &str, trace: &[u8]) -> io::Result<String> {
-        let mut packed = GzEncoder::new(Vec::new(), Compression::best());
-        io::Write::write_all(&mut packed, trace)?;
-        let content = BASE64_STANDARD.encode(packed.finish()?);
-        let name = name
+    /// The page with an episode in it, which it opens at once.
+    pub fn with_episode(&self, episode: &EmbeddedEpisode) -> String {
+        self.0.replacen(PLACE, &episode.element("episode"), 1)
+    }
+
+    /// The page as an element of another document, whose buttons open episodes in it: those with the id
+    /// of an episode's element in `data-episode`, once [`OPEN_EPISODES`] runs behind them.
+    pub fn element(&self) -> String {
+        let content = packed(self.0.as_bytes());
+        format!("<script type=\"application/octet-stream\" id=\"player\">{content}</script>")
+    }
+}
+
+/// A script for a document with [`PlayerPage::element`] and elements of episodes: buttons open the player under
+/// themselves.
+pub const OPEN_EPISODES: &str = include_str!("open_episodes.js");
+
+/// An episode that lies in a page.
+#[derive(Clone, Copy, Debug)]
+pub struct EmbeddedEpisode<'a> {
+    /// Shown where the trace cannot be read.
+    pub name: &'a str,
+    /// Bytes of the trace file.
+    pub trace: &'a [u8],
+    /// Number of calls after which it is shown once it is verified; none for its end.
+    pub calls: Option<u32>,
+}
+
+impl EmbeddedEpisode<'_> {
+    /// The element with this id that holds the episode.
+    pub fn element(&self, id: &str) -> String {
+        let name = self
+            .name
             .replace('&', "&amp;")
             .replace('"', "&quot;")
             .replace('<', "&lt;");
-        let element = format!(
-            "<script type=\"application/octet-stream\" id=\"episode\" data-name=\"{name}\">{content}</script>"
-        );
-        Ok(self.0.replacen(PLACE, &element, 1))
+        let calls = self
+            .calls
+            .map(|calls| format!(" data-calls=\"{calls}\""))
+            .unwrap_or_default();
+        let content = packed(self.trace);
+        format!(
+            "<script type=\"application/octet-stream\" id=\"{id}\" data-name=\"{name}\"{calls}>{content}</script>"
+        )
     }
+}
+
+/// Bytes as a page holds them: gzip in base64.
+fn packed(bytes: &[u8]) -> String {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    // a vector takes all that is written to it
+    let written = io::Write::write_all(&mut encoder, bytes).and_then(|()| encoder.finish());
+    BASE64_STANDARD.encode(written.unwrap_or_default())
 }
 
 #[cfg(test)]
@@ -66,8 +101,13 @@ mod tests {
     #[test]
     fn an_episode_stands_in_its_place_and_its_name_closes_nothing() {
         let page = PlayerPage::of("<main></main><!-- episode --><script></script>").unwrap();
-        let html = page.with_episode("\"><script>.mcap", b"trace").unwrap();
-        assert!(html.starts_with("<main></main><script type=\"application/octet-stream\" id=\"episode\" data-name=\"&quot;>&lt;script>.mcap\">H4sI"), "{html}");
+        let episode = EmbeddedEpisode {
+            name: "\"><script>.mcap",
+            trace: b"trace",
+            calls: Some(3),
+        };
+        let html = page.with_episode(&episode);
+        assert!(html.starts_with("<main></main><script type=\"application/octet-stream\" id=\"episode\" data-name=\"&quot;>&lt;script>.mcap\" data-calls=\"3\">H4sI"), "{html}");
         assert!(html.ends_with("</script><script></script>"), "{html}");
     }
 

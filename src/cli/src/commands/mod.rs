@@ -4,6 +4,8 @@ pub mod agent;
 pub mod attribute;
 #[cfg(feature = "service")]
 pub mod bench;
+#[cfg(feature = "analytics")]
+pub mod bisect;
 pub mod blame;
 pub mod branch;
 pub mod bundle;

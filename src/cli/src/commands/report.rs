@@ -1,5 +1,5 @@
-//! `reel report`: a store as one HTML file for a paper or a meeting. Everything is in the file: no
-//! script, nothing from outside.
+//! `reel report`: a store as one HTML file for a paper or a meeting. Everything is in the file, nothing
+//! comes from outside; its only script opens the player with an example.
 
 mod summary;
 
@@ -10,15 +10,26 @@ use base64::{Engine as _, prelude::BASE64_STANDARD};
 use reel_query::{QuerySession, named};
 use reel_replay::{Viewpoint, view_at};
 use reel_taxonomy::sankey::{Flow, Sankey};
-use reel_trace::{TraceFiles, encode_png};
+use reel_trace::{Trace, TraceFiles, encode_png};
+use reel_view::{EmbeddedEpisode, OPEN_EPISODES, PlayerPage};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::Deserialize;
 
-use crate::{ExitStatus, commands::query::rows, html::escaped, inputs};
+use crate::{
+    ExitStatus,
+    commands::{
+        query::rows,
+        share::{self, player},
+    },
+    html::escaped,
+    inputs,
+};
 
 /// Write one self-contained HTML file about the episodes of a store: a summary in sentences with its
 /// evidence, success rates with intervals, reasons of failure, decisive calls, the hardest tasks,
-/// and an example of each kind of failure with the frame of its decisive step.
+/// and an example of each kind of failure with the frame of its decisive step. Examples that can be executed
+/// again have a button which does that in the reader's browser, without a network; the simulator for it
+/// adds 3 MB to the file.
 ///
 /// Examples:
 ///   reel report --store store --out report.html
@@ -50,6 +61,12 @@ pub struct Arguments {
     /// Maximum number of failure examples, the most frequent kinds first
     #[arg(long, value_name = "N", default_value_t = 8)]
     examples: usize,
+    /// Leave the player out, so that examples are an image and words
+    #[arg(long)]
+    no_player: bool,
+    /// The player's page, as `make web` writes it, instead of the one in this build
+    #[arg(long, value_name = "FILE", conflicts_with = "no_player")]
+    player: Option<PathBuf>,
     /// The store as it was at this version
     #[arg(long = "store-version", alias = "at", value_name = "N")]
     at: Option<u64>,
@@ -258,7 +275,12 @@ fn page(session: &QuerySession, arguments: &Arguments, version: u64) -> anyhow::
         html.push_str("<p>No episode failed.</p>\n");
     } else {
         why(&mut html, &kinds, &causes, episodes, won);
-        examples_of(&mut html, session.store().trace_files(), &examples);
+        let player = match arguments.no_player {
+            true => None,
+            false => player(arguments.player.as_deref())?,
+        };
+        let files = session.store().trace_files();
+        examples_of(&mut html, files, &examples, player.as_ref());
     }
     if !hard.is_empty() {
         html.push_str("<h2>The hardest tasks</h2>\n<table><tr><th>task<th>family<th>instruction<th class=n>successes</tr>\n");
@@ -385,14 +407,24 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
     html.push_str("</table>\n");
 }
 
-fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
+fn examples_of(
+    html: &mut String,
+    files: &TraceFiles,
+    examples: &[Example],
+    player: Option<&PlayerPage>,
+) {
     if examples.is_empty() {
         html.push_str("<p class=soft>The failures are not classified: <code>reel taxonomy --store</code> does that.</p>\n");
         return;
     }
     html.push_str("<h3>An example of each</h3>\n<div class=examples>\n");
-    for example in examples {
-        let image = image(files, example).map_or_else(
+    let mut embedded = Vec::new();
+    for (number, example) in examples.iter().enumerate() {
+        let trace = files.read(example.trace.as_ref()).ok();
+        let before = u32::try_from(example.step)
+            .ok()
+            .and_then(|step| step.checked_sub(1));
+        let image = trace.as_ref().and_then(|trace| image(trace, before)).map_or_else(
             || "<p class=soft>no image: the trace is not where the tables say, or cannot be executed</p>".to_owned(),
             |png| {
                 format!(
@@ -408,6 +440,14 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
             .next()
             .unwrap_or(&example.trace)
             .trim_end_matches(".mcap");
+        let id = format!("episode-{number}");
+        let element = trace.as_ref().filter(|_| player.is_some());
+        let element = element.and_then(|trace| embed(trace, name, before, &id));
+        let button = match &element {
+            Some(_) => format!("<p><button data-episode={id}>Execute it again here</button></p>"),
+            None => String::new(),
+        };
+        embedded.extend(element);
         let advice = example
             .advised_call
             .as_deref()
@@ -416,7 +456,7 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
             });
         let _ = writeln!(
             html,
-            "<article>{image}<h4>{}: {} <span class=soft>({})</span></h4><p>{}</p><p>{}</p>{advice}<p class=soft>{}, {}, step {}: <code>{}</code></p></article>",
+            "<article>{image}<h4>{}: {} <span class=soft>({})</span></h4><p>{}</p><p>{}</p>{advice}<p class=soft>{}, {}, step {}: <code>{}</code></p>{button}</article>",
             escaped(&example.class),
             escaped(&example.sub_class.replace('_', " ")),
             example.alike,
@@ -434,15 +474,37 @@ fn examples_of(html: &mut String, files: &TraceFiles, examples: &[Example]) {
         );
     }
     html.push_str("</div>\n");
+    if let Some(player) = player.filter(|_| !embedded.is_empty()) {
+        let _ = writeln!(
+            html,
+            "{}\n{}\n<script>{OPEN_EPISODES}</script>",
+            embedded.join("\n"),
+            player.element()
+        );
+    }
+}
+
+/// The example's episode for the player, which shows what the decisive step began with; none where it
+/// cannot be executed again, or a browser does not have its meshes.
+fn embed(trace: &Trace, name: &str, before: Option<u32>, id: &str) -> Option<String> {
+    if !trace.header.meshes.is_empty() {
+        return None;
+    }
+    let folder = tempfile::tempdir().ok()?;
+    let trace = share::lean(trace, &folder.path().join("lean.mcap")).ok()??;
+    let episode = EmbeddedEpisode {
+        name: &format!("{name}.mcap"),
+        trace: &trace,
+        calls: before.map(|call| call + 1).or(Some(0)),
+    };
+    Some(episode.element(id))
 }
 
 /// What the robot saw before a step: as recorded, else drawn by going there.
-fn image(files: &TraceFiles, example: &Example) -> Option<Vec<u8>> {
-    let trace = files.read(example.trace.as_ref()).ok()?;
-    let before = u32::try_from(example.step).ok()?.checked_sub(1);
+fn image(trace: &Trace, before: Option<u32>) -> Option<Vec<u8>> {
     let recorded = trace.frame_rgb(before).ok().flatten();
     let rgb = recorded.or_else(|| {
-        view_at(&trace, before, &Viewpoint::Head, None)
+        view_at(trace, before, &Viewpoint::Head, None)
             .ok()
             .map(|frame| frame.rgb)
     })?;
@@ -455,4 +517,5 @@ table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}th,t
 th{color:#565f66;font-size:.85rem}.n{text-align:right;white-space:nowrap}.all td{font-weight:600}.soft{color:#565f66}\
 figure{margin:0}figure svg{max-width:100%;height:auto}.examples{display:grid;grid-template-columns:repeat(auto-fill,minmax(320px,1fr));gap:20px}\
 article{background:#fff;border:1px solid #dcd8ce;border-radius:8px;padding:12px;overflow-wrap:anywhere}article img{width:100%;border-radius:4px}article p{margin:4px 0}\
+article.open{grid-column:1/-1}article.open img{max-width:320px}iframe{width:100%;height:860px;border:0}\
 code,pre{font-family:ui-monospace,monospace;font-size:.88em}pre{white-space:pre-wrap}@media print{main{max-width:none}article{break-inside:avoid}}";

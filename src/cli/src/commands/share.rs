@@ -8,7 +8,7 @@ use std::{
 use anyhow::Context;
 use reel_replay::{RepackError, compact, verify_trace};
 use reel_trace::{Trace, trace_stem};
-use reel_view::PlayerPage;
+use reel_view::{EmbeddedEpisode, PlayerPage};
 
 use crate::{ExitStatus, inputs};
 
@@ -49,10 +49,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let bytes = if arguments.images {
         files.bytes(&arguments.trace)?
     } else {
-        lean(&trace, arguments)?.map_or_else(|| files.bytes(&arguments.trace), Ok)?
+        let part = arguments.out.with_extension("mcap.part");
+        let lean = lean(&trace, &part).context("--images keeps the images")?;
+        lean.map_or_else(|| files.bytes(&arguments.trace), Ok)?
     };
     let name = format!("{}.mcap", trace_stem(&arguments.trace));
-    let page = player.with_episode(&name, &bytes)?;
+    let page = player.with_episode(&EmbeddedEpisode {
+        name: &name,
+        trace: &bytes,
+        calls: None,
+    });
     fs::write(&arguments.out, &page)
         .with_context(|| format!("cannot write {}", arguments.out.display()))?;
     println!(
@@ -77,16 +83,14 @@ pub fn player(path: Option<&Path>) -> anyhow::Result<Option<PlayerPage>> {
     path.map_or_else(|| Ok(PlayerPage::embedded()), |path| read(path).map(Some))
 }
 
-/// The trace without its images; none where it cannot do without.
-fn lean(trace: &Trace, arguments: &Arguments) -> anyhow::Result<Option<Vec<u8>>> {
-    let part = arguments.out.with_extension("mcap.part");
-    match compact(trace, &part, false) {
-        Ok(_) => {
-            let bytes = fs::read(&part);
-            fs::remove_file(&part)?;
-            Ok(Some(bytes?))
-        }
-        Err(RepackError::NotExact { .. }) => Ok(None),
-        Err(error) => Err(error).context("cannot leave the images out; --images keeps them"),
-    }
+/// The trace without its images; none where nothing can be executed, so that they cannot be left out. The file
+/// `part` is written and removed.
+pub fn lean(trace: &Trace, part: &Path) -> anyhow::Result<Option<Vec<u8>>> {
+    let written = match compact(trace, part, false) {
+        Ok(_) => Some(fs::read(part)),
+        Err(RepackError::NotExact { .. }) => None,
+        Err(error) => return Err(error).context("cannot leave the images out"),
+    };
+    let _ = fs::remove_file(part);
+    Ok(written.transpose()?)
 }

@@ -19,6 +19,8 @@ mod annotation;
 #[cfg(feature = "analytics")]
 mod atif;
 mod attribution;
+#[cfg(feature = "analytics")]
+mod bisect;
 mod blame;
 mod branches;
 #[cfg(feature = "service")]

@@ -5,11 +5,10 @@ use std::{collections::BTreeMap, path::Path};
 use anyhow::bail;
 use reel_agents::EpisodeReport;
 use reel_statistics::{bootstrap, mcnemar};
-use reel_world::record::EndReason;
 use serde_json::{Value, json};
 
 use super::by_family;
-use crate::{ExitStatus, inputs};
+use crate::{ExitStatus, recorded::recorded};
 
 /// Samples of the bootstrap, and its seed.
 const SAMPLES: usize = 10_000;
@@ -131,31 +130,6 @@ fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {
 }
 
 /// The episodes of a folder that came to their end, in a fixed order.
-fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
-    let mut reports = Vec::new();
-    let files = inputs::trace_files();
-    for path in inputs::traces(&files, &[folder.to_owned()])? {
-        let trace = files.read(&path)?;
-        reports.extend(
-            EpisodeReport::of_trace(&trace, &path)
-                .filter(|report| report.end_reason != EndReason::Aborted),
-        );
-    }
-    reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
-    if let Some([one, _]) = reports
-        .array_windows()
-        .find(|[one, next]| (&one.task_id, one.seed) == (&next.task_id, next.seed))
-    {
-        bail!(
-            "{} has several episodes of task {} at seed {}; give a folder of one agent",
-            folder.display(),
-            one.task_id,
-            one.seed
-        );
-    }
-    Ok(reports)
-}
-
 fn name_of(reports: &[EpisodeReport]) -> String {
     reports
         .first()
