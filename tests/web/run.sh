@@ -28,6 +28,7 @@ web/build.sh "${quick[@]}" 2>&1 | sed 's/^skipped: [a-z]*: the player.*because /
 WORK=$(mktemp -d)
 export WORK
 trap 'rm -rf "$WORK"' EXIT
+node tests/web/guide.mjs
 node tests/web/native.mjs
 
 . tests/browser.sh

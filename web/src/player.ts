@@ -118,7 +118,7 @@ class EpisodeView {
   readonly #cameras = element("select", {});
   readonly #where = element("output", {});
   readonly #future = element("section", { className: "future" });
-  #orbit: { target: Point; distance: number; yaw: number; pitch: number } = { target: [0, 0, 0.8], distance: 3, yaw: 0.8, pitch: 0.6 };
+  #orbit: { target: Point; distance: number; yaw: number; pitch: number } = { target: [0, 0, 0.8], distance: 3, yaw: 0.4, pitch: 1.1 };
   /** The other future: where it began and how many calls were made in it; none where the recorded one is shown. */
   #branch: { at: number; made: number } | undefined;
   /** Leads back to the bundle that the episode is of. */

@@ -5,7 +5,7 @@ use mcap::records::op;
 
 /// A field of a record, in its order.
 enum Field {
-    /// So many bytes.
+    /// A number of bytes that is the same in every record.
     Fixed(usize),
     /// A length in four bytes, and so many bytes.
     Prefixed,

@@ -376,7 +376,7 @@ fn addressed(name: &str) -> String {
 
 const STYLE: &str = ":root{color-scheme:light dark}body{font:15px/1.45 system-ui,sans-serif;margin:0 auto;padding:1rem;max-width:1200px}\
                      .soft{color:light-dark(#5b6470,#9aa4b2)}table{border-collapse:collapse;font-variant-numeric:tabular-nums}td,th{text-align:left;padding:.3rem .8rem .3rem 0;\
-                     border-bottom:1px solid light-dark(#d6d9de,#3a3f47)}code{font-size:.8rem;overflow-wrap:anywhere}svg path{stroke:currentColor;stroke-opacity:.25}\
+                     border-bottom:1px solid light-dark(#d6d9de,#3a3f47)}code{font-size:.8rem;overflow-wrap:anywhere}td:nth-child(4){white-space:nowrap}svg path{stroke:currentColor;stroke-opacity:.25}\
                      svg rect{fill:light-dark(#9db8e8,#3a5a94)}svg circle{fill:light-dark(#1d4ed8,#8ab4ff)}main{overflow-x:auto}";
 
 #[cfg(test)]

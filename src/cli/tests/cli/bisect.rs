@@ -142,9 +142,8 @@ fn presets_score_the_same_traces() {
         "bench --tasks tasks --agent oracle --no-images --out traces"
     );
     for (version, weight) in [(2, 1.5), (3, 1.5), (10, 9.5), (11, 9.5)] {
-        let preset = format!(
-            "name = \"mine-{version}\"\nbase = \"paper\"\n[weights]\ndiff_match = {weight}\n"
-        );
+        let preset =
+            format!("name = \"mine-{version}\"\nbase = \"paper\"\n[weights]\nmatched = {weight}\n");
         fs::write(folder.join(format!("mine-{version}.toml")), preset).unwrap();
     }
     let row = [

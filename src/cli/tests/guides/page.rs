@@ -31,6 +31,7 @@ pub struct Block {
 }
 
 /// A comment about a block.
+#[derive(Clone)]
 pub enum Note {
     /// Commands that contain `words` are parsed and not run.
     ParseOnly {

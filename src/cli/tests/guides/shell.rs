@@ -24,6 +24,7 @@ const NOT_OURS: &[&str] = &[
     "accelerate",
     "alias",
     "bash",
+    "cargo",
     "git",
     "llamafactory-cli",
     "pip",
@@ -182,6 +183,18 @@ impl<'a> Session<'a> {
             "python" => self.python(block),
             "toml" | "sql" | "xml" if is_read => Ok(()),
             "toml" => Err("say which command reads it: `test: file` or `test: read by`".to_owned()),
+            "yaml" => {
+                let steps = block.text.lines();
+                let commands = steps.filter_map(|line| line.trim_start().strip_prefix("- run: "));
+                self.block(&Block {
+                    line: block.line,
+                    language: "sh".to_owned(),
+                    text: commands.collect::<Vec<_>>().join("\n"),
+                    notes: block.notes.clone(),
+                })
+            }
+            // tests/web/guide.mjs compiles them
+            "ts" => Ok(()),
             "text" | "nginx" | "mermaid" => Ok(()),
             other => Err(format!("what is a block in '{other}'?")),
         }

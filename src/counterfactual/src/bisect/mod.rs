@@ -75,7 +75,7 @@ impl Bisection {
 
     /// The candidate to measure next: the ends, then the one that most searches wait for. None where
     /// nothing more can be found out.
-    pub fn wanted(&self) -> Option<usize> {
+    pub fn next_candidate(&self) -> Option<usize> {
         let ends = [0, self.candidates.len() - 1];
         let open = |end: &usize| matches!(self.candidates[*end], State::NotMeasured);
         if let Some(end) = ends.into_iter().find(open) {

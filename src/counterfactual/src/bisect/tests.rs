@@ -1,3 +1,5 @@
+//! Searches whose first candidates are known.
+
 use super::*;
 
 /// Values of episodes that turn from 1 to 0 at the given candidates.
@@ -13,7 +15,7 @@ fn values(turns: &[usize], candidate: usize) -> Values {
 fn run(candidates: usize, measure: impl Fn(usize) -> Option<Values>) -> (Bisection, usize) {
     let mut bisection = Bisection::new(candidates);
     let mut measured = 0;
-    while let Some(candidate) = bisection.wanted() {
+    while let Some(candidate) = bisection.next_candidate() {
         bisection.record(candidate, measure(candidate));
         measured += 1;
         assert!(measured <= candidates, "nothing is measured twice");

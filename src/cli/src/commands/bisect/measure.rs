@@ -99,7 +99,7 @@ impl<'a> Measurement<'a> {
         has_traces.then_some(folder)
     }
 
-    /// Measures a candidate.
+    /// Measures a candidate, or reads what it left when it was measured before.
     pub(super) fn values(
         &mut self,
         number: usize,

@@ -28,7 +28,7 @@ const SHOWN: usize = 10;
 ///
 /// Examples:
 ///   reel bisect --good step-100 --bad step-900 --candidates step-* --run 'bash bench.sh "$CANDIDATE" "$OUT"'
-///   reel bisect --good v1.md --bad v4.md --candidates v2.md v3.md --run 'reel bench --tasks tasks
+///   reel bisect --good v1.txt --bad v4.txt --candidates v2.txt v3.txt --run 'reel bench --tasks tasks
 ///     --agent real-agent --endpoint http://localhost:8000/v1 --model m --prompt "$CANDIDATE" --out "$OUT"'
 ///   reel bisect --good paper --bad mine-4.toml --candidates mine-*.toml --presets traces
 ///   reel bisect --good old/reel --bad new/reel --candidates builds/*/reel --builds traces
@@ -48,7 +48,7 @@ pub struct Arguments {
     /// The good end: a candidate's name or file; a revision with --git
     #[arg(long, value_name = "A")]
     good: String,
-    /// The bad end
+    /// The bad end, named as the good one
     #[arg(long, value_name = "B")]
     bad: String,
     /// The candidates between the ends, in their order; names that differ in one number only are ordered by it
@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let candidates = candidates::row(arguments)?;
     let mut measurement = Measurement::new(arguments, &candidates)?;
     let mut bisection = Bisection::new(candidates.len());
-    while let Some(number) = bisection.wanted() {
+    while let Some(number) = bisection.next_candidate() {
         let candidate = &candidates[number];
         match measurement.values(number, candidate) {
             Ok(values) => {
