@@ -24,7 +24,6 @@ const NOT_OURS: &[&str] = &[
     "accelerate",
     "alias",
     "bash",
-    "cargo",
     "git",
     "llamafactory-cli",
     "pip",
