@@ -26,6 +26,7 @@ skip() { # NEED WHY
   exit 0
 }
 . tests/browser.sh
+with_chromium
 
 work=$(mktemp -d)
 data=${PAGES_DATA:-$work/data}

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# The simulator in a browser: every golden trace is verified by the module under Node and in Chromium with the verdicts of the native build,
+# The simulator in a browser: every golden trace is verified by the module under Node and in Chromium and Firefox with the verdicts of the native build,
 # changed bytes are named in the native words, a shared page and the examples of a report work from disk without a network, a row of a leaderboard
 # is executed again, and how long it takes beside the native build.
-# Needs Node, Chromium (installed where it may be) and a module (web/build.sh); what is missing is said, and the rest is skipped.
+# Needs Node, Chromium and Firefox (installed where they may be) and a module (web/build.sh); what is missing is said, and the rest is skipped.
 #
 #   run.sh [--short]    some traces and changed bytes instead of all and 500
 #
@@ -32,5 +32,8 @@ node tests/web/guide.mjs
 node tests/web/native.mjs
 
 . tests/browser.sh
+with_chromium
 node tests/web/page.mjs
 node tests/web/documents.mjs
+with_firefox
+node tests/web/firefox.mjs
