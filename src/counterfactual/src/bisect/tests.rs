@@ -70,7 +70,8 @@ fn an_end_that_cannot_be_measured_ends_the_search() {
 
 #[test]
 fn what_changes_back_and_forth_gives_neighbours_that_were_measured() {
-    let flickers = |at: usize| Values::from([("e".to_owned(), f64::from(u8::from(at % 2 == 0)))]);
+    let flickers =
+        |at: usize| Values::from([("e".to_owned(), f64::from(u8::from(at.is_multiple_of(2))))]);
     let (bisection, _) = run(10, |at| Some(flickers(at)));
     let change = bisection.changes()["e"];
     assert!(change.is_settled());
