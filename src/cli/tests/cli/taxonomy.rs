@@ -126,10 +126,27 @@ fn a_report_holds_everything_it_shows() {
             && page.contains("<svg")
             && page.contains("data:image/png;base64,")
     );
-    // Nothing is fetched, and nothing runs.
-    for outside in ["<script", "<link", "src=\"http", "url(http", "@import"] {
-        assert!(!page.contains(outside), "{outside}");
+    // Nothing is fetched, and without the player nothing runs.
+    expect(folder, 0, &[&report[..], &["--no-player"]].concat());
+    let plain = fs::read_to_string(folder.join("why.html")).unwrap();
+    for outside in ["<link", "src=\"http", "url(http", "@import"] {
+        assert!(
+            !page.contains(outside) && !plain.contains(outside),
+            "{outside}"
+        );
     }
+    assert!(!plain.contains("<script") && !plain.contains("<button"));
+    // With it every example that can be executed has a button, and the element that it names.
+    let player = folder.join("player.html");
+    fs::write(&player, "<main></main><!-- episode -->").unwrap();
+    let with = ["--player", player.to_str().unwrap()];
+    expect(folder, 0, &[&report[..], &with].concat());
+    let page = fs::read_to_string(folder.join("why.html")).unwrap();
+    let examples = page.matches("<article>").count();
+    assert!(examples > 1, "{examples} examples");
+    assert_eq!(page.matches("<button data-episode=").count(), examples);
+    assert_eq!(page.matches(" id=\"episode-").count(), examples);
+    assert_eq!(page.matches("<script>").count(), 1);
     // What cannot be read into it is told, and no file is left.
     fs::remove_file(folder.join("why.html")).unwrap();
     let refused = complaint(

@@ -123,14 +123,21 @@ fn commits(repository: &Path, good: &str, bad: &str) -> anyhow::Result<Vec<Candi
             "the good commit {good} is not an ancestor of the bad one {bad}: there is no row of commits from it"
         );
     }
-    let form = ["log", "--first-parent", "--reverse", "--format=%h %s"];
+    let form = [
+        "-c",
+        "log.showSignature=false",
+        "log",
+        "--first-parent",
+        "--reverse",
+        "--format=%h %s",
+    ];
     let line = |range: &str, more: &[&str]| git(repository, &[&form[..], more, &[range]].concat());
     let listed = line(good, &["--max-count=1"])? + &line(&format!("{good}..{bad}"), &[])?;
     let candidates = listed.lines().map(|line| {
         let (name, about) = line.split_once(' ').unwrap_or((line, ""));
         Candidate {
             name: name.to_owned(),
-            about: about.to_owned(),
+            about: about.replace(char::is_control, " "),
         }
     });
     let candidates: Vec<Candidate> = candidates.collect();

@@ -14,7 +14,6 @@ use reel_agents::EpisodeReport;
 use reel_counterfactual::bisect::Values;
 use reel_reward::rewards;
 use reel_trace::trace_stem;
-use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -55,7 +54,7 @@ pub(super) struct Measurement<'a> {
 #[derive(Default, Serialize, Deserialize)]
 struct Done {
     command: String,
-    /// Names with the digests of files.
+    /// Names, and of files also when they were changed: a changed candidate was not measured.
     candidates: Vec<String>,
     measured: BTreeSet<usize>,
 }
@@ -303,9 +302,13 @@ impl Done {
     const FILE: &'static str = "bisect.json";
 
     fn open(out: &Path, command: &str, candidates: &[Candidate]) -> anyhow::Result<Self> {
-        let identity = |candidate: &Candidate| match fs::read(&candidate.name) {
-            Ok(content) => format!("{} {}", candidate.name, Digest::of(&content)),
-            Err(_) => candidate.name.clone(),
+        let identity = |candidate: &Candidate| {
+            let name = &candidate.name;
+            let file = fs::metadata(name).ok().filter(|file| file.is_file());
+            match file.and_then(|file| Some((file.len(), file.modified().ok()?))) {
+                Some((length, modified)) => format!("{name} {length} {modified:?}"),
+                None => name.clone(),
+            }
         };
         let new = Self {
             command: command.to_owned(),
