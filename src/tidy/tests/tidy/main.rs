@@ -56,6 +56,27 @@ fn no_path_of_one_machine() {
     }));
 }
 
+/// `make` runs scripts by their names.
+#[cfg(unix)]
+#[test]
+fn scripts_may_be_executed() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let may_not = |path: &String| {
+        let file = std::fs::metadata(root().join(path)).expect("a file that was just read");
+        file.permissions().mode() & 0o111 == 0
+    };
+    let scripts = files()
+        .into_iter()
+        .filter(|(_, text)| text.starts_with("#!/"));
+    none(
+        scripts
+            .map(|(path, _)| path)
+            .filter(may_not)
+            .map(|path| format!("{path} begins with `#!` and is not executable: chmod +x {path}")),
+    );
+}
+
 #[test]
 fn every_crate_is_in_the_architecture() {
     let page = read("ARCHITECTURE.md");
