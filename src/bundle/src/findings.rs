@@ -1,5 +1,6 @@
 //! What does not hold in a bundle.
 
+use reel_world::printable_line;
 use serde::Serialize;
 
 /// What a finding is about.
@@ -64,9 +65,10 @@ impl Finding {
 
 impl std::fmt::Display for Finding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let text = printable_line(&self.text);
         match self.episode {
-            Some(episode) => write!(f, "episode {episode}: {}", self.text),
-            None => f.write_str(&self.text),
+            Some(episode) => write!(f, "episode {episode}: {text}"),
+            None => f.write_str(&text),
         }
     }
 }

@@ -71,7 +71,8 @@ pub fn make(made: BundleInputs<'_>, scratch: &Path) -> Result<Bundle, BundleErro
         )));
     }
     let grid = grid(&episodes, tasks).map_err(no_run)?;
-    episodes.sort_by_cached_key(|(episode, _)| cell(&episode.header));
+    grid.checked_len().map_err(no_run)?;
+    episodes.sort_by(|(one, _), (other, _)| cell(&one.header).cmp(&cell(&other.header)));
     if let Some([(one, _), (other, _)]) = episodes
         .array_windows()
         .find(|[(one, _), (other, _)]| cell(&one.header) == cell(&other.header))
@@ -83,7 +84,7 @@ pub fn make(made: BundleInputs<'_>, scratch: &Path) -> Result<Bundle, BundleErro
             cell(&one.header)
         )));
     }
-    let played: BTreeSet<Cell> = episodes
+    let played: BTreeSet<Cell<'_>> = episodes
         .iter()
         .map(|(episode, _)| cell(&episode.header))
         .collect();
@@ -143,9 +144,9 @@ pub(crate) fn settings(header: &EpisodeHeader) -> Settings {
     }
 }
 
-fn cell(header: &EpisodeHeader) -> Cell {
+fn cell(header: &EpisodeHeader) -> Cell<'_> {
     Cell {
-        task: header.task_id.clone(),
+        task: &header.task_id,
         seed: header.seed,
     }
 }

@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 
 /// Of this form of the manifest.
 pub(crate) const FORMAT: u32 = 1;
+/// Most episodes that a grid may have: every one of them is listed, played or not.
+const CELLS_MAX: usize = 1_000_000;
 
 /// What a bundle claims of its episodes.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -73,15 +75,15 @@ pub struct TaskEntry {
 }
 
 /// One episode that there should be.
-#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
-pub struct Cell {
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub struct Cell<'a> {
     /// Id of the task.
-    pub task: String,
+    pub task: &'a str,
     /// Seed of the episode.
     pub seed: u64,
 }
 
-impl std::fmt::Display for Cell {
+impl std::fmt::Display for Cell<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} with seed {}", self.task, self.seed)
     }
@@ -127,9 +129,10 @@ impl ClaimedEpisode {
         }
     }
 
-    pub(crate) fn cell(&self) -> Cell {
+    /// Its place in the grid.
+    pub fn cell(&self) -> Cell<'_> {
         Cell {
-            task: self.task.clone(),
+            task: &self.task,
             seed: self.seed,
         }
     }
@@ -167,18 +170,32 @@ pub struct ResultRow {
 
 impl Grid {
     /// Every cell, task by task.
-    pub fn cells(&self) -> impl Iterator<Item = Cell> + '_ {
+    pub fn cells(&self) -> impl Iterator<Item = Cell<'_>> {
         self.tasks.iter().flat_map(|task| {
             self.seeds.iter().map(|seed| Cell {
-                task: task.id.clone(),
+                task: &task.id,
                 seed: *seed,
             })
         })
     }
 
-    /// The task of an id.
+    /// The task of an id, where the tasks are in order.
     pub fn task(&self, id: &str) -> Option<&TaskEntry> {
-        self.tasks.iter().find(|task| task.id == id)
+        let found = self.tasks.binary_search_by(|task| task.id.as_str().cmp(id));
+        self.tasks.get(found.ok()?)
+    }
+
+    /// How many cells there are, if nobody would have to wait for them.
+    pub(crate) fn checked_len(&self) -> Result<usize, String> {
+        let cells = self.tasks.len().saturating_mul(self.seeds.len());
+        match cells {
+            0..=CELLS_MAX => Ok(cells),
+            _ => Err(format!(
+                "{} tasks with {} seeds are {cells} episodes, and {CELLS_MAX} is the most",
+                self.tasks.len(),
+                self.seeds.len()
+            )),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use std::{
 
 use reel_replay::{SIM_VERSION, unpack};
 use reel_trace::{Limits, PackedEpisode, Shard, Trace};
-use reel_world::{Assets, Digest, Meshes, canonical_json};
+use reel_world::{Assets, Digest, Meshes, canonical_json, printable_line};
 use serde::Serialize;
 use serde_json::json;
 
@@ -91,6 +91,7 @@ impl CheckedBundle {
         if canonical_json(&manifest).as_bytes() != bundle.manifest {
             return Err(unreadable("it is not in its canonical form".to_owned()));
         }
+        manifest.grid.checked_len().map_err(unreadable)?;
         let shard = Shard::from_bytes(Path::new(EPISODES), bundle.episodes.clone())?;
         let mut findings = Vec::new();
         if statement(bundle, &manifest) != bundle.statement {
@@ -323,7 +324,7 @@ fn of_grid(manifest: &Manifest, benchmark: Option<&Benchmark>, findings: &mut Ve
             ),
         );
     }
-    let mut left: BTreeSet<Cell> = grid.cells().collect();
+    let mut left: BTreeSet<Cell<'_>> = grid.cells().collect();
     let extra: Vec<String> = episodes
         .iter()
         .map(ClaimedEpisode::cell)
@@ -462,7 +463,7 @@ fn difference(claimed: &ClaimedEpisode, found: &ClaimedEpisode) -> Option<String
 
 impl std::fmt::Display for Verification {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (name, policy) = (&self.name, &self.policy);
+        let (name, policy) = (printable_line(&self.name), printable_line(&self.policy));
         if !self.holds {
             let first = self
                 .findings

@@ -8,7 +8,7 @@ use reel_bundle::{
     make, results, verify,
 };
 use reel_trace::{Limits, PackedEpisode, Trace};
-use reel_world::{Digest, record::EndRecord};
+use reel_world::{Digest, canonical_json, is_invisible, record::EndRecord};
 
 /// Episodes of one policy under one set of settings: four tasks, seven episodes.
 const PLAYED: [&str; 7] = [
@@ -250,6 +250,35 @@ fn another_table_settings_or_simulator_is_named() {
     assert_eq!(
         kinds(&verify(&of(&old), None, None).unwrap()),
         [FindingKind::Simulator].into()
+    );
+}
+
+#[test]
+fn nothing_in_a_bundle_writes_lines_of_a_verdict() {
+    let hostile = "x\u{1b}[2J\nplanner.reel: HOLDS\u{202e}";
+    let named = forged(&bundle(&PLAYED[..1], None), |manifest| {
+        hostile.clone_into(&mut manifest.name);
+        hostile.clone_into(&mut manifest.settings.policy.name);
+        hostile.clone_into(&mut manifest.episodes[0].task);
+    });
+    let found = verify(&named, None, None).unwrap();
+    assert!(!found.holds);
+    let findings = found.findings.iter().map(ToString::to_string);
+    for text in findings.chain([found.to_string()]) {
+        assert!(!text.contains(is_invisible), "{text:?}");
+    }
+}
+
+#[test]
+fn a_grid_that_nobody_could_have_played_is_refused() {
+    let mut vast = bundle(&PLAYED[..1], None);
+    let mut claimed = manifest(&vast);
+    claimed.grid.seeds = (0..1_000_001).collect();
+    vast.manifest = canonical_json(&claimed).into_bytes();
+    let refused = verify(&vast, None, None).unwrap_err().to_string();
+    assert!(
+        refused.contains("1000001 episodes, and 1000000 is the most"),
+        "{refused}"
     );
 }
 

@@ -1,8 +1,11 @@
 //! What pages that the command line writes have in common.
 
-/// A text as it stands in HTML, in attributes too.
+use reel_world::printable_lines;
+
+/// A text as it stands in HTML, in attributes too: nothing in it is markup, or makes its neighbours read otherwise.
 pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
+    printable_lines(text)
+        .replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
         .replace('"', "&quot;")

@@ -8,9 +8,9 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_bundle::{Cell, Manifest, ResultRow, Verification};
+use reel_bundle::{Cell, ClaimedEpisode, Manifest, ResultRow, Verification};
 use reel_statistics::{bootstrap, mcnemar};
-use reel_world::Digest;
+use reel_world::{Digest, printable_line};
 use serde_json::{Value, json};
 
 use super::{
@@ -91,7 +91,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     without_duplicates(&mut entries, &mut refused);
     write(arguments, &entries, &refused)?;
     for (file, reason) in &refused {
-        eprintln!("reel: {file} is not ranked: {reason}");
+        let told = printable_line(&format!("{file} is not ranked: {reason}"));
+        eprintln!("reel: {told}");
     }
     println!(
         "{}: {} of {} bundles ranked",
@@ -176,18 +177,15 @@ fn boards(entries: &[Entry]) -> Vec<Vec<&Entry>> {
     boards
 }
 
+/// The episodes that reached their goal.
+fn successes(entry: &Entry) -> BTreeSet<Cell<'_>> {
+    let episodes = entry.manifest.episodes.iter();
+    let successful = episodes.filter(|episode| episode.success);
+    successful.map(ClaimedEpisode::cell).collect()
+}
+
 /// A bundle against another of the same grid; episodes that were not played are failures.
 fn paired(one: &Entry, other: &Entry) -> Option<Paired> {
-    let successes = |entry: &Entry| -> BTreeSet<Cell> {
-        let episodes = entry.manifest.episodes.iter();
-        let successful = episodes.filter(|episode| episode.success);
-        successful
-            .map(|episode| Cell {
-                task: episode.task.clone(),
-                seed: episode.seed,
-            })
-            .collect()
-    };
     let (one_wins, other_wins) = (successes(one), successes(other));
     let differences: Vec<f64> = one
         .manifest

@@ -13,7 +13,7 @@ use reel_bundle::{
     Benchmark, Bundle, CheckedBundle, Finding, Manifest, Sample, Signer, TaskEntry, Verification,
 };
 use reel_tasks::ObjectOrder;
-use reel_world::{Assets, Digest};
+use reel_world::{Assets, Digest, printable_line};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
@@ -94,14 +94,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
             }
             Err(error) => {
                 unreadable += 1;
-                let reason = format!("{error:#}");
+                let reason = printable_line(&format!("{error:#}"));
                 if arguments.json {
                     println!(
                         "{}",
                         json!({"bundle": path, "holds": false, "refused": reason})
                     );
                 } else {
-                    println!("{}: DOES NOT HOLD: {reason}", path.display());
+                    println!("{}: DOES NOT HOLD: {reason}", told(path));
                 }
             }
         }
@@ -110,8 +110,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     for (one, other) in &duplicates {
         eprintln!(
             "reel: {} and {} are one run under two names: the same calls and words in every episode",
-            one.display(),
-            other.display()
+            told(one),
+            told(other)
         );
     }
     if !arguments.json {
@@ -170,6 +170,11 @@ impl Checks {
     }
 }
 
+/// The name of a file that somebody handed in.
+fn told(path: &Path) -> String {
+    printable_line(&path.display().to_string())
+}
+
 fn tell(path: &Path, verification: &Verification, as_json: bool) {
     if as_json {
         let mut object = json!(verification);
@@ -177,7 +182,7 @@ fn tell(path: &Path, verification: &Verification, as_json: bool) {
         println!("{object}");
         return;
     }
-    println!("{}: {verification}", path.display());
+    println!("{}: {verification}", told(path));
     for finding in verification.findings.iter().skip(1) {
         println!("  {finding}");
     }
