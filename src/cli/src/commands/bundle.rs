@@ -16,9 +16,9 @@ use crate::{ExitStatus, inputs, progress};
 /// Traces that are packed at a time.
 const BATCH: usize = 64;
 
-/// Put a benchmark run into one file that carries its proof: the tasks and scenes, every episode as its
-/// inputs (the words of the models among them), the table of results, an in-toto statement over all of it,
-/// and a signature. Every episode is executed again while it is packed.
+/// Put a benchmark run into one file that carries its proof: the tasks and scenes, every episode as
+/// its inputs (the words of the models among them), the table of results, an in-toto statement over
+/// all of it, and a signature. Every episode is executed again while it is packed.
 ///
 /// Examples:
 ///   reel bundle bench/planner --tasks tasks --out planner.reel

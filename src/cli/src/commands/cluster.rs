@@ -24,8 +24,8 @@ use crate::{
 /// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of
 /// them) or in a shared folder. All have to be the same build of reel, and others are refused. With
 /// --identity all connections are encrypted, and each end shows the other a certificate of the
-/// cluster's authority, which `reel cluster cert` makes; without it, whoever reaches the scheduler may
-/// read these files, so keep the ports within a private network. Errors go to standard error;
+/// cluster's authority, which `reel cluster cert` makes; without it, whoever reaches the scheduler
+/// may read these files, so keep the ports within a private network. Errors go to standard error;
 /// RUST_LOG=info logs more.
 ///
 /// Examples:

@@ -11,11 +11,11 @@ use reel_bundle::Key;
 
 use crate::ExitStatus;
 
-/// Make a key that signs bundles, or show one. A key is an Ed25519 key as OpenSSH writes it: `ssh-keygen`
-/// makes and reads such keys too.
+/// Make a key that signs bundles, or show one. A key is an Ed25519 key as OpenSSH writes it;
+/// `ssh-keygen` makes and reads such keys too.
 ///
 /// Examples:
-///   reel key new lab --comment "our lab"      # lab signs (`reel bundle --key lab`), lab.pub is for everybody
+///   reel key new lab --comment "our lab"      # `reel bundle --key lab` signs; lab.pub is for others
 ///   reel key show lab
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]

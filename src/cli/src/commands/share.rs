@@ -12,9 +12,9 @@ use reel_view::{EmbeddedEpisode, PlayerPage};
 
 use crate::{ExitStatus, inputs};
 
-/// Write an episode as one web page with the simulator in it. Whoever opens it, from disk and without a
-/// network, sees the episode executed again and compared with its record, looks at it from any
-/// camera, and tries other calls. Images are left out where they can be drawn again.
+/// Write an episode as one web page with the simulator in it. Whoever opens it, from disk and
+/// without a network, sees the episode executed again and compared with its record, looks at it
+/// from any camera, and tries other calls. Images are left out where they can be drawn again.
 ///
 /// Examples:
 ///   reel share traces/FDP_home_0001--oracle--0.mcap --out episode.html

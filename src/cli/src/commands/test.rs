@@ -15,13 +15,14 @@ use serde::Serialize;
 
 use crate::{ExitStatus, agent_arguments::AgentArguments, inputs, progress};
 
-/// Test an agent against recordings: it gets the recorded answers as long as it makes the recorded calls.
-/// A test case passes if it makes all of them and no other; else the first call that differs is named.
+/// Test an agent against recordings: it gets the recorded answers as long as it makes the recorded
+/// calls. A test case passes if it makes all of them and no other; else the first call that differs
+/// is named.
 ///
-/// AGENT is a name that `reel bench --agent` takes, and plays recordings of Reel. A command after `--`
-/// is any agent that speaks MCP: for each recording it is started once, with the address of a replay
-/// server in REEL_MCP_URL (Streamable HTTP) and REEL_SSE_URL (HTTP+SSE); {url} and {sse} in its
-/// arguments stand for them. It calls `finish` to get its task, plays, and ends.
+/// AGENT is a name that `reel bench --agent` takes, and plays recordings of Reel. A command after
+/// `--` is any agent that speaks MCP: for each recording it is started once, with the address of a
+/// replay server in REEL_MCP_URL (Streamable HTTP) and REEL_SSE_URL (HTTP+SSE); {url} and {sse} in
+/// its arguments stand for them. It calls `finish` to get its task, plays, and ends.
 ///
 /// Examples:
 ///   reel test planner --against traces

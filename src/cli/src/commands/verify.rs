@@ -21,13 +21,14 @@ use crate::{ExitStatus, inputs, progress};
 /// What a verdict proves and what it does not.
 pub const NOT_PROVEN: &str = "Proven: these calls, in these scenes, with these seeds, give these results, under this reward. Not proven: that the model named \
                           here wrote these words, nor that no other run was made and left out.";
-/// Execute the episodes of bundles again, recompute rewards, metrics and intervals, and say in one line
-/// whether the claim holds. Exit code 1 where it does not. A sample is drawn anew each time, after the
-/// bundle was handed in; what it may have missed is printed.
+
+/// Execute the episodes of bundles again, recompute rewards, metrics and intervals, and say in one
+/// line whether the claim holds. Exit code 1 where it does not. A sample is drawn anew each time,
+/// after the bundle was handed in; what it may have missed is printed.
 ///
 /// Examples:
 ///   reel verify planner.reel
-///   reel verify planner.reel --tasks tasks --signer lab.pub       # these very tasks, signed by this key
+///   reel verify planner.reel --tasks tasks --signer lab.pub    # these very tasks, signed by this key
 ///   reel verify submissions/*.reel --sample 5% --json
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]

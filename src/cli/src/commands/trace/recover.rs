@@ -8,12 +8,11 @@ use reel_trace::{Recovery, RecoveryStatus, TraceError};
 
 use crate::{ExitStatus, inputs, progress};
 
-/// Restore every whole step of recordings that were killed, ran into a full disk, or were
-/// truncated or damaged later, and write finished traces. An episode without an end ends as
-/// aborted.
+/// Restore every whole step of recordings that were killed, ran into a full disk, or were truncated
+/// or damaged later, and write finished traces. An episode without an end ends as aborted.
 ///
-/// `x.mcap.part` becomes `x.mcap`, a truncated `x.mcap` becomes `x.recovered.mcap`; an existing file
-/// is never replaced. The recording stays, unless it is a part and the trace holds all of it.
+/// `x.mcap.part` becomes `x.mcap`, a truncated `x.mcap` becomes `x.recovered.mcap`; an existing
+/// file is never replaced. The recording stays, unless it is a part and the trace holds all of it.
 ///
 /// Examples:
 ///   reel trace recover traces-out

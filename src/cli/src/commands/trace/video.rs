@@ -10,8 +10,8 @@ use serde_json::json;
 
 use crate::{ExitStatus, camera::Camera, inputs};
 
-/// Write an episode as GIF or MP4 (AV1): one frame a call, with the call, its result and the reward as
-/// captions. An exact replay renders the frames, from any camera.
+/// Write an episode as GIF or MP4 (AV1): one frame a call, with the call, its result and the reward
+/// as captions. An exact replay renders the frames, from any camera.
 ///
 /// Examples:
 ///   reel trace video trace.mcap
