@@ -124,6 +124,12 @@ fn lines_of_any_harness_will_do() {
         wrong.contains("no episode with the metric 'speed'"),
         "{wrong}"
     );
+    let elsewhere = [&["bisect"], &search("score")[..], &["--episodes", "t9"]].concat();
+    let wrong = complaint(folder, 2, &elsewhere);
+    assert!(
+        wrong.contains("it has no episode of t9; it has "),
+        "{wrong}"
+    );
     fs::write(folder.join("v2"), "not json").unwrap();
     let changed = complaint(folder, 2, &[&["bisect"], &search("score")[..]].concat());
     assert!(

@@ -117,8 +117,12 @@ impl<'a> Measurement<'a> {
                 values
             }
         };
+        if values.is_empty() {
+            bail!("it has no episode with the metric '{}'", self.metric);
+        }
         let only = &self.arguments.episodes;
         if !only.is_empty() {
+            let there: Vec<String> = values.keys().take(SHOWN).cloned().collect();
             // printed as `TASK seed 0`, and traces as `TASK--POLICY--0`
             let of = |key: &str, id: &str| {
                 let rest = key.strip_prefix(id);
@@ -127,9 +131,13 @@ impl<'a> Measurement<'a> {
                 })
             };
             values.retain(|key, _| only.iter().any(|id| of(key, id)));
-        }
-        if values.is_empty() {
-            bail!("it has no episode with the metric '{}'", self.metric);
+            if values.is_empty() {
+                bail!(
+                    "it has no episode of {}; it has {}",
+                    only.join(", "),
+                    there.join(", ")
+                );
+            }
         }
         Ok(values)
     }
@@ -180,7 +188,7 @@ impl<'a> Measurement<'a> {
         match status.code() {
             Some(0 | 1) => Ok(()),
             _ => bail!(
-                "its command ended with {status}; {} ends with\n{}",
+                "its command ended with {status}; {} {}",
                 log.display(),
                 ending(&log)
             ),
@@ -392,12 +400,15 @@ fn number_in(value: &Value) -> Option<f64> {
     truth.or_else(|| value.as_f64())
 }
 
-/// The last lines of a file.
+/// What the last lines of a file are, as the end of a sentence.
 fn ending(path: &Path) -> String {
     let text = fs::read(path).unwrap_or_default();
     let text = String::from_utf8_lossy(&text);
     let lines: Vec<&str> = text.lines().collect();
-    lines[lines.len().saturating_sub(SHOWN)..].join("\n")
+    match lines.len().saturating_sub(SHOWN) {
+        _ if lines.is_empty() => "is empty: it printed nothing".to_owned(),
+        before => format!("ends with\n{}", lines[before..].join("\n")),
+    }
 }
 
 /// A checkout of a commit beside the repository's own, which keeps what an earlier build left there.

@@ -202,11 +202,7 @@ impl Found<'_> {
                 .push((episode, change));
         }
         for (first_bad, episodes) in &firsts {
-            println!(
-                "{}: {} flip",
-                self.candidates[*first_bad],
-                count(episodes.len())
-            );
+            println!("{}: {}", self.candidates[*first_bad], flips(episodes.len()));
             for (episode, change) in episodes.iter().take(SHOWN) {
                 println!("  {}", self.line(episode, change));
             }
@@ -252,10 +248,10 @@ impl Found<'_> {
     }
 }
 
-fn count(episodes: usize) -> String {
+fn flips(episodes: usize) -> String {
     match episodes {
-        1 => "1 episode".to_owned(),
-        many => format!("{many} episodes"),
+        1 => "1 episode flips".to_owned(),
+        many => format!("{many} episodes flip"),
     }
 }
 
