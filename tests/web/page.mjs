@@ -99,6 +99,15 @@ for (const path of some) {
   inPage += Number(/executed again in ([0-9.]+) s/.exec(text)[1]);
   natively += reel("replay", "--jobs", "1", path).ms / 1000;
 }
+
+// On a phone the verdict is what one sees first, though the last call is shown.
+await page.setViewportSize({ width: 390, height: 844 });
+await page.goto(pathToFileURL(shared).href);
+await page.reload();
+await page.waitForSelector(".badge:not(.running)");
+await page.waitForSelector(".calls li.current:last-child");
+const view = await page.evaluate(() => [window.scrollY, document.documentElement.scrollWidth, document.querySelector(".calls").scrollTop > 0]);
+assert(view[0] === 0 && view[1] <= 390 && view[2], `on a phone the page is scrolled by ${view[0]}, ${view[1]} wide, its list at the last call: ${view[2]}`);
 assert(said.length === 0, said.join("\n"));
 await browser.close();
 console.log(

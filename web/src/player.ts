@@ -161,7 +161,7 @@ class EpisodeView {
     for (const item of this.#calls.children) {
       const current = Number((item as HTMLElement).dataset.at) === at;
       item.classList.toggle("current", current);
-      if (current) item.scrollIntoView({ block: "nearest" });
+      if (current) reveal(this.#calls, item);
     }
     this.#tryHere(at);
     this.#draw();
@@ -319,6 +319,13 @@ class EpisodeView {
     this.#badge.className = `badge ${kind}`;
     this.#badge.textContent = text;
   }
+}
+
+/** Scrolls a list to an item; the page stays where the reader has it. */
+function reveal(list: Element, item: Element): void {
+  const [outer, inner] = [list.getBoundingClientRect(), item.getBoundingClientRect()];
+  if (inner.top < outer.top) list.scrollTop += inner.top - outer.top;
+  else if (inner.bottom > outer.bottom) list.scrollTop += inner.bottom - outer.bottom;
 }
 
 function cell(text: string): HTMLElement {
