@@ -65,6 +65,7 @@ await first.click();
 await site.page.waitForSelector(".badge.exact, .badge.refused");
 const claim = await site.page.locator(".badge").first().textContent();
 assert(claim.startsWith("HOLDS"), `the first row says ${claim}`);
+await site.page.getByText("not signed", { exact: true }).waitFor();
 await site.page.locator("button.link").first().click();
 await site.page.waitForSelector("canvas");
 await site.page.waitForSelector(".badge.exact");

@@ -16,6 +16,9 @@ const PROVEN =
   "Proven here: these calls, in this scene, with this seed, give every digest, image, text, reward and metric in the file. " +
   "Not proven: who wrote the calls and the words of the policy, and that no other episodes were left out.";
 
+/** How many findings of a bundle are listed. */
+const FINDINGS = 20;
+
 /** Shows traces and bundles in an element, one after the other. */
 export class Player {
   readonly #root: HTMLElement;
@@ -66,12 +69,15 @@ export class Player {
 class BundleView {
   readonly #bundle: Bundle;
   readonly #badge = badge("running", "");
+  readonly #signer = element("p", { className: "about" });
   readonly #rows: HTMLElement[];
   #stopped = false;
 
   constructor(root: HTMLElement, bundle: Bundle, open: (episode: number) => void) {
     this.#bundle = bundle;
     const { manifest } = bundle;
+    const findings = bundle.findings.slice(0, FINDINGS).map(({ episode, text }) => element("li", {}, episode === null ? text : `episode ${episode}: ${text}`));
+    if (bundle.findings.length > FINDINGS) findings.push(element("li", {}, `and ${bundle.findings.length - FINDINGS} more: \`reel verify\` tells them all`));
     const { policy, profile, skills, preset } = manifest.settings;
     const percent = (share: number) => (100 * share).toFixed(1);
     const results = manifest.results.map((row) => element("tr", {}, cell(row.family), cell(`${row.played} of ${row.episodes}`), cell(`${percent(row.success_rate)} %`), cell(`${percent(row.success_low)} to ${percent(row.success_high)}`)));
@@ -81,7 +87,7 @@ class BundleView {
       return element("li", {}, link, element("span", { className: "outcome" }, episode.success ? "success" : "failure"), element("span", { className: "reward" }, episode.reward.toFixed(2)));
     });
     root.replaceChildren(
-      element("header", {}, element("h1", {}, `${manifest.name}: ${policy.name}`), element("p", { className: "about" }, `profile ${profile}, skills ${skills}, rewards of preset ${preset}; recorded by simulator ${manifest.simulator}, reel ${manifest.build}`), this.#badge,
+      element("header", {}, element("h1", {}, `${manifest.name}: ${policy.name}`), element("p", { className: "about" }, `profile ${profile}, skills ${skills}, rewards of preset ${preset}; recorded by simulator ${manifest.simulator}, reel ${manifest.build}`), this.#badge, element("ul", { className: "findings" }, ...findings), this.#signer,
         element("details", {}, element("summary", {}, "What this proves, and what not"), element("p", {}, `${PROVEN} The tasks are those in the bundle: \`reel verify --tasks\` compares them with a benchmark's.`))),
       element("table", {}, element("tr", {}, ...["family", "episodes", "success", "95 %"].map((name) => element("th", {}, name))), ...results),
       element("aside", {}, element("ol", { className: "calls" }, ...this.#rows)),
@@ -100,6 +106,7 @@ class BundleView {
     const { verification, text } = await this.#bundle.conclude();
     this.#badge.className = `badge ${verification.holds ? "exact" : "refused"}`;
     this.#badge.textContent = text;
+    this.#signer.textContent = verification.signer ? `signed by ${verification.signer}` : "not signed";
   }
 
   stop(): void {
