@@ -176,6 +176,10 @@ impl Shard {
         })?;
         let mut chunks = summary.chunk_indexes;
         chunks.sort_by_key(|chunk| chunk.message_start_time);
+        // Else an episode could be another one each time that it is read.
+        if !chunks.is_sorted_by(|one, next| one.message_end_time < next.message_start_time) {
+            return Err(damaged("two chunks have the same episode".to_owned()));
+        }
         let episodes = index.len() / ENTRY;
         let last = chunks
             .iter()
@@ -334,6 +338,14 @@ impl Shard {
                 return Err(damaged("a message is out of place".to_owned()));
             }
             chunk.messages.push(data.into_owned());
+        }
+        let span = index
+            .message_end_time
+            .wrapping_sub(index.message_start_time);
+        if span.wrapping_add(1) != chunk.messages.len() as u64 {
+            return Err(damaged(
+                "it has other messages than the index says".to_owned(),
+            ));
         }
         Ok(chunk)
     }

@@ -10,4 +10,5 @@ mod recovery;
 mod robot;
 mod round_trip;
 mod sample;
+mod shards;
 mod viewers;
