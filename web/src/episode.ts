@@ -18,6 +18,8 @@ export interface ActResult {
   step: Step;
   /** Why the episode is over, where it is. */
   ended: string | null;
+  /** Whether it reached its goal, once it is over and where anybody knows. */
+  success: boolean | null;
   image: ImageData | null;
 }
 
@@ -70,8 +72,8 @@ export class Episode {
   /** Makes a call in the other future. */
   async act(call: ToolCall): Promise<ActResult> {
     const { response, bytes } = await this.#session.request({ request: "act", call });
-    const { step, ended, image: size } = expect(response, "acted");
-    return { step, ended, image: size && pixels(bytes, size.width, size.height) };
+    const { step, ended, success, image: size } = expect(response, "acted");
+    return { step, ended, success, image: size && pixels(bytes, size.width, size.height) };
   }
 
   /** What is seen from a camera in the other future. */

@@ -13,7 +13,7 @@ export interface Runtime {
 
 /** What a verdict proves and what not; stands beside every badge. */
 const PROVEN =
-  "Proven here: these calls, in this scene, with this seed, give every digest, image, text, reward and metric in the file. " +
+  "proves that these calls, in this scene, with this seed, give every digest, image, text, reward and metric in the file. " +
   "Not proven: who wrote the calls and the words of the policy, and that no other episodes were left out.";
 
 /** How many findings of a bundle are listed. */
@@ -88,7 +88,7 @@ class BundleView {
     });
     root.replaceChildren(
       element("header", {}, element("h1", {}, `${manifest.name}: ${policy.name}`), element("p", { className: "about" }, `profile ${profile}, skills ${skills}, rewards of preset ${preset}; recorded by simulator ${manifest.simulator}, reel ${manifest.build}`), this.#badge, element("ul", { className: "findings" }, ...findings), this.#signer,
-        element("details", {}, element("summary", {}, "What this proves, and what not"), element("p", {}, `${PROVEN} The tasks are those in the bundle: \`reel verify --tasks\` compares them with a benchmark's.`))),
+        element("p", { className: "proven" }, `HOLDS ${PROVEN} The tasks are those in the bundle: \`reel verify --tasks\` compares them with a benchmark's.`)),
       element("table", {}, element("tr", {}, ...["family", "episodes", "success", "95 %"].map((name) => element("th", {}, name))), ...results),
       element("aside", {}, element("ol", { className: "calls" }, ...this.#rows)),
     );
@@ -181,8 +181,8 @@ class EpisodeView {
     const back = element("button", { type: "button", className: "link", hidden: !this.#back }, "back to the bundle");
     back.onclick = () => this.#back?.();
     return element("header", {}, back, element("h1", {}, instruction), element("p", { className: "about" }, told), this.#badge,
-      element("details", {}, element("summary", {}, "What this proves, and what not"), element("p", {}, PROVEN),
-        element("p", {}, `Trace ${trace}, recorded by simulator ${header.sim_version}; this page is ${this.#opened.build}. File: BLAKE3 ${this.#opened.file}.`)));
+      element("p", { className: "proven" }, `EXACT ${PROVEN}`),
+      element("details", { className: "proven" }, element("summary", {}, "Digests and versions"), element("p", {}, `Trace ${trace}, recorded by simulator ${header.sim_version}; this page is ${this.#opened.build}. File: BLAKE3 ${this.#opened.file}.`)));
   }
 
   #stage(): HTMLElement {
@@ -221,7 +221,7 @@ class EpisodeView {
   #call(step: Step): HTMLElement {
     const { call } = step.input;
     const reward = step.reward.reduce((sum, term) => sum + term.value, 0);
-    const item = element("li", { className: step.outcome.error ? "error" : "" }, element("code", {}, spelled(call.name, call.arguments)),
+    const item = element("li", { className: step.outcome.error ? "error" : "" }, element("code", {}, element("span", { className: "number" }, `${step.step} `), spelled(call.name, call.arguments)),
       element("span", { className: "outcome" }, step.outcome.error ? `${step.outcome.error}: ${step.outcome.text}` : step.outcome.text));
     if (reward) item.append(element("span", { className: "reward" }, `${reward > 0 ? "+" : ""}${reward.toFixed(2)}`));
     item.dataset.at = String(step.step + 1);
@@ -266,12 +266,12 @@ class EpisodeView {
         const name = tool().argument;
         const value = name === "marker_id" && /^\d+$/.test(argument.value.trim()) ? Number(argument.value) : argument.value;
         const call = { name: chosen.value, arguments: name ? { [name]: value } : {} };
-        const { step, ended } = await this.#episode.act(call);
+        const { step, ended, success } = await this.#episode.act(call);
         this.#branch.made += 1;
         const reward = step.reward.reduce((sum, term) => sum + term.value, 0);
         said.append(element("li", { className: step.outcome.error ? "error" : "" }, element("code", {}, spelled(call.name, call.arguments)), ` ${step.outcome.error ? `${step.outcome.error}: ` : ""}${step.outcome.text}`,
           element("span", { className: "reward" }, ` ${reward >= 0 ? "+" : ""}${reward.toFixed(2)}`)));
-        if (ended) said.append(element("li", {}, `The episode is over: ${ended}.`));
+        if (ended) said.after(element("p", {}, `The episode is over (${ended}): ${success === null ? "nobody knows whether it succeeded" : success ? "success" : "failure"}.`));
         button.disabled = ended !== null;
         this.#draw();
       } catch (error) {
@@ -314,7 +314,7 @@ class EpisodeView {
         this.#canvas.width = image.width;
         this.#canvas.height = image.height;
         this.#canvas.getContext("2d")!.putImageData(image, 0, 0);
-        this.#where.value = this.#branch ? `another future: ${this.#branch.made} after call ${this.#branch.at}` : at === 0 ? "start" : `after call ${at - 1}`;
+        this.#where.value = this.#branch ? `another future: ${this.#branch.made} instead of call ${this.#branch.at}` : at === 0 ? "start" : `after call ${at - 1}`;
       } catch (error) {
         this.#where.value = message(error);
       }

@@ -85,6 +85,8 @@ export interface Finding {
   kind: string;
   /** Number of the episode in the bundle, where it is about one. */
   episode: number | null;
+  /** The task, where it is about one of the grid. */
+  task?: string;
   text: string;
 }
 
@@ -111,7 +113,7 @@ export type SessionResponse =
   | { response: "verified"; calls: number; of: number; verdict: Verdict | null; text: string | null }
   | ({ response: "image" } & Size)
   | { response: "branched"; at: number }
-  | { response: "acted"; step: Step; ended: string | null; image: Size | null }
+  | { response: "acted"; step: Step; ended: string | null; success: boolean | null; image: Size | null }
   | { response: "opened_bundle"; manifest: Manifest; findings: Finding[] }
   | { response: "executed"; findings: Finding[] }
   | { response: "concluded"; verification: Verification; text: string }

@@ -42,6 +42,9 @@ pub struct Finding {
     pub kind: FindingKind,
     /// The number of the episode in the shard, where it is about one.
     pub episode: Option<u32>,
+    /// The task, where it is about one of the grid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub task: Option<String>,
     /// What is wrong, and where.
     pub text: String,
 }
@@ -51,11 +54,20 @@ impl Finding {
         Self {
             kind,
             episode: None,
+            task: None,
             text: text.into(),
         }
     }
 
-    pub(crate) fn of_episode(kind: FindingKind, episode: u32, text: impl Into<String>) -> Self {
+    pub(crate) fn of_task(task: &str, text: String) -> Self {
+        Self {
+            task: Some(task.to_owned()),
+            ..Self::new(FindingKind::Task, text)
+        }
+    }
+
+    /// Something about an episode, by its number in the shard.
+    pub fn of_episode(kind: FindingKind, episode: u32, text: impl Into<String>) -> Self {
         Self {
             episode: Some(episode),
             ..Self::new(kind, text)

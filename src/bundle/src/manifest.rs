@@ -261,6 +261,14 @@ impl std::fmt::Display for ResultRow {
             100.0 * self.success_low,
             100.0 * self.success_high,
             100.0 * self.completion
-        )
+        )?;
+        match self.episodes - self.played.min(self.episodes) {
+            0 => Ok(()),
+            left => write!(
+                f,
+                "; {left} of {} not played, which count as failures",
+                self.episodes
+            ),
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Keys and signatures in the formats of OpenSSH: a key of `ssh-keygen -t ed25519` signs here, and a signature from here is checked by
 //! `ssh-keygen -Y verify`.
 
+use ed25519_dalek::VerifyingKey;
 use ssh_key::{
     HashAlg, LineEnding, PrivateKey, PublicKey, SshSig,
     private::{Ed25519Keypair, KeypairData},
@@ -87,10 +88,19 @@ impl Signer {
     /// # Errors
     /// When it is none.
     pub fn from_openssh(text: &str) -> Result<Self, BundleError> {
-        let key = PublicKey::from_openssh(text.trim());
-        key.map(Self).map_err(|error| BundleError::Key {
+        let key = PublicKey::from_openssh(text.trim()).map_err(|error| BundleError::Key {
             problem: format!("it is no public key like 'ssh-ed25519 AAAA...' ({error})"),
-        })
+        })?;
+        Self::of_key(key).map_err(|problem| BundleError::Key { problem })
+    }
+
+    /// A key that only its owner can sign with: of some points of the curve signatures can be made by everybody.
+    fn of_key(key: PublicKey) -> Result<Self, String> {
+        let point = key.key_data().ed25519().ok_or("it is not of Ed25519")?;
+        match VerifyingKey::from_bytes(&point.0) {
+            Ok(verifying) if !verifying.is_weak() => Ok(Self(key)),
+            _ => Err("it is a weak key, with which everybody can sign".to_owned()),
+        }
     }
 
     /// Who signed a statement.
@@ -107,7 +117,7 @@ impl Signer {
         let key = PublicKey::from(signed.public_key().clone());
         key.verify(NAMESPACE, statement, &signed)
             .map_err(|_| "the signature is not one of this statement".to_owned())?;
-        Ok(Self(key))
+        Self::of_key(key).map_err(|problem| format!("the key of the signature: {problem}"))
     }
 
     /// Whether it is the same key, whatever its comment.

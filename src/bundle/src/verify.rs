@@ -8,7 +8,10 @@ use std::{
 
 use reel_replay::{SIM_VERSION, unpack};
 use reel_trace::{Limits, PackedEpisode, Shard, Trace};
-use reel_world::{Assets, Digest, Meshes, canonical_json, printable_line, record::EpisodeHeader};
+use reel_world::{
+    Assets, Digest, Meshes, canonical_json, printable_line,
+    record::{EndReason, EpisodeHeader},
+};
 use serde::Serialize;
 use serde_json::json;
 
@@ -97,7 +100,7 @@ impl CheckedBundle {
         if statement(bundle, &manifest) != bundle.statement {
             findings.push(Finding::new(
                 FindingKind::Statement,
-                "the statement is not that of the parts: one of them was changed after it was signed",
+                "the statement is not that of the parts: one of them was changed after the bundle was made",
             ));
         }
         let signed_by = signed_by(bundle, signer, &mut findings);
@@ -154,8 +157,22 @@ impl CheckedBundle {
         Ok((episode.name, bytes))
     }
 
-    /// Executes an episode again and compares it with what is claimed of it. Gives what differs.
+    /// Whether an episode plays what it should: another task is named already, and nobody wants to wait for it.
+    fn is_of_task(&self, number: u32) -> bool {
+        let claimed = self.claimed(number);
+        !self.findings.iter().any(|one| {
+            one.kind == FindingKind::Task
+                && (one.episode == Some(number)
+                    || one.task.is_some() && one.task.as_ref() == claimed.map(|one| &one.task))
+        })
+    }
+
+    /// Executes an episode again and compares it with what is claimed of it. Gives what differs. An episode of another task
+    /// than claimed, or than the benchmark has, is not executed.
     pub fn execute(&self, number: u32, meshes: &Meshes) -> Vec<Finding> {
+        if !self.is_of_task(number) {
+            return Vec::new();
+        }
         let differs = |text: String| vec![Finding::of_episode(FindingKind::Episode, number, text)];
         let (name, bytes) = match self.unpack(number, meshes) {
             Ok(unpacked) => unpacked,
@@ -169,6 +186,9 @@ impl CheckedBundle {
         let (Some(end), Some(claimed)) = (&trace.end, self.claimed(number)) else {
             return differs("it has no end, or nothing is claimed of it".to_owned());
         };
+        if end.reason == EndReason::Aborted {
+            return differs("it broke off, so it was not played to its end".to_owned());
+        }
         let (header, chain) = (&trace.header, trace.chain());
         // What was executed is judged, too, and not only what was there before.
         let known = self.findings.iter().any(|one| one.episode == Some(number));
@@ -338,6 +358,12 @@ fn of_grid(manifest: &Manifest, benchmark: Option<&Benchmark>, findings: &mut Ve
         );
     }
     let mut left: BTreeSet<Cell<'_>> = grid.cells().collect();
+    if left.is_empty() {
+        wrong(
+            FindingKind::Missing,
+            "its grid has no episode at all".to_owned(),
+        );
+    }
     let extra: Vec<String> = episodes
         .iter()
         .map(ClaimedEpisode::cell)
@@ -367,20 +393,15 @@ fn of_grid(manifest: &Manifest, benchmark: Option<&Benchmark>, findings: &mut Ve
         .map(|task| (task.id.as_str(), task))
         .collect();
     for task in &grid.tasks {
-        match known.get(task.id.as_str()) {
-            None => wrong(
-                FindingKind::Task,
-                format!("{} is no task of {}", task.id, benchmark.name),
+        let text = match known.get(task.id.as_str()) {
+            Some(published) if *published == task => continue,
+            Some(_) => format!(
+                "{} is another task, or plays in another scene, than in {}",
+                task.id, benchmark.name
             ),
-            Some(wanted) if *wanted != task => wrong(
-                FindingKind::Task,
-                format!(
-                    "{} is another task, or plays in another scene, than in {}",
-                    task.id, benchmark.name
-                ),
-            ),
-            Some(_) => {}
-        }
+            None => format!("{} is no task of {}", task.id, benchmark.name),
+        };
+        findings.push(Finding::of_task(&task.id, text));
     }
     let missing: Vec<String> = benchmark
         .tasks
@@ -389,14 +410,12 @@ fn of_grid(manifest: &Manifest, benchmark: Option<&Benchmark>, findings: &mut Ve
         .map(|task| task.id.clone())
         .collect();
     if !missing.is_empty() {
-        wrong(
-            FindingKind::Missing,
-            format!(
-                "tasks of {} that are left out: {}",
-                benchmark.name,
-                some(&missing)
-            ),
+        let text = format!(
+            "tasks of {} that are left out: {}",
+            benchmark.name,
+            some(&missing)
         );
+        findings.push(Finding::new(FindingKind::Missing, text));
     }
 }
 
@@ -460,6 +479,11 @@ fn of_header(
     findings
 }
 
+/// A name that somebody chose, which cannot read as part of a verdict.
+fn quoted(name: &str) -> String {
+    format!("\"{}\"", printable_line(name).replace('"', "\\\""))
+}
+
 /// The first metric that differs, with both values.
 fn difference(claimed: &ClaimedEpisode, found: &ClaimedEpisode) -> Option<String> {
     let (claimed, found) = (json!(claimed), json!(found));
@@ -477,20 +501,20 @@ fn difference(claimed: &ClaimedEpisode, found: &ClaimedEpisode) -> Option<String
 
 impl std::fmt::Display for Verification {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (name, policy) = (printable_line(&self.name), printable_line(&self.policy));
+        let (name, policy) = (quoted(&self.name), quoted(&self.policy));
         if !self.holds {
             let first = self
                 .findings
                 .first()
                 .map(ToString::to_string)
                 .unwrap_or_default();
-            write!(f, "DOES NOT HOLD: {name} ({policy}): {first}")?;
+            write!(f, "DOES NOT HOLD: {name} of {policy}: {first}")?;
             return match self.findings.len() {
                 0 | 1 => Ok(()),
                 more => write!(f, " (and {} more)", more - 1),
             };
         }
-        write!(f, "HOLDS: {name} ({policy})")?;
+        write!(f, "HOLDS: {name} of {policy}")?;
         if let Some(result) = &self.result {
             write!(f, ": {result}")?;
         }

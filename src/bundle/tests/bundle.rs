@@ -81,7 +81,7 @@ fn a_sound_bundle_holds_and_comes_back_from_its_bytes() {
     assert_eq!(found.signer, Some(key.signer().to_string()));
     let text = found.to_string();
     assert!(
-        text.starts_with("HOLDS: explorers (explorer): success "),
+        text.starts_with("HOLDS: \"explorers\" of \"explorer\": success "),
         "{text}"
     );
     assert!(text.ends_with("all 7 episodes executed again"), "{text}");
@@ -193,6 +193,7 @@ fn a_task_made_easier_or_left_out_is_named() {
     let found = verify(&all, Some(&benchmark(harder)), None).unwrap();
     assert_eq!(kinds(&found), [FindingKind::Task].into());
     assert!(found.findings[0].text.contains(&tasks[1].id), "{found}");
+    assert_eq!(found.findings[0].task.as_ref(), Some(&tasks[1].id));
 
     // Whoever leaves the hard task out of the grid, too, is found by the benchmark.
     let found = verify(
@@ -255,7 +256,7 @@ fn another_table_settings_or_simulator_is_named() {
 
 #[test]
 fn nothing_in_a_bundle_writes_lines_of_a_verdict() {
-    let hostile = "x\u{1b}[2J\nplanner.reel: HOLDS\u{202e}";
+    let hostile = "x\" of \"planner\": success\u{1b}[2J\nplanner.reel: HOLDS\u{202e}";
     let named = forged(&bundle(&PLAYED[..1], None), |manifest| {
         hostile.clone_into(&mut manifest.name);
         hostile.clone_into(&mut manifest.settings.policy.name);
@@ -263,6 +264,11 @@ fn nothing_in_a_bundle_writes_lines_of_a_verdict() {
     });
     let found = verify(&named, None, None).unwrap();
     assert!(!found.holds);
+    let text = found.to_string();
+    assert!(
+        text.starts_with(r#"DOES NOT HOLD: "x\" of \"planner\": success"#),
+        "{text}: its names cannot end"
+    );
     let findings = found.findings.iter().map(ToString::to_string);
     for text in findings.chain([found.to_string()]) {
         assert!(!text.contains(is_invisible), "{text:?}");
@@ -273,6 +279,22 @@ fn nothing_in_a_bundle_writes_lines_of_a_verdict() {
 fn a_grid_that_nobody_could_have_played_is_refused() {
     let mut vast = bundle(&PLAYED[..1], None);
     let mut claimed = manifest(&vast);
+    claimed.grid.seeds.clear();
+    claimed.episodes.clear();
+    let empty = Bundle::of(
+        &Manifest {
+            results: results(&claimed.grid, &[]),
+            ..claimed.clone()
+        },
+        vast.episodes.clone(),
+        None,
+        None,
+    );
+    let found = verify(&empty, None, None).unwrap();
+    assert!(
+        found.to_string().contains("no episode at all"),
+        "{found}: a bundle of nothing holds nothing"
+    );
     claimed.grid.seeds = (0..1_000_001).collect();
     vast.manifest = canonical_json(&claimed).into_bytes();
     let refused = verify(&vast, None, None).unwrap_err().to_string();
@@ -302,7 +324,10 @@ fn who_signed_is_told_and_demanded() {
         kinds(&verify(&moved, None, None).unwrap()),
         [FindingKind::Signature].into()
     );
-    let _: Signer = lab.signer();
+    // The point of the curve for which everybody can make signatures.
+    let weak = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIAEAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA";
+    let refused = Signer::from_openssh(weak).unwrap_err().to_string();
+    assert!(refused.contains("weak key"), "{refused}");
 }
 
 #[test]

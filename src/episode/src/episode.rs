@@ -11,7 +11,7 @@ use reel_sim::{
 };
 use reel_world::{
     ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, ToolText,
-    WorldGraph, ask_reply, invariants,
+    WorldGraph, ask_reply, check_playable, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, Reported,
         StartRecord, StateDigests, StepInput, StepRecord, UserReply,
@@ -503,6 +503,12 @@ impl Episode {
         )
     }
 
+    /// What [`Self::end`] would give now, of an episode that stays.
+    pub fn end_record(&self) -> EndRecord {
+        let graphs = self.graphs.clone();
+        end(self.ended, &self.config, &self.start, &self.steps, graphs)
+    }
+
     /// A call of a published server, which reads the arguments itself.
     fn dispatch_published(&mut self, input: &StepInput) -> (ToolResult, Option<UserReply>) {
         let call = &input.call;
@@ -591,13 +597,17 @@ impl Episode {
 /// Sets a task up, for [`Episode::start_on`].
 ///
 /// # Errors
-/// When the task plays in another scene.
+/// When the task plays in another scene, or cannot be played in this one.
 pub fn prepare_task(
     scene: &Arc<Scene>,
     task: &Arc<Task>,
     meshes: &Meshes,
 ) -> Result<Arc<PreparedTask>, EpisodeError> {
     if task.scene_id == scene.scene_id {
+        check_playable(scene, task).map_err(|problem| EpisodeError::Unplayable {
+            task: task.task_id.clone(),
+            problem,
+        })?;
         return Ok(PreparedTask::with_meshes(
             scene.clone(),
             task.clone(),

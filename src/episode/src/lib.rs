@@ -85,6 +85,9 @@ pub enum EpisodeError {
         expected: String,
         found: String,
     },
+    /// No simulator could play it.
+    #[error("task {task} cannot be played: {problem}")]
+    Unplayable { task: String, problem: String },
     /// The snapshot is of another moment or episode.
     #[error("the snapshot has the state {found}, but after {steps} steps the state was {expected}")]
     SnapshotMismatch {

@@ -103,6 +103,8 @@ pub enum Response {
         step: Box<StepRecord>,
         /// Why the episode is over, where it is.
         ended: Option<EndReason>,
+        /// Whether it reached its goal, once it is over and where anybody knows.
+        success: Option<bool>,
         /// Size of the image.
         image: Option<Size>,
     },
@@ -377,13 +379,15 @@ impl Session {
             return Err("that future is over; begin another".to_owned());
         }
         let output = branch.step(StepInput::from_call(call));
+        let ended = branch.ended();
         let (size, bytes) = match &output.frame {
             Some(frame) => (Some(SIZE), rgba(&frame.rgb)),
             None => (None, Vec::new()),
         };
         let acted = Response::Acted {
             step: Box::new(output.record),
-            ended: branch.ended(),
+            ended,
+            success: ended.and_then(|_| branch.end_record().success(branch.task())),
             image: size,
         };
         Ok((acted, bytes))

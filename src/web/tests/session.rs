@@ -114,6 +114,7 @@ fn another_future_begins_where_it_is_asked_to() {
     }
     let (response, _) = act(&mut session, &json!({"name": "finish", "arguments": {}}));
     assert_eq!(response["ended"], "finished");
+    assert_eq!(response["success"], false, "nothing was done");
     let (response, _) = act(&mut session, &recorded);
     assert_eq!(response["response"], "failed");
     let (response, _) = ask(

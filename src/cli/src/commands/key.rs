@@ -8,6 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_bundle::Key;
+use reel_world::is_invisible;
 
 use crate::ExitStatus;
 
@@ -47,15 +48,29 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     match &arguments.command {
         Command::New { file, comment } => {
+            if comment.contains(is_invisible) {
+                bail!("--comment has characters that cannot be seen; it is one line of text");
+            }
             let mut seed = [0; 32];
             getrandom::fill(&mut seed).map_err(|error| {
                 anyhow::anyhow!("this machine gives no random numbers: {error}")
             })?;
             let key = Key::of_seed(&seed, comment);
             let public = file.with_added_extension("pub");
-            write_private(file, &key.to_openssh())?;
-            fs::write(&public, key.signer().to_openssh() + "\n")
-                .with_context(|| format!("cannot write {}", public.display()))?;
+            for path in [file, &public] {
+                if path.symlink_metadata().is_ok() {
+                    bail!(
+                        "{} is there already; a key is not written over",
+                        path.display()
+                    );
+                }
+            }
+            write_new(file, &key.to_openssh(), 0o600)?;
+            let written = write_new(&public, &(key.signer().to_openssh() + "\n"), 0o644);
+            written.inspect_err(|_| {
+                // Half a key is of use to nobody.
+                let _ = fs::remove_file(file);
+            })?;
             println!(
                 "{}: keep it to yourself\n{}: give it to those who verify\n{}",
                 file.display(),
@@ -75,20 +90,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     Ok(ExitStatus::Success)
 }
 
-/// For the owner's eyes. A key that is there stays.
-fn write_private(file: &Path, text: &str) -> anyhow::Result<()> {
-    if file.exists() {
-        bail!(
-            "{} is there already; a key is not written over",
-            file.display()
-        );
-    }
+/// Writes a file that was not there, for those whom `mode` lets read it.
+fn write_new(path: &Path, text: &str, mode: u32) -> anyhow::Result<()> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+    #[cfg(not(unix))]
+    let _ = mode;
     options
-        .open(file)
+        .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()))
-        .with_context(|| format!("cannot write {}", file.display()))
+        .with_context(|| format!("cannot write {}", path.display()))
 }

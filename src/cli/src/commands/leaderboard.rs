@@ -1,7 +1,9 @@
 //! `reel leaderboard`: static pages that rank bundles, each of which visitors execute again in their browser.
 
 use std::{
+    cmp::Ordering,
     collections::{BTreeMap, BTreeSet},
+    ffi::OsStr,
     fmt::Write as _,
     fs,
     path::{Path, PathBuf},
@@ -19,6 +21,8 @@ use super::{
 };
 use crate::{ExitStatus, html::escaped};
 
+/// All of a leaderboard for programs.
+const RESULTS: &str = "results.json";
 /// Samples of the bootstrap, and its seed.
 const SAMPLES: usize = 10_000;
 const SEED: u64 = 7;
@@ -72,7 +76,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
     let (mut entries, mut refused) = (Vec::new(), Vec::new());
     for path in &paths {
         let file = path.file_name().unwrap_or_default();
-        let file = file.to_string_lossy().into_owned();
+        let Some(file) = file.to_str().map(str::to_owned) else {
+            let file = file.to_string_lossy().into_owned();
+            refused.push((file, "its name is not UTF-8".to_owned()));
+            continue;
+        };
         match arguments.checks.verify(path, benchmark.as_ref(), None) {
             Err(error) => refused.push((file, format!("{error:#}"))),
             Ok((_, verification)) if !verification.holds => {
@@ -141,7 +149,7 @@ fn without_duplicates(entries: &mut Vec<Entry>, refused: &mut Vec<(String, Strin
     entries.retain(|entry| !second.contains_key(&entry.file));
     refused.extend(second.into_iter().map(|(other, one)| {
         let reason = format!(
-            "it is the run of {one} under another name: the same calls and words in every episode"
+            "it and {one} are one run under two names: the same calls and words in every episode. Which was first no file can tell"
         );
         (other, reason)
     }));
@@ -165,17 +173,19 @@ fn boards(entries: &[Entry]) -> Vec<Vec<&Entry>> {
     }
     let mut boards: Vec<Vec<&Entry>> = boards.into_values().collect();
     for board in &mut boards {
-        board.sort_by(|a, b| {
-            let (one, other) = (&a.result, &b.result);
-            other
-                .success_rate
-                .total_cmp(&one.success_rate)
-                .then(other.completion.total_cmp(&one.completion))
-                .then(a.file.cmp(&b.file))
-        });
+        board.sort_by(|one, other| order(one, other).then(one.file.cmp(&other.file)));
     }
     boards.sort_by_key(|board| std::cmp::Reverse(board.len()));
     boards
+}
+
+/// The better result first.
+fn order(one: &Entry, other: &Entry) -> Ordering {
+    let (one, other) = (&one.result, &other.result);
+    other
+        .success_rate
+        .total_cmp(&one.success_rate)
+        .then(other.completion.total_cmp(&one.completion))
 }
 
 /// The episodes that reached their goal.
@@ -214,6 +224,9 @@ fn write(
     let folder = out.join("bundles");
     fs::create_dir_all(&folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    if out.join(RESULTS).exists() {
+        without_former(&folder, entries)?;
+    }
     for entry in entries {
         fs::copy(arguments.folder.join(&entry.file), folder.join(&entry.file))
             .with_context(|| format!("cannot copy {}", entry.file))?;
@@ -236,7 +249,20 @@ fn write(
         .map(|(file, reason)| json!({"bundle": file, "reason": reason}))
         .collect();
     let results = json!({"boards": rows, "not_ranked": refused});
-    fs::write(out.join("results.json"), format!("{results:#}\n"))?;
+    fs::write(out.join(RESULTS), format!("{results:#}\n"))?;
+    Ok(())
+}
+
+/// Removes what an earlier leaderboard in this place had and this one has not.
+fn without_former(folder: &Path, entries: &[Entry]) -> anyhow::Result<()> {
+    for found in fs::read_dir(folder)? {
+        let path = found?.path();
+        let is_bundle = path.extension() == Some(OsStr::new("reel"));
+        let is_ranked = |entry: &Entry| path.file_name() == Some(OsStr::new(&entry.file));
+        if is_bundle && !entries.iter().any(is_ranked) {
+            fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        }
+    }
     Ok(())
 }
 
@@ -256,7 +282,14 @@ fn page(
     let title = escaped(&arguments.title);
     let mut html = format!(
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title><style>{STYLE}</style>\n\
-         <main><h1>{title}</h1>\n<p class=soft>Every result here was executed again when this page was made{}, and can be executed again in your browser: open a row.</p>\n",
+         <main><h1>{title}</h1>\n<p class=soft>{} was executed again when this page was made{}, and can be executed again in your browser: open a row.</p>\n",
+        match arguments.checks.sample {
+            Some(share) => format!(
+                "Of every result here a sample of {:.1} % of its episodes",
+                100.0 * share
+            ),
+            None => "Every result here".to_owned(),
+        },
         if opens {
             ""
         } else {
@@ -282,9 +315,14 @@ fn page(
             escaped(&settings.preset),
             manifest.simulator
         );
+        let mut rank = 0;
         for (index, entry) in board.iter().enumerate() {
             let above = index.checked_sub(1).map(|above| board[above]);
-            row(&mut html, index + 1, entry, above, opens);
+            // Equal results share their rank.
+            if above.is_none_or(|above| order(above, entry) != Ordering::Equal) {
+                rank = index + 1;
+            }
+            row(&mut html, rank, entry, above, opens);
         }
         html.push_str("</table>\n");
     }
@@ -340,11 +378,15 @@ fn row(html: &mut String, rank: usize, entry: &Entry, above: Option<&Entry>, ope
         verification.executed.episodes.len(),
         verification.episodes as usize,
     );
-    let executed = if executed == all {
+    let mut executed = if executed == all {
         format!("all {all}")
     } else {
         format!("{executed} of {all}")
     };
+    match result.episodes.saturating_sub(result.played) {
+        0 => {}
+        left => executed += &format!("; {left} not played, which count as failures"),
+    }
     let _ = writeln!(
         html,
         "<tr><td>{rank}<td>{name}<td>{:.1} %<td><svg viewBox=\"0 0 100 10\" width=120 height=12 role=img aria-label=\"{:.1} to {:.1}\"><path d=\"M0 5H100\"/><rect x=\"{:.1}\" width=\"{:.1}\" y=2 height=6 /><circle cx=\"{:.1}\" cy=5 r=3 /></svg> {:.1} to {:.1}<td>{:.1} %<td>{:.1}<td>{against}<td>{executed}<td><code>{}</code>",
@@ -375,7 +417,7 @@ fn addressed(name: &str) -> String {
 
 const STYLE: &str = ":root{color-scheme:light dark}body{font:15px/1.45 system-ui,sans-serif;margin:0 auto;padding:1rem;max-width:1200px}\
                      .soft{color:light-dark(#5b6470,#9aa4b2)}table{border-collapse:collapse;font-variant-numeric:tabular-nums}td,th{text-align:left;padding:.3rem .8rem .3rem 0;\
-                     border-bottom:1px solid light-dark(#d6d9de,#3a3f47)}code{font-size:.8rem;overflow-wrap:anywhere}td:nth-child(4){white-space:nowrap}svg path{stroke:currentColor;stroke-opacity:.25}\
+                     border-bottom:1px solid light-dark(#d6d9de,#3a3f47)}code{font-size:.8rem;white-space:nowrap}td:nth-child(4){white-space:nowrap}svg path{stroke:currentColor;stroke-opacity:.25}\
                      svg rect{fill:light-dark(#9db8e8,#3a5a94)}svg circle{fill:light-dark(#1d4ed8,#8ab4ff)}main{overflow-x:auto}";
 
 #[cfg(test)]

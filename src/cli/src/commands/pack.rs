@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_trace::{PackedEpisode, Shard, ShardWriter, Trace, TraceFiles, member, name_of_member};
-use reel_world::Assets as _;
+use reel_world::{Assets as _, printable_line};
 use serde_json::json;
 
 use crate::{ExitStatus, inputs, progress};
@@ -287,8 +287,9 @@ fn list(shard: &Shard, numbers: &[u32], as_json: bool) -> anyhow::Result<ExitSta
             );
         } else {
             println!(
-                "{number:6}  {}  {calls:5}  {bytes:9}  {name}",
-                header.episode_id
+                "{number:6}  {}  {calls:5}  {bytes:9}  {}",
+                header.episode_id,
+                printable_line(&name)
             );
         }
     }
@@ -301,7 +302,8 @@ fn target(out: &Path, name: &str) -> anyhow::Result<PathBuf> {
     let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     if name.is_empty() || !parts.clone().all(inside) {
         bail!(
-            "the shard names its trace '{name}', which is outside of {}",
+            "the shard names its trace '{}', which is outside of {}",
+            printable_line(name),
             out.display()
         );
     }

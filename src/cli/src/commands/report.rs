@@ -518,4 +518,4 @@ th{color:#565f66;font-size:.85rem}.n{text-align:right;white-space:nowrap}.all td
 figure{margin:0}figure svg{max-width:100%;height:auto}.examples{display:grid;grid-template-columns:repeat(auto-fill,minmax(320px,1fr));gap:20px}\
 article{background:#fff;border:1px solid #dcd8ce;border-radius:8px;padding:12px;overflow-wrap:anywhere}article img{width:100%;border-radius:4px}article p{margin:4px 0}\
 article.open{grid-column:1/-1}article.open img{max-width:320px}iframe{width:100%;height:860px;border:0}\
-code,pre{font-family:ui-monospace,monospace;font-size:.88em}pre{white-space:pre-wrap}@media print{main{max-width:none}article{break-inside:avoid}}";
+@media(max-width:700px){main{padding:16px 12px 32px}main>table{display:block;overflow-x:auto}code{overflow-wrap:anywhere}}code,pre{font-family:ui-monospace,monospace;font-size:.88em}pre{white-space:pre-wrap}@media print{main{max-width:none}article{break-inside:avoid}}";

@@ -33,7 +33,7 @@ fn a_run_is_bundled_and_whoever_has_it_verifies_it() {
     bundled(folder);
     let text = reel!(folder, "verify planner.reel --tasks tasks --signer lab.pub");
     assert!(
-        text.starts_with("planner.reel: HOLDS: planner (planner): success "),
+        text.starts_with("planner.reel: HOLDS: \"planner\" of \"planner\": success "),
         "{text}"
     );
     assert!(
@@ -83,6 +83,12 @@ fn by_ssh_keygen(folder: &Path) {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+
+    // No half of a key is written over, nor left alone.
+    fs::rename(folder.join("lab"), folder.join("moved")).unwrap();
+    assert!(complaint(folder, 2, "key new lab").contains("lab.pub is there already"));
+    assert!(!folder.join("lab").exists());
+    fs::rename(folder.join("moved"), folder.join("lab")).unwrap();
 
     // And a key that OpenSSH made signs here.
     let mut made = Command::new("ssh-keygen");
@@ -227,5 +233,5 @@ fn a_folder_of_bundles_becomes_ranked_pages() {
     assert!(page.contains("&lt;explorer&gt;") && !page.contains("<explorer>"));
     assert!(page.contains("href=\"player.html#bundles/explorer-2.reel\""));
     assert!(folder.join("site/bundles/explorer-2.reel").is_file());
-    assert!(page.contains("under another name") && page.contains("Not proven: "));
+    assert!(page.contains("one run under two names") && page.contains("Not proven: "));
 }

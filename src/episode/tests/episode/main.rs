@@ -3,6 +3,8 @@
 //! that a platform or a build that computes otherwise fails `make test`. The whole of
 //! it: tests/determinism.sh and tests/determinism-cross.sh.
 
+mod impossible;
+
 use std::sync::Arc;
 
 use reel_episode::{Episode, EpisodeConfig};
@@ -10,7 +12,7 @@ use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_tasks::{DrawOptions, draw, home_scene};
 use reel_world::{
-    Digest, Family, Profile, Skills, ToolCall,
+    Digest, Family, Profile, Scene, Skills, Task, ToolCall,
     record::{PolicyInfo, StepInput},
 };
 use serde_json::json;
@@ -54,17 +56,22 @@ fn restored_before_each_call_and_in_another_thread_an_episode_is_the_same() {
     }
 }
 
-/// A digest of the records of an episode in the home, and how many of its calls succeeded.
-fn play(restored: bool) -> (Digest, usize) {
+/// A task in the home that comes with Reel.
+fn home() -> (Scene, Task) {
     let scene = home_scene();
-    let task = draw(&DrawOptions {
+    let options = DrawOptions {
         scene: &scene,
         families: &[Family::FDO],
         count: 1,
         seed: 7,
-    })
-    .tasks
-    .remove(0);
+    };
+    let task = draw(&options).tasks.remove(0);
+    (scene, task)
+}
+
+/// A digest of the records of an episode in the home, and how many of its calls succeeded.
+fn play(restored: bool) -> (Digest, usize) {
+    let (scene, task) = home();
     let config = EpisodeConfig {
         task: Arc::new(task),
         scene: Arc::new(scene),

@@ -7,11 +7,13 @@
 //! every MCAP reader has, leads from a number to its chunk. The attachment `episodes.index` leads from an
 //! episode's id to its number.
 
+mod bounds;
 mod read;
 mod write;
 
 use std::{collections::BTreeMap, sync::Arc};
 
+use prost::Message as _;
 use reel_world::{
     Digest, Scene, Task,
     record::{Backend, EpisodeHeader, StepInput},
@@ -143,7 +145,9 @@ impl PackedEpisode {
     pub fn stored(&self) -> Result<Self, String> {
         let task = (self.task.clone(), self.header.task_digest);
         let scene = (self.scene.clone(), self.header.scene_digest);
-        Self::decode(self.encode(0, 0), task, scene)
+        let message = self.encode(0, 0);
+        bounds::check(&message.encode_to_vec())?;
+        Self::decode(message, task, scene)
     }
 
     fn encode(&self, task: u32, scene: u32) -> reel::PackedEpisode {

@@ -18,7 +18,7 @@ use prost::Message as _;
 use reel_world::{Digest, Scene, Task};
 use serde::de::DeserializeOwned;
 
-use super::{INDEX, Kind, PROFILE, PackedEpisode};
+use super::{INDEX, Kind, PROFILE, PackedEpisode, bounds};
 use crate::{
     TraceError,
     container::{FOOTER, RECORD_PREFIX, attachment_is_whole},
@@ -248,6 +248,7 @@ impl Shard {
     pub fn episode(&self, number: u32) -> Result<PackedEpisode, TraceError> {
         let message = self.message(Kind::Episode, number)?;
         let damaged = |problem| self.damaged(Kind::Episode, number, problem);
+        bounds::check(&message).map_err(damaged)?;
         let message = reel::PackedEpisode::decode(message.as_slice())
             .map_err(|error| damaged(error.to_string()))?;
         let task = self.document(Kind::Task, message.task, &self.tasks)?;
@@ -298,7 +299,7 @@ impl Shard {
             offset: index.chunk_start_offset,
             problem,
         };
-        let limit = Limits::default().chunk_bytes;
+        let limit = bounds::CHUNK_MAX;
         let size = |bytes: u64| usize::try_from(bytes).unwrap_or(usize::MAX);
         let length = size(index.chunk_length);
         if length.max(size(index.uncompressed_size)) > limit {

@@ -31,7 +31,7 @@ pub(super) fn row(arguments: &Arguments) -> anyhow::Result<Vec<Candidate>> {
     if let Some(repository) = &arguments.git {
         return commits(repository, good, bad);
     }
-    let names = between(good, bad, by_number(arguments.candidates.clone()))?;
+    let names = between(good, bad, ordered(good, bad, &arguments.candidates))?;
     let named = |name| Candidate {
         name,
         about: String::new(),
@@ -69,25 +69,34 @@ fn between(good: &str, bad: &str, mut names: Vec<String>) -> anyhow::Result<Vec<
     Ok(names)
 }
 
-/// Names that differ in one number only (`step-200`, `step-1000`) in its order, as no shell lists them; others as given.
-fn by_number(mut names: Vec<String>) -> Vec<String> {
+/// The candidates in the order of their numbers, with the ends in their places, where these have such numbers; else as given.
+fn ordered(good: &str, bad: &str, candidates: &[String]) -> Vec<String> {
+    let ends = [good, bad].into_iter().map(str::to_owned);
+    let ends = ends.filter(|end| !candidates.contains(end));
+    let all: Vec<String> = candidates.iter().cloned().chain(ends).collect();
+    by_number(all)
+        .or_else(|| by_number(candidates.to_vec()))
+        .unwrap_or_else(|| candidates.to_vec())
+}
+
+/// Names that differ in one number only (`step-200`, `step-1000`) in its order, as no shell lists them; none of others.
+fn by_number(mut names: Vec<String>) -> Option<Vec<String>> {
     let split: Vec<Vec<&str>> = names.iter().map(|name| parts(name)).collect();
-    let Some(first) = split.first() else {
-        return names;
-    };
+    let first = split.first()?;
     if split.iter().any(|parts| parts.len() != first.len()) {
-        return names;
+        return None;
     }
     let differ = |part: &usize| split.iter().any(|parts| parts[*part] != first[*part]);
     let differing: Vec<usize> = (0..first.len()).filter(differ).collect();
     let [part] = differing[..] else {
-        return names;
+        return None;
     };
     let number = |name: &String| parts(name)[part].parse::<u64>();
-    if names.iter().all(|name| number(name).is_ok()) {
-        names.sort_by_cached_key(|name| number(name).unwrap_or_default());
+    if names.iter().any(|name| number(name).is_err()) {
+        return None;
     }
-    names
+    names.sort_by_cached_key(|name| number(name).unwrap_or_default());
+    Some(names)
 }
 
 /// A name cut where digits begin and end.
@@ -185,12 +194,16 @@ mod tests {
                 &["b-2/x9", "b-10/x9", "b-1/x9"],
                 &["b-1/x9", "b-2/x9", "b-10/x9"],
             ),
-            (&["terse", "long", "a"], &["terse", "long", "a"]),
-            (&["a2", "b1"], &["a2", "b1"]),
-            (&["v2.1", "v1.2"], &["v2.1", "v1.2"]),
-            (&[], &[]),
         ] {
-            assert_eq!(by_number(owned(given)), owned(ordered));
+            assert_eq!(by_number(owned(given)), Some(owned(ordered)));
+        }
+        for given in [
+            &["terse", "long", "a"][..],
+            &["a2", "b1"],
+            &["v2.1", "v1.2"],
+            &[],
+        ] {
+            assert_eq!(by_number(owned(given)), None);
         }
         assert_eq!(parts("é1ü22"), ["é", "1", "ü", "22"]);
     }
@@ -203,6 +216,20 @@ mod tests {
         assert_eq!(row("x", "b").unwrap(), ["x", "a", "b"]);
         assert_eq!(row("c", "y").unwrap(), ["c", "d", "y"]);
         assert!(row("a", "a").is_err());
+        // Candidates beyond the ends are none, also where the ends are not among them.
+        let row = |good: &str, bad: &str, names: &[&str]| {
+            let names = owned(names);
+            between(good, bad, ordered(good, bad, &names)).unwrap()
+        };
+        assert_eq!(
+            row("c2", "c6", &["c1", "c3", "c5", "c7"]),
+            ["c2", "c3", "c5", "c6"]
+        );
+        assert_eq!(row("c6", "c2", &["c1", "c3", "c7"]), ["c6", "c3", "c2"]);
+        assert_eq!(
+            row("base", "c11", &["c1", "c11", "c7"]),
+            ["base", "c1", "c7", "c11"]
+        );
         assert!(between("a", "b", owned(&["c", "c"])).is_err());
     }
 }

@@ -4,8 +4,10 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     env,
     fs::{self, File},
+    iter,
     path::{Path, PathBuf},
     process::{Command, Stdio},
+    time::SystemTime,
 };
 
 use anyhow::{Context, bail};
@@ -53,7 +55,8 @@ pub(super) struct Measurement<'a> {
 /// What the folder of a search keeps: for which search it is, and which candidates are measured.
 #[derive(Default, Serialize, Deserialize)]
 struct Done {
-    command: String,
+    /// The command, and what tells that scripts which it names were changed.
+    command: Vec<String>,
     /// Names, and of files also when they were changed: a changed candidate was not measured.
     candidates: Vec<String>,
     measured: BTreeSet<usize>,
@@ -123,14 +126,7 @@ impl<'a> Measurement<'a> {
         let only = &self.arguments.episodes;
         if !only.is_empty() {
             let there: Vec<String> = values.keys().take(SHOWN).cloned().collect();
-            // printed as `TASK seed 0`, and traces as `TASK--POLICY--0`
-            let of = |key: &str, id: &str| {
-                let rest = key.strip_prefix(id);
-                rest.is_some_and(|rest| {
-                    rest.is_empty() || rest.starts_with(" seed ") || rest.starts_with("--")
-                })
-            };
-            values.retain(|key, _| only.iter().any(|id| of(key, id)));
+            values.retain(|key, _| only.iter().any(|id| is_of(key, id)));
             if values.is_empty() {
                 bail!(
                     "it has no episode of {}; it has {}",
@@ -310,17 +306,16 @@ impl Done {
     const FILE: &'static str = "bisect.json";
 
     fn open(out: &Path, command: &str, candidates: &[Candidate]) -> anyhow::Result<Self> {
-        let identity = |candidate: &Candidate| {
-            let name = &candidate.name;
-            let file = fs::metadata(name).ok().filter(|file| file.is_file());
-            match file.and_then(|file| Some((file.len(), file.modified().ok()?))) {
-                Some((length, modified)) => format!("{name} {length} {modified:?}"),
-                None => name.clone(),
-            }
-        };
+        // Scripts that the command names are as much of it as its words.
+        let words =
+            command.split(|letter: char| letter.is_whitespace() || "'\"`;|&<>()=".contains(letter));
+        let scripts = words.filter(|word| Path::new(word).is_file()).map(identity);
+        let candidates = candidates.iter();
         let new = Self {
-            command: command.to_owned(),
-            candidates: candidates.iter().map(identity).collect(),
+            command: iter::once(command.to_owned()).chain(scripts).collect(),
+            candidates: candidates
+                .map(|candidate| identity(&candidate.name))
+                .collect(),
             measured: BTreeSet::new(),
         };
         let path = out.join(Self::FILE);
@@ -332,8 +327,9 @@ impl Done {
             .with_context(|| format!("{} is damaged", path.display()))?;
         if (&old.command, &old.candidates) != (&new.command, &new.candidates) {
             bail!(
-                "{} holds another search (another command, or other candidates); name another folder by --out, or remove it",
-                out.display()
+                "{} holds another search ({}); name another folder by --out, or remove it",
+                out.display(),
+                old.difference(&new)
             );
         }
         if !old.measured.is_empty() {
@@ -344,6 +340,27 @@ impl Done {
             );
         }
         Ok(old)
+    }
+
+    /// In what another search differs, for people.
+    fn difference(&self, other: &Self) -> String {
+        if self.command.first() != other.command.first() {
+            return "another command".to_owned();
+        }
+        let changed = |old: &[String], new: &[String]| {
+            let mut new = new.iter().filter(|name| !old.contains(name));
+            new.next()
+                .and_then(|name| Some(name.split(' ').next()?.to_owned()))
+        };
+        if let Some(script) = changed(&self.command, &other.command) {
+            return format!("{script} was changed since");
+        }
+        match changed(&self.candidates, &other.candidates) {
+            Some(name) if self.candidates.iter().any(|old| old.starts_with(&name)) => {
+                format!("{name} was changed since")
+            }
+            _ => "other candidates".to_owned(),
+        }
     }
 
     fn keep(&self, out: &Path) -> anyhow::Result<()> {
@@ -398,6 +415,41 @@ fn metric(report: &EpisodeReport, metric: &str) -> Option<f64> {
 fn number_in(value: &Value) -> Option<f64> {
     let truth = value.as_bool().map(|truth| f64::from(u8::from(truth)));
     truth.or_else(|| value.as_f64())
+}
+
+/// Whether an episode is one of a task, or the one that is printed so: `TASK seed 0`; of traces `TASK--POLICY--0`.
+pub(super) fn is_of(key: &str, id: &str) -> bool {
+    [id.to_owned(), id.replace('/', "_")].iter().any(|id| {
+        let rest = key.strip_prefix(id.as_str());
+        rest.is_some_and(|rest| {
+            rest.is_empty() || rest.starts_with(" seed ") || rest.starts_with("--")
+        })
+    })
+}
+
+/// A name, and of a file or folder what tells that it was changed.
+fn identity(name: &str) -> String {
+    let (mut files, mut bytes, mut newest) = (0_u32, 0, SystemTime::UNIX_EPOCH);
+    let mut waiting = vec![PathBuf::from(name)];
+    while let Some(path) = waiting.pop() {
+        let Ok(found) = fs::symlink_metadata(&path) else {
+            continue;
+        };
+        if found.is_dir() {
+            let entries = fs::read_dir(&path).into_iter().flatten().flatten();
+            waiting.extend(entries.map(|entry| entry.path()));
+        } else {
+            files += 1;
+            bytes += found.len();
+            newest = found
+                .modified()
+                .map_or(newest, |modified| newest.max(modified));
+        }
+    }
+    match files {
+        0 => name.to_owned(),
+        _ => format!("{name} {files} {bytes} {newest:?}"),
+    }
 }
 
 /// What the last lines of a file are, as the end of a sentence.

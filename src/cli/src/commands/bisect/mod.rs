@@ -3,7 +3,10 @@
 mod candidates;
 mod measure;
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
 
 use anyhow::bail;
 use reel_counterfactual::bisect::{Bisection, Change};
@@ -105,6 +108,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
                     .mean(number)
                     .map(|mean| format!(", mean {mean:.3}"));
                 eprintln!("reel: measured {candidate}{}", mean.unwrap_or_default());
+                if number + 1 == candidates.len() {
+                    every_named_episode(&arguments.episodes, &bisection, number)?;
+                }
             }
             Err(reason) if number == 0 || number + 1 == candidates.len() => {
                 return Err(reason.context(format!("the end {candidate} cannot be measured")));
@@ -138,6 +144,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitStatus> {
         true => ExitStatus::Success,
         false => ExitStatus::CheckFailed,
     })
+}
+
+/// Fails where an episode that was asked for is at neither end.
+fn every_named_episode(named: &[String], bisection: &Bisection, last: usize) -> anyhow::Result<()> {
+    let ends = [0, last].into_iter();
+    let there = ends.filter_map(|end| bisection.values(end));
+    let there: BTreeSet<&String> = there.flat_map(|values| values.keys()).collect();
+    for id in named {
+        if !there.iter().any(|key| measure::is_of(key, id)) {
+            bail!("neither end has an episode of {id}");
+        }
+    }
+    Ok(())
 }
 
 struct Found<'a> {
