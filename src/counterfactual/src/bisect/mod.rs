@@ -108,7 +108,7 @@ impl Bisection {
         self.search_mean().map(|(change, _)| change)
     }
 
-    /// Mean over a candidate's episodes that the ends have too; none where there are none.
+    /// Mean over the episodes that both ends have; none where the candidate lacks one of them.
     pub fn mean(&self, candidate: usize) -> Option<f64> {
         Some(self.means(candidate)?[0])
     }
@@ -148,7 +148,8 @@ impl Bisection {
         (good != bad).then(|| self.search(good, bad, |candidate| self.means(candidate)))
     }
 
-    /// Means of a candidate and of both ends over the episodes that all three have.
+    /// Means of a candidate and of both ends over the episodes that both ends have; none where the candidate lacks one of
+    /// these, because a mean over others is no neighbour of theirs.
     fn means(&self, candidate: usize) -> Option<[f64; 3]> {
         let (values, (good, bad)) = (self.values(candidate)?, self.ends()?);
         let triples = values
@@ -161,7 +162,7 @@ impl Bisection {
                 *sum += value;
             }
         }
-        (count > 0.0).then(|| sums.map(|sum| sum / count))
+        (count > 0.0 && count == self.paired() as f64).then(|| sums.map(|sum| sum / count))
     }
 
     /// Halves the row between a good and a bad candidate until nothing that can be measured is left

@@ -91,6 +91,10 @@ fn by_number(mut names: Vec<String>) -> Option<Vec<String>> {
     let [part] = differing[..] else {
         return None;
     };
+    // `0.5` is more than `0.125`, and `v1.5` less than `v1.12`: which is meant nobody says.
+    if part >= 2 && first[part - 1] == "." && first[part - 2].parse::<u64>().is_ok() {
+        return None;
+    }
     let number = |name: &String| parts(name)[part].parse::<u64>();
     if names.iter().any(|name| number(name).is_err()) {
         return None;
@@ -201,6 +205,7 @@ mod tests {
             &["terse", "long", "a"][..],
             &["a2", "b1"],
             &["v2.1", "v1.2"],
+            &["lr-0.125", "lr-0.5"],
             &[],
         ] {
             assert_eq!(by_number(owned(given)), None);
