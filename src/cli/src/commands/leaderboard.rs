@@ -224,6 +224,12 @@ fn write(
     let folder = out.join("bundles");
     fs::create_dir_all(&folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    if folder.canonicalize()? == arguments.folder.canonicalize()? {
+        bail!(
+            "{} is where the pages keep their bundles; hand bundles in at another place",
+            folder.display()
+        );
+    }
     if out.join(RESULTS).exists() {
         without_former(&folder, entries)?;
     }

@@ -4,7 +4,6 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     env,
     fs::{self, File},
-    iter,
     path::{Path, PathBuf},
     process::{Command, Stdio},
     time::SystemTime,
@@ -55,8 +54,9 @@ pub(super) struct Measurement<'a> {
 /// What the folder of a search keeps: for which search it is, and which candidates are measured.
 #[derive(Default, Serialize, Deserialize)]
 struct Done {
-    /// The command, and what tells that scripts which it names were changed.
-    command: Vec<String>,
+    command: String,
+    /// Files that the command names, with what tells that they were changed: scripts, or what it writes.
+    named: Vec<String>,
     /// Names, and of files also when they were changed: a changed candidate was not measured.
     candidates: Vec<String>,
     measured: BTreeSet<usize>,
@@ -306,13 +306,13 @@ impl Done {
     const FILE: &'static str = "bisect.json";
 
     fn open(out: &Path, command: &str, candidates: &[Candidate]) -> anyhow::Result<Self> {
-        // Scripts that the command names are as much of it as its words.
         let words =
             command.split(|letter: char| letter.is_whitespace() || "'\"`;|&<>()=".contains(letter));
-        let scripts = words.filter(|word| Path::new(word).is_file()).map(identity);
+        let named = words.filter(|word| Path::new(word).is_file()).map(identity);
         let candidates = candidates.iter();
         let new = Self {
-            command: iter::once(command.to_owned()).chain(scripts).collect(),
+            command: command.to_owned(),
+            named: named.collect(),
             candidates: candidates
                 .map(|candidate| identity(&candidate.name))
                 .collect(),
@@ -332,6 +332,11 @@ impl Done {
                 old.difference(&new)
             );
         }
+        if let Some(script) = changed(&old.named, &new.named) {
+            eprintln!(
+                "reel: {script}, which the command names, was changed since: what was measured before stays as it is; another --out measures it anew"
+            );
+        }
         if !old.measured.is_empty() {
             eprintln!(
                 "reel: {} candidates were measured before, in {}",
@@ -344,19 +349,11 @@ impl Done {
 
     /// In what another search differs, for people.
     fn difference(&self, other: &Self) -> String {
-        if self.command.first() != other.command.first() {
+        if self.command != other.command {
             return "another command".to_owned();
         }
-        let changed = |old: &[String], new: &[String]| {
-            let mut new = new.iter().filter(|name| !old.contains(name));
-            new.next()
-                .and_then(|name| Some(name.split(' ').next()?.to_owned()))
-        };
-        if let Some(script) = changed(&self.command, &other.command) {
-            return format!("{script} was changed since");
-        }
         match changed(&self.candidates, &other.candidates) {
-            Some(name) if self.candidates.iter().any(|old| old.starts_with(&name)) => {
+            Some(name) if self.candidates.iter().any(|old| name_in(old) == name) => {
                 format!("{name} was changed since")
             }
             _ => "other candidates".to_owned(),
@@ -427,6 +424,16 @@ pub(super) fn is_of(key: &str, id: &str) -> bool {
     })
 }
 
+/// The name of the first identity that is new or other.
+fn changed(old: &[String], new: &[String]) -> Option<String> {
+    let first = new.iter().find(|identity| !old.contains(identity))?;
+    Some(name_in(first).to_owned())
+}
+
+fn name_in(identity: &str) -> &str {
+    identity.split_once('\t').map_or(identity, |(name, _)| name)
+}
+
 /// A name, and of a file or folder what tells that it was changed.
 fn identity(name: &str) -> String {
     let (mut files, mut bytes, mut newest) = (0_u32, 0, SystemTime::UNIX_EPOCH);
@@ -448,7 +455,7 @@ fn identity(name: &str) -> String {
     }
     match files {
         0 => name.to_owned(),
-        _ => format!("{name} {files} {bytes} {newest:?}"),
+        _ => format!("{name}\t{files} {bytes} {newest:?}"),
     }
 }
 
