@@ -9,7 +9,7 @@ use crate::{FLOOR, InstanceId, ReceptacleId, Scene, Task, WorldGraph};
 const LENGTH_MAX: f64 = 1000.0;
 /// Most rooms, receptacles or objects; REAL-Bench's scene has 68 receptacles.
 const COUNT_MAX: usize = 1000;
-/// Most walls.
+/// Most walls; a room has a few.
 const WALLS_MAX: usize = 10 * COUNT_MAX;
 
 /// Whether numbers, names and references of a task and its scene are possible.
