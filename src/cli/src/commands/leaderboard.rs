@@ -28,9 +28,8 @@ const SAMPLES: usize = 10_000;
 const SEED: u64 = 7;
 
 /// Make static pages from a folder of bundles: every bundle is verified, those that hold are ranked
-/// with intervals and paired tests, the others are listed with what does not hold. Each row opens
-/// the bundle in the visitor's browser, which executes it again. Exit code 3 where a bundle is not
-/// ranked.
+/// with intervals and paired tests, the others are listed with what does not hold. A row opens its
+/// bundle in the visitor's browser, which executes it again. Exit code 3: some are not ranked.
 ///
 /// Examples:
 ///   reel leaderboard submissions --tasks tasks --out site

@@ -16,8 +16,7 @@ use serde::Serialize;
 use crate::{ExitStatus, agent_arguments::AgentArguments, inputs, progress};
 
 /// Test an agent against recordings: it gets the recorded answers as long as it makes the recorded
-/// calls. A test case passes if it makes all of them and no other; else the first call that differs
-/// is named.
+/// calls. A test case passes if it makes these and no other; else the first other call is named.
 ///
 /// AGENT is a name that `reel bench --agent` takes, and plays recordings of Reel. A command after
 /// `--` is any agent that speaks MCP: for each recording it is started once, with the address of a

@@ -14,10 +14,7 @@ const PARTS_MAX: usize = 20 * STEPS_MAX;
 /// Number of the field `steps` of [`reel.v1.PackedEpisode`](../../../schemas/reel/v1/packed.proto).
 const STEPS: u32 = 5;
 
-/// Whether an encoded episode is within bounds, before anything is made of it.
-///
-/// # Errors
-/// Which bound it passes.
+/// Whether an encoded episode is within bounds, before anything is made of it; the error says which bound it passes.
 pub(super) fn check(message: &[u8]) -> Result<(), String> {
     if message.len() > BYTES_MAX {
         return Err(format!("it has more than {} MB", BYTES_MAX >> 20));

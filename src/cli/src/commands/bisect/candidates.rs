@@ -79,7 +79,7 @@ fn ordered(good: &str, bad: &str, candidates: &[String]) -> Vec<String> {
         .unwrap_or_else(|| candidates.to_vec())
 }
 
-/// Names that differ in one number only (`step-200`, `step-1000`) in its order, as no shell lists them; none of others.
+/// Names that differ in one number only (`step-200`, `step-1000`) in its order, as no shell lists them; nothing where they do not.
 fn by_number(mut names: Vec<String>) -> Option<Vec<String>> {
     let split: Vec<Vec<&str>> = names.iter().map(|name| parts(name)).collect();
     let first = split.first()?;
